@@ -1,0 +1,35 @@
+# `make attack` and `make test` do everything from a clean clone.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+OUT ?= runs/attack
+
+.PHONY: attack test test-all lint docs bench clean
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@
+
+attack: $(VENV)/.installed  ## attack the shipped detector with BBGAN
+	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 5000 --seed 0 --workers 2 --out $(OUT) --resume
+
+test: $(VENV)/.installed  ## the fast tests
+	$(BIN)/pytest -m 'not slow'
+
+test-all: $(VENV)/.installed  ## every test
+	$(BIN)/pytest
+
+lint: $(VENV)/.installed  ## format, lint, types
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+docs: $(VENV)/.installed  ## the documentation, warnings as errors
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
+
+bench: $(VENV)/.installed  ## speed, as ratios within one run
+	$(BIN)/pytest benchmarks --benchmark-only
+
+clean:  ## the environment and what was built
+	rm -rf $(VENV) build docs/_build

@@ -1,0 +1,70 @@
+"""What every adversary is: a learner of the distribution of mu that fools the agent."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from typing_extensions import Self
+
+
+class Query(Protocol):
+    """All that an adversary sees of the application (`sada_gym.oracle.Oracle` is one)."""
+
+    @property
+    def remaining(self) -> int:
+        """Queries left."""
+        ...
+
+    @property
+    def threshold(self) -> float:
+        """The fooling threshold: the agent is fooled where Q <= threshold."""
+        ...
+
+    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Score mu (n, d) in [-1, 1]: (n,) float64 in [0, 1]. Costs n queries."""
+        ...
+
+
+class Adversary(ABC):
+    """Learns, from a budget of queries, to sample mu that fool the agent.
+
+    Args:
+        dimension: d, the number of semantic parameters.
+        seed: Fixes all randomness of training and sampling; None draws one.
+
+    Attributes:
+        name: The adversary's name in the registry.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, dimension: int, *, seed: int | None = None) -> None:
+        if dimension < 1:
+            raise ValueError(f"Expected a dimension of at least 1, got {dimension}.")
+        self.dimension = dimension
+        self.rng = np.random.default_rng(seed)
+
+    @abstractmethod
+    def train(self, oracle: Query) -> None:
+        """Spend the oracle's remaining budget to learn the fooling distribution."""
+
+    @abstractmethod
+    def sample(self, n: int) -> npt.NDArray[np.float32]:
+        """Draw n fresh mu from the learnt distribution: (n, d) float32 in [-1, 1].
+
+        Raises:
+            RuntimeError: If the adversary was neither trained nor loaded.
+        """
+
+    @abstractmethod
+    def save(self, folder: Path) -> None:
+        """Write the trained adversary to a folder: safetensors, JSON, NPZ; no pickles."""
+
+    @classmethod
+    @abstractmethod
+    def load(cls, folder: Path) -> Self:
+        """Read an adversary that `save` wrote; it samples as the saved one would have gone on."""

@@ -1,0 +1,119 @@
+"""The frozen agents that are shipped: their names, files and SHA-256, and how to load them."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sada_gym.agents.detector.model import Detector
+
+
+@dataclass(frozen=True)
+class AgentCard:
+    """A shipped agent.
+
+    Attributes:
+        name: What `agent=` takes.
+        application: The applications that it serves.
+        file: Its weights, relative to this package.
+        sha256: Of that file; a file that differs is refused.
+        summary: A line for people.
+    """
+
+    name: str
+    application: str
+    file: str
+    sha256: str
+    summary: str
+
+    @property
+    def path(self) -> Path:
+        """Where the weights lie."""
+        return Path(__file__).parent / self.file
+
+
+AGENTS = (
+    AgentCard(
+        "photographer",
+        "SADA-Detection",
+        "detector/photographer.safetensors",
+        "",
+        "detector trained on the views that people photograph; the default",
+    ),
+    AgentCard(
+        "surveyor",
+        "SADA-Detection",
+        "detector/surveyor.safetensors",
+        "",
+        "the same with one training view in ten from everywhere",
+    ),
+)
+
+
+def names(application: str | None = None) -> tuple[str, ...]:
+    """The shipped agents' names, of one application or of all."""
+    return tuple(a.name for a in AGENTS if application in (None, a.application))
+
+
+def card(name: str) -> AgentCard:
+    """A shipped agent by name.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    for agent in AGENTS:
+        if agent.name == name:
+            return agent
+    close = difflib.get_close_matches(name, names(), n=1)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    raise ValueError(f"Expected an agent's name among {', '.join(names())}, got {name!r}.{hint}")
+
+
+def load_detector(agent: str | Path) -> Detector:
+    """Load a shipped detector by name, or a safetensors file with its architecture's weights.
+
+    Raises:
+        ValueError: If there is no such agent or file, or the shipped file's SHA-256 is off.
+    """
+    from sada_gym.agents.detector.model import load
+    from sada_gym.envs.detection.shapes.catalogue import CLASSES
+
+    if isinstance(agent, str) and not agent.endswith(".safetensors"):
+        shipped = card(agent)
+        verify(shipped)
+        return load(shipped.path, CLASSES)
+    if not Path(agent).is_file():
+        raise ValueError(f"Expected a file with a detector's weights, got {agent}: no such file.")
+    return load(Path(agent), CLASSES)
+
+
+def verify(agent: AgentCard) -> None:
+    """Check that an agent's weights are those that the benchmark was measured with.
+
+    Raises:
+        ValueError: If the file's SHA-256 differs from the recorded one.
+    """
+    found = hashlib.sha256(agent.path.read_bytes()).hexdigest()
+    if found != agent.sha256:
+        raise ValueError(
+            f"Expected {agent.path.name} with SHA-256 {agent.sha256[:12]}..., got {found[:12]}...: "
+            "the shipped weights were changed. Install the package again, or pass your own file "
+            "as agent=PATH."
+        )
+
+
+def fingerprint(agent: Any) -> str | None:
+    """SHA-256 over a torch module's class and weights; None for what has no weights to hash."""
+    import torch
+
+    if not isinstance(agent, torch.nn.Module):
+        return None
+    digest = hashlib.sha256(f"{type(agent).__module__}.{type(agent).__qualname__}".encode())
+    for name, value in sorted(agent.state_dict().items()):
+        digest.update(f"{name}{tuple(value.shape)}{value.dtype}".encode())
+        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()

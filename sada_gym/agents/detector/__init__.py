@@ -1,0 +1,1 @@
+"""The detectors under attack: network, prior, training, measurement, weights, cards."""

@@ -1,0 +1,49 @@
+"""`sada-gym check`: does an application keep the contract, ours or a user's own?"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from sada_gym.cli.console import key_values, out, told_in_a_sentence
+
+
+def check(
+    subject: Annotated[
+        str,
+        typer.Argument(
+            metavar="ID|FILE.py", help="An environment's id, or a file that defines applications."
+        ),
+    ],
+    env_kwargs: Annotated[
+        list[str] | None,
+        typer.Option(metavar="k=v ...", help="Keywords of the environment: object_class=car."),
+    ] = None,
+) -> None:
+    """Check an application against the contract: scores, seeds, purity, Gymnasium.
+
+    FILE.py is imported, so let it be your own. All applications at its top level are checked,
+    and one of each class that needs no arguments. Exit code 1 where a check fails.
+    """
+    with told_in_a_sentence():
+        from sada_gym.check import check_environment, check_file
+
+        if subject.endswith(".py"):
+            if env_kwargs:
+                raise ValueError("Expected --env-kwargs only with an environment's id.")
+            reports = check_file(subject)
+        else:
+            reports = check_environment(subject, **key_values(env_kwargs or [], "--env-kwargs"))
+    for report in reports:
+        table = Table(title=escape(report.subject), header_style="bold", title_justify="left")
+        for column in ("", "check", "finding"):
+            table.add_column(column)
+        for item in report.checks:
+            mark = "[green]ok[/]" if item.passed else "[bold red]fails[/]"
+            table.add_row(mark, escape(item.name), escape(item.sentence))
+        out.print(table)
+    if not all(report.passed for report in reports):
+        raise typer.Exit(1)

@@ -1,0 +1,92 @@
+"""The attack's progress on the terminal: queries with rate and time left, training, test."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+)
+from rich.text import Text
+from typing_extensions import Self
+
+from sada_gym.attack import Stage
+
+
+class AttackBars:
+    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
+
+    Args:
+        console: Where to.
+        adversary: The adversary's name.
+    """
+
+    def __init__(self, console: Console, adversary: str) -> None:
+        self._bars = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=28),
+            _Detail(),
+            console=console,
+        )
+        self._adversary = adversary
+        self._tasks: dict[Stage, TaskID] = {}
+        self._learning: TaskID | None = None
+
+    def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
+        """Show that `done` of `total` evaluations of a stage are there."""
+        if stage not in self._tasks:
+            self._begin(stage, total)
+        self._bars.update(self._tasks[stage], completed=done, known=known)
+
+    def _begin(self, stage: Stage, total: int) -> None:
+        descriptions = {"train": "Queries", "test": "Test samples", "pictures": "Pictures"}
+        if stage != "train" and self._learning is not None:
+            self._bars.update(self._learning, total=1, completed=1)
+        self._tasks[stage] = self._bars.add_task(descriptions[stage], total=total, known=0)
+        if stage == "train":
+            self._learning = self._bars.add_task(f"Training {self._adversary}", total=None)
+
+    def __enter__(self) -> Self:
+        """Start showing."""
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop showing."""
+        self._bars.stop()
+
+
+class _Detail(ProgressColumn):
+    """Counts, rate and time left; for what cannot be counted, the time spent."""
+
+    def render(self, task: Task) -> Text:
+        """Write one task's detail."""
+        if task.total is None or task.total == 1:
+            return Text(f"{_clock(task.elapsed)} spent" if task.elapsed else "", style="dim")
+        parts = [f"{task.completed:,.0f}/{task.total:,.0f}"]
+        if speed := task.finished_speed or task.speed:
+            parts.append(f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s")
+        if not task.finished and task.time_remaining is not None:
+            parts.append(f"{_clock(task.time_remaining)} left")
+        if task.fields["known"]:
+            parts.append(f"{task.fields['known']:,} known from the store")
+        return Text("  ".join(parts))
+
+
+def _clock(seconds: float | None) -> str:
+    whole = int(seconds or 0)
+    hours, minutes = whole // 3600, whole // 60 % 60
+    return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"

@@ -1,0 +1,329 @@
+"""Any application as a Gymnasium environment: the action is mu, the reward is -Q."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, validate_seeds
+
+Observation = npt.NDArray[np.float32]
+
+
+class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
+    """One adversary proposing worlds to one frozen agent.
+
+    ## Description
+    Each step is a whole inner episode: the application builds a world from the action, its frozen
+    agent acts in it to the end, and the adversary is rewarded with the negated score.
+
+    ## Action Space
+    `Box(-1, 1, (d,), float32)`: mu, the application's normalised semantic parameters. A float64
+    action is rounded to float32 once; one outside the box is an error.
+
+    ## Observation Space
+    `Box(-1, 1, (d + 2,), float32)`:
+
+    | index | what | least | greatest |
+    | --- | --- | --- | --- |
+    | 0 to d - 1 | last mu; 0 where there is none yet | -1 | 1 |
+    | d | last score; 0 where there is none yet | 0 | 1 |
+    | d + 1 | share of the steps that is left | 0 | 1 |
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`.
+
+    ## Starting State
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s, every other one a
+    seed drawn from `np_random`; `info["seed"]` names it.
+
+    ## Episode End
+    Terminated after `horizon` proposals, never truncated.
+
+    ## Arguments
+    - `application`: the black box under attack.
+    - `horizon=1`: proposals in one episode.
+    - `render_mode=None`: `"rgb_array"` makes `render` give a frame of the last evaluation; after
+      `reset`, of the world at mu = 0 with the seed that comes next.
+
+    ## Version History
+    A registered environment has its own.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
+
+    def __init__(
+        self, application: Application, *, horizon: int = 1, render_mode: str | None = None
+    ) -> None:
+        self.application = application
+        self.horizon = _checked_horizon(horizon)
+        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.action_space, self.observation_space = _spaces(application)
+        self._episodes = _Episodes(application, horizon, count=1)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; a seed is that of its first evaluation, below 2**31."""
+        if seed is not None:
+            (seed,) = validate_seeds([seed], 1)
+        super().reset(seed=seed, options=options)
+        self._episodes.start(0, _draw_seed(self.np_random) if seed is None else seed)
+        return self._episodes.observation[0].copy(), {}
+
+    def step(
+        self, action: npt.NDArray[Any]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Evaluate one mu of shape (d,)."""
+        shape = np.shape(action)
+        if shape != self.action_space.shape:
+            raise ValueError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
+        (info,) = self._episodes.step(np.asarray(action)[None], [self.np_random]).infos
+        terminated = bool(self._episodes.over[0])
+        return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
+
+    def render(self) -> Frame | None:
+        """Draw the last evaluation, or after `reset` the world at mu = 0."""
+        if self.render_mode is None:
+            _warn_without_render_mode()
+            return None
+        return self._episodes.render(0)
+
+    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+        """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
+        return self.application.replay(mu, seed)
+
+    def close(self) -> None:
+        """Free what the application holds; calling it twice is fine."""
+        self.application.close()
+
+
+class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+    """Many adversary environments in lockstep: one `Application.evaluate` a step.
+
+    It equals `SyncVectorEnv` of `AdversaryEnv` with `AutoresetMode.SAME_STEP`: where an episode
+    ends, its info and last observation stand in `infos["final_info"]` and `infos["final_obs"]`,
+    and the observation is the next episode's first. The autoreset evaluates nothing. It differs in
+    one thing: an autoreset leaves what `render` draws, the last evaluation, in place.
+
+    Args:
+        application: The black box under attack.
+        num_envs: Number of environments.
+        horizon: Proposals in one episode.
+        render_mode: `"rgb_array"` makes `render` give a frame of each environment.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        **AdversaryEnv.metadata,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        application: Application,
+        *,
+        num_envs: int = 1,
+        horizon: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"Expected at least one environment, got num_envs={num_envs}.")
+        self.application = application
+        self.num_envs = num_envs
+        self.horizon = _checked_horizon(horizon)
+        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.single_action_space, self.single_observation_space = _spaces(application)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._episodes = _Episodes(application, horizon, count=num_envs)
+        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """One generator an environment, as `SyncVectorEnv` has."""
+        return tuple(self._generators)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin all episodes, or those in the boolean array `options["reset_mask"]`.
+
+        Args:
+            seed: An int (environment i gets seed + i) or a sequence of one seed an environment.
+            options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
+        """
+        seeds = self._spread(seed)
+        for i in self._masked(options):
+            given = seeds[i]
+            if given is not None:
+                self._generators[i] = seeding.np_random(given)[0]
+            self._episodes.start(i, self._next_seed(i) if given is None else given)
+        return self._episodes.observation.copy(), {}
+
+    def step(
+        self, actions: npt.NDArray[Any]
+    ) -> tuple[
+        Observation,
+        npt.NDArray[np.float64],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Evaluate a batch of mu, (num_envs, d), and begin anew where an episode is over."""
+        shape = np.shape(actions)
+        if shape != self.action_space.shape:
+            raise ValueError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
+        outcomes = self._episodes.step(actions, self._generators)
+        terminated = self._episodes.over
+        infos: dict[str, Any] = {}
+        for i, info in enumerate(outcomes.infos):
+            if terminated[i]:
+                last = self._episodes.observation[i].copy()
+                infos = self._add_info(infos, {"final_obs": last, "final_info": info}, i)
+                self._episodes.start(i, self._next_seed(i), autoreset=True)
+            else:
+                infos = self._add_info(infos, info, i)
+        truncated = np.zeros(self.num_envs, dtype=np.bool_)
+        return self._episodes.observation.copy(), -outcomes.score, terminated, truncated, infos
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Draw each environment's last evaluation, or after `reset` its world at mu = 0."""
+        if self.render_mode is None:
+            _warn_without_render_mode()
+            return None
+        return tuple(self._episodes.render(i) for i in range(self.num_envs))
+
+    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+        """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
+        return self.application.replay(mu, seed)
+
+    def close_extras(self, **_: Any) -> None:
+        """Free what the application holds."""
+        self.application.close()
+
+    def _next_seed(self, index: int) -> int:
+        return _draw_seed(self._generators[index])
+
+    def _spread(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(
+                f"Expected {self.num_envs} seeds, one for each environment, got {len(seed)}. "
+                "Pass an int to have them counted up from it."
+            )
+        return [None if one is None else validate_seeds([one], 1)[0] for one in seed]
+
+    def _masked(self, options: dict[str, Any] | None) -> Sequence[int]:
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            return range(self.num_envs)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(
+                f"Expected reset_mask of shape ({self.num_envs},) and dtype bool, "
+                f"got {mask.shape} and {mask.dtype}."
+            )
+        return [int(i) for i in np.flatnonzero(mask)]
+
+
+class _Episodes:
+    """The meta-episodes of n environments in lockstep: the dynamics, for scalar and vector alike.
+
+    Attributes:
+        observation: (n, d + 2) float32; hand out copies.
+    """
+
+    def __init__(self, application: Application, horizon: int, count: int) -> None:
+        dimension = len(application.parameters)
+        self.observation = np.zeros((count, dimension + 2), dtype=np.float32)
+        self._application = application
+        self._horizon = horizon
+        self._steps_left = np.zeros(count, dtype=np.int64)
+        self._pending: list[int | None] = [None] * count
+        self._shown: list[tuple[npt.NDArray[np.float32], int] | None] = [None] * count
+
+    @property
+    def over(self) -> npt.NDArray[np.bool_]:
+        """Where no step is left, or none has begun: (n,) bool."""
+        over: npt.NDArray[np.bool_] = self._steps_left == 0
+        return over
+
+    def start(self, index: int, seed: int, *, autoreset: bool = False) -> None:
+        """Begin one episode, whose first evaluation has this seed."""
+        self._steps_left[index] = self._horizon
+        self._pending[index] = seed
+        self.observation[index] = 0.0
+        self.observation[index, -1] = 1.0
+        if not autoreset:
+            self._shown[index] = (np.zeros(len(self._application.parameters), np.float32), seed)
+
+    def step(self, mu: npt.ArrayLike, generators: Sequence[np.random.Generator]) -> Outcomes:
+        """Evaluate mu (n, d); a bad one leaves everything as it was."""
+        if self.over.any():
+            raise ResetNeeded("Expected reset() before step(): no episode has a step left.")
+        batch = self._application.parameters.validate(mu)
+        seeds = [
+            _draw_seed(generator) if seed is None else seed
+            for seed, generator in zip(self._pending, generators, strict=True)
+        ]
+        self._pending = [*seeds]  # kept for a second try, should the evaluation raise
+        outcomes = self._application.evaluate(batch, seeds)
+        self._pending = [None] * len(seeds)
+        self._shown = [(row.copy(), seed) for row, seed in zip(batch, seeds, strict=True)]
+        self._steps_left -= 1
+        self.observation[:, :-2] = batch
+        self.observation[:, -2] = outcomes.score
+        self.observation[:, -1] = self._steps_left / self._horizon
+        return outcomes
+
+    def render(self, index: int) -> Frame:
+        """Draw the last evaluation of one environment, or the world at mu = 0 after its reset."""
+        shown = self._shown[index]
+        if shown is None:
+            raise ResetNeeded("Expected reset() before render(): there is no world yet.")
+        return self._application.render(*shown)
+
+
+def _spaces(application: Application) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
+    dimension = len(application.parameters)
+    return (
+        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
+        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
+    )
+
+
+def _draw_seed(generator: np.random.Generator) -> int:
+    return int(generator.integers(SEED_BOUND))
+
+
+def _checked_horizon(horizon: int) -> int:
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+        raise ValueError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
+    return horizon
+
+
+def _checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
+    if render_mode is not None and render_mode not in known:
+        raise ValueError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
+    return render_mode
+
+
+def _warn_without_render_mode() -> None:
+    gym.logger.warn(
+        "render() draws nothing without a render mode. Make the environment with "
+        "render_mode='rgb_array'."
+    )

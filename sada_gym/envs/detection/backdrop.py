@@ -1,0 +1,105 @@
+"""The urban place around the object: ground, buildings, sky, drawn from a generator."""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Triple = tuple[float, float, float]
+
+GROUNDS = ("asphalt", "paving", "brick", "grass", "concrete")
+PLAZA_RADIUS = 17.0
+"""No building stands nearer to the middle than this; the camera's ring ends at 14.5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Backdrop:
+    """A place. Colours are linear RGB.
+
+    Attributes:
+        ground: Index into `GROUNDS`.
+        ground_colour: main colour of the ground.
+        joint_colour: colour of joints and road markings.
+        ground_turn: Cosine and sine of the pattern's rotation.
+        ground_shift: Offset of the pattern, in scene units.
+        tile: Size of a paving stone, in scene units.
+        gloss: Mirror share of the ground: wet is above 0.3.
+        buildings: (b, 10) boxes: centre x, y, half size x, y, height, colour (3), window pitch
+            across and up.
+        horizon: colour of the sky at the horizon.
+        zenith: colour of the sky overhead.
+    """
+
+    ground: int
+    ground_colour: Triple
+    joint_colour: Triple
+    ground_turn: tuple[float, float]
+    ground_shift: tuple[float, float]
+    tile: float
+    gloss: float
+    buildings: npt.NDArray[np.float64]
+    horizon: Triple
+    zenith: Triple
+
+
+def random_backdrop(rng: np.random.Generator) -> Backdrop:
+    """Draw a place: its ground, its ring of 11 to 16 buildings and its sky."""
+    ground = int(rng.integers(len(GROUNDS)))
+    turn, grey, haze, joint = rng.uniform(size=4).tolist()
+    name = GROUNDS[ground]
+    return Backdrop(
+        ground=ground,
+        ground_colour=_ground_colour(name, rng),
+        joint_colour=(0.5, 0.5, 0.5) if joint < 0.5 else (0.06, 0.06, 0.06),
+        ground_turn=(math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)),
+        ground_shift=(rng.uniform(-4, 4), rng.uniform(-4, 4)),
+        tile=rng.uniform(0.8, 1.8),
+        gloss=rng.beta(1, 3) * (0.15 if name == "grass" else 0.6),
+        buildings=_ring_of_buildings(rng),
+        horizon=_hsv(0.57, 0.02 + 0.1 * haze, 0.8 + 0.15 * haze),
+        zenith=_hsv(0.6, 0.65 * (1 - grey), 0.7 + 0.15 * grey),
+    )
+
+
+def linear(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Turn sRGB in [0, 1] into linear light (the plain 2.2 power)."""
+    return np.asarray(colour, dtype=np.float64) ** 2.2
+
+
+def _hsv(hue: float, saturation: float, value: float) -> Triple:
+    red, green, blue = colorsys.hsv_to_rgb(hue % 1.0, saturation, value)
+    return red**2.2, green**2.2, blue**2.2
+
+
+def _ground_colour(ground: str, rng: np.random.Generator) -> Triple:
+    """Grounds span what paint can be: greys, reds, greens, blues and sand, dark and light."""
+    if ground == "grass":
+        return _hsv(rng.uniform(0.2, 0.36), rng.uniform(0.35, 0.75), rng.uniform(0.3, 0.6))
+    if ground == "brick":
+        return _hsv(rng.uniform(-0.03, 0.07), rng.uniform(0.3, 0.7), rng.uniform(0.35, 0.7))
+    if ground == "asphalt":
+        return _hsv(rng.uniform(0.5, 0.7), rng.uniform(0.0, 0.2), rng.uniform(0.2, 0.5))
+    if ground == "paving":  # coloured sports and play surfaces among them
+        return _hsv(rng.uniform(), rng.uniform(0.0, 0.6), rng.uniform(0.35, 0.85))
+    return _hsv(rng.uniform(0.05, 0.17), rng.uniform(0.0, 0.35), rng.uniform(0.5, 0.9))
+
+
+def _ring_of_buildings(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    count = int(rng.integers(11, 17))
+    slot = 2 * np.pi / count
+    angles = slot * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) + rng.uniform(0, slot)
+    half = rng.uniform(2.0, 4.5, (count, 2))
+    radii = PLAZA_RADIUS + 1.42 * half.max(1) + rng.uniform(0, 6, count)
+    buildings = np.empty((count, 10))
+    buildings[:, 0] = radii * np.cos(angles)
+    buildings[:, 1] = radii * np.sin(angles)
+    buildings[:, 2:4] = half
+    buildings[:, 4] = rng.uniform(3.5, 14, count)
+    for i in range(count):
+        buildings[i, 5:8] = _hsv(rng.uniform(), 0.5 * rng.beta(1.2, 2), rng.uniform(0.35, 0.95))
+    buildings[:, 8:10] = rng.uniform([1.1, 1.3], [2.2, 2.0], (count, 2))
+    return buildings

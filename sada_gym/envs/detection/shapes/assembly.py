@@ -1,0 +1,168 @@
+"""From parts to a `Shape`: creased normals, outward winding, centred, grounded and scaled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from sada_gym.envs.detection.shapes.model import DIAGONAL, Shape
+
+if TYPE_CHECKING:
+    from sada_gym.envs.detection.shapes.kit import Part
+
+CREASE_DEG = 40.0
+"""Edges whose faces turn by more than this are shaded as sharp."""
+
+_Array = npt.NDArray[np.float64]
+_Indices = npt.NDArray[np.int64]
+
+
+def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
+    """Joins parts to one shape by the conventions of `Shape`.
+
+    Each part keeps its own normals: vertices are doubled along edges sharper than `CREASE_DEG`,
+    and smooth elsewhere. Faces without area are dropped. A part that encloses a negative volume is
+    turned inside out.
+
+    Args:
+        name: Unique, such as `car/saloon-3`.
+        object_class: Such as `car`.
+        parts: At least one with a face that has area, in metres, front +x, up +z.
+
+    Raises:
+        ValueError: If no face has area, or a coordinate is not finite.
+    """
+    points = np.concatenate([np.asarray(part.mesh.vertices, float) for part in parts])
+    if not np.isfinite(points).all():
+        raise ValueError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
+    starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
+    faces = np.concatenate(
+        [np.asarray(part.mesh.faces) + start for part, start in zip(parts, starts, strict=True)]
+    )
+    owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
+    faces, owner = _welded(points, faces, owner)
+    if not len(faces):
+        raise ValueError(f"Expected {name} to have a face with area, got none; give a solid part.")
+    corners = points[faces]
+    material = np.array([int(part.material) for part in parts], np.uint8)[owner]
+    return _shape(name, object_class, corners, _creased_normals(corners, faces), material)
+
+
+def _shape(
+    name: str,
+    object_class: str,
+    corners: _Array,
+    normals: _Array,
+    material: npt.NDArray[np.uint8],
+) -> Shape:
+    """Places corners (f, 3, 3) by the conventions, and shares those that are equal as vertices."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    placed = (corners - origin) * (DIAGONAL / np.linalg.norm(high - low))
+    rows = np.concatenate([placed, normals], axis=2).reshape(-1, 6).astype(np.float32)
+    # Vertices are shared only within one material, so that a renderer may split by material.
+    first, inverse = _same(np.column_stack([rows, np.repeat(material, 3)]), 5)
+    vertices = rows[first]
+    length = np.linalg.norm(vertices[:, 3:], axis=1, keepdims=True)
+    return Shape(
+        name=name,
+        object_class=object_class,
+        vertices=np.ascontiguousarray(vertices[:, :3]),
+        normals=np.ascontiguousarray(vertices[:, 3:] / length),
+        faces=np.ascontiguousarray(inverse.reshape(-1, 3), np.int32),
+        materials=material,
+    )
+
+
+def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices, _Indices]:
+    """Lets a part's faces share vertices that lie together, drops empty faces, turns parts outward.
+
+    Args:
+        points: (v, 3).
+        faces: (f, 3).
+        owner: (f,) number of the part that a face belongs to.
+
+    Returns:
+        The remaining faces and their owners.
+    """
+    part = np.zeros(len(points))
+    part[faces.ravel()] = np.repeat(owner, 3)
+    span = float(np.ptp(points, axis=0).max()) or 1.0
+    first, same = _same(np.column_stack([points / span, part]), 7)
+    faces = first[same][faces]
+    corners = points[faces]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    keep = np.linalg.norm(doubled, axis=1) > 1e-10 * span**2
+    faces, owner, corners = faces[keep], owner[keep], corners[keep]
+    volume = np.zeros(int(owner.max(initial=0)) + 1)
+    triple = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    np.add.at(volume, owner, triple)
+    inside_out = volume[owner] < 0
+    faces[inside_out] = faces[inside_out][:, ::-1]
+    return faces, owner
+
+
+def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
+    """Gives the first of each kind of row, rounded, and for each row the number of its kind."""
+    # Adding zero makes -0 and 0 the same.
+    keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)
+    order = np.lexsort(keys.T)
+    new = np.ones(len(rows), bool)
+    new[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    kind = np.empty(len(rows), np.int64)
+    kind[order] = np.cumsum(new) - 1
+    return order[new], kind
+
+
+def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
+    """Gives the normal (f, 3, 3) at each corner (f, 3, 3) of the faces (f, 3)."""
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
+    group = _smooth_groups(faces, flat)
+    weighted = _corner_angles(corners)[..., None] * flat[:, None]
+    total = np.zeros((int(group.max(initial=-1)) + 1, 3))
+    np.add.at(total, group, weighted.reshape(-1, 3))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    total = np.divide(total, length, out=total, where=length > 1e-9)
+    normals = total[group].reshape(-1, 3, 3)
+    # Where neighbours cancel each other (folded sheets), a face's own normal serves.
+    lost = np.einsum("fki,fi->fk", normals, flat) < 0.1
+    normals[lost] = np.broadcast_to(flat[:, None], normals.shape)[lost]
+    return np.asarray(normals)
+
+
+def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
+    """Gives for each of the 3 f corners the number of the group whose normal it shares."""
+    count = len(faces)
+    corner = np.arange(3 * count).reshape(-1, 3)
+    start, end = faces, np.roll(faces, -1, axis=1)
+    forward = start < end
+    ends = np.stack([np.where(forward, start, end), np.where(forward, end, start)], -1).reshape(
+        -1, 2
+    )
+    after = np.roll(corner, -1, axis=1)
+    at = np.stack([np.where(forward, corner, after), np.where(forward, after, corner)], -1).reshape(
+        -1, 2
+    )
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, at = ends[order], at[order]
+    joined = (ends[1:] == ends[:-1]).all(axis=1)
+    a, b = at[:-1][joined], at[1:][joined]
+    turn = np.einsum("ei,ei->e", normals[a[:, 0] // 3], normals[b[:, 0] // 3])
+    smooth = turn > np.cos(np.radians(CREASE_DEG))
+    pairs = np.column_stack([a[smooth].ravel(), b[smooth].ravel()])
+    labels = trimesh.graph.connected_component_labels(pairs, node_count=3 * count)  # type: ignore[no-untyped-call]
+    return np.asarray(labels, np.int64)
+
+
+def _corner_angles(soup: _Array) -> _Array:
+    """Gives the angle (f, 3) at each corner, which weighs a face's share in the normal there."""
+    to_next = np.roll(soup, -1, axis=1) - soup
+    to_last = np.roll(soup, 1, axis=1) - soup
+    cosine = (to_next * to_last).sum(axis=2)
+    cosine /= np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2)
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))

@@ -1,0 +1,199 @@
+"""A user's own CAD files in place of the procedural shapes: a folder of meshes a class."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from sada_gym.envs.detection.shapes.assembly import assemble
+from sada_gym.envs.detection.shapes.kit import Part
+from sada_gym.envs.detection.shapes.model import Shape
+
+MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+"""File types that are read."""
+
+_COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
+
+_Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+class Orientation(BaseModel):
+    """How the files of a folder are oriented, as `shapes.json` in the folder may say.
+
+    Attributes:
+        up: The files' axis that points up; ShapeNet's by default.
+        front: The files' axis along which an object looks; ShapeNet's by default.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    up: _Direction = "+y"
+    front: _Direction = "-z"
+
+    @model_validator(mode="after")
+    def _is_plane(self) -> Self:
+        if self.up[1] == self.front[1]:
+            raise ValueError(
+                f"Expected up and front along two different axes, got {self.up} and {self.front}; "
+                "ShapeNet's are +y and -z"
+            )
+        return self
+
+    def rotation(self) -> npt.NDArray[np.float64]:
+        """Gives the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
+        up, front = _vector(self.up), _vector(self.front)
+        return np.stack([front, np.cross(up, front), up])
+
+
+def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str, tuple[Shape, ...]]:
+    """Loads the meshes of a folder that holds one folder a class.
+
+    Files are found at any depth below a class's folder, as ShapeNet nests them. Each becomes one
+    shape: a scene's meshes are merged in their places, windings made outward, the whole turned by
+    the folder's `Orientation`, centred, grounded and scaled as `Shape` says. All faces are
+    `Material.PAINT`. Triangles cost rendering time: up to some 2,000 a file are best.
+
+    Args:
+        path: Such as `cad/`, holding `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and
+            optionally `cad/shapes.json`, such as `{"up": "+z", "front": "+x"}`.
+        skip_unreadable: Whether to go on, with a warning, without files that hold no usable mesh.
+
+    Returns:
+        Shapes by class, both sorted by name. A shape is named by its path in the folder.
+
+    Raises:
+        ValueError: If the folder is missing, has no class, a class has no mesh, a file has an
+            unknown type or, unless `skip_unreadable`, cannot be read or is empty or not finite.
+    """
+    root = Path(path)
+    if not root.is_dir():
+        raise ValueError(
+            f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
+            "that holds one folder a class."
+        )
+    rotation = _orientation(root / "shapes.json").rotation()
+    folders = sorted(entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry))
+    if not folders:
+        raise ValueError(
+            f"Expected {root} to hold one folder a class, got none; move the files to a folder "
+            f"such as {root / 'car'}."
+        )
+    return {folder.name: _load_class(root, folder, rotation, skip_unreadable) for folder in folders}
+
+
+def fingerprint(shapes: Iterable[Shape]) -> str:
+    """Gives the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
+    digest = hashlib.sha256()
+    for shape in shapes:
+        for text in (shape.object_class, shape.name):
+            encoded = text.encode()
+            digest.update(len(encoded).to_bytes(8, "little") + encoded)
+        arrays = (
+            shape.vertices.astype("<f4"),
+            shape.normals.astype("<f4"),
+            shape.faces.astype("<i4"),
+            shape.materials.astype("u1"),
+        )
+        for array in arrays:
+            digest.update(len(array).to_bytes(8, "little") + array.tobytes())
+    return digest.hexdigest()
+
+
+def _load_class(
+    root: Path, folder: Path, rotation: npt.NDArray[np.float64], skip_unreadable: bool
+) -> tuple[Shape, ...]:
+    shapes = []
+    for file in _mesh_files(folder):
+        name = file.relative_to(root).as_posix()
+        try:
+            mesh = _read(file)
+            mesh.vertices = mesh.vertices @ rotation.T
+            shapes.append(assemble(name, folder.name, [Part(mesh)]))
+        except ValueError as error:
+            mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
+            message = (
+                f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
+            )
+            if not skip_unreadable:
+                raise ValueError(message) from error
+            warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=3)
+    if not shapes:
+        raise ValueError(
+            f"Expected at least one mesh of class {folder.name!r} in {folder}, got none; add "
+            f"one of {', '.join(MESH_SUFFIXES)} or remove the folder."
+        )
+    return tuple(shapes)
+
+
+def _mesh_files(folder: Path) -> list[Path]:
+    files = []
+    for file in sorted(folder.rglob("*")):
+        if file.is_dir() or any(map(_hidden, (file, *file.relative_to(folder).parents[:-1]))):
+            continue
+        suffix = file.suffix.lower()
+        if suffix in MESH_SUFFIXES:
+            files.append(file)
+        elif suffix not in _COMPANIONS:
+            raise ValueError(
+                f"Expected files of type {', '.join(MESH_SUFFIXES)} in {folder}, got {file}; "
+                "convert or remove it."
+            )
+    return files
+
+
+def _read(file: Path) -> trimesh.Trimesh:
+    """Reads a file as one mesh with consistent windings; whatever is wrong is a `ValueError`."""
+    try:
+        scene = trimesh.load_scene(file, process=False, skip_materials=True)
+        solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]
+    # Trimesh's readers raise whatever the broken bytes lead them to.
+    except Exception as error:
+        raise ValueError(f"a file that cannot be read ({error or type(error).__name__})") from error
+    vertices = [np.asarray(solid.vertices, float) for solid in solids]
+    if not sum(len(solid.faces) for solid in solids):
+        raise ValueError("no faces")
+    if not all(np.isfinite(points).all() for points in vertices):
+        raise ValueError("NaN or infinite coordinates")
+    starts = np.cumsum([0] + [len(points) for points in vertices[:-1]])
+    faces = np.concatenate(
+        [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
+    )
+    if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
+        raise ValueError("faces that point at missing vertices")
+    mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
+    return mesh
+
+
+def _orientation(file: Path) -> Orientation:
+    if not file.exists():
+        return Orientation()
+    try:
+        return Orientation.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        flaws = "; ".join(
+            f"{'.'.join(map(str, flaw['loc'])) or 'file'}: {flaw['msg']}" for flaw in error.errors()
+        )
+        raise ValueError(
+            f'Expected {file} to be such as {{"up": "+y", "front": "-z"}}, got a file with: '
+            f"{flaws}; mend it, or remove it for these defaults."
+        ) from error
+
+
+def _hidden(path: Path) -> bool:
+    return path.name.startswith(".")
+
+
+def _vector(direction: str) -> npt.NDArray[np.float64]:
+    vector = np.zeros(3)
+    vector["xyz".index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
+    return vector

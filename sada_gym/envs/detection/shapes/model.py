@@ -1,0 +1,53 @@
+"""A CAD shape as the renderer takes it: a triangle mesh with normals and a material per face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+DIAGONAL = 5.0
+"""Length of every shape's bounding-box diagonal in scene units."""
+
+
+class Material(IntEnum):
+    """What a face is made of; only PAINT takes the colour that the adversary chooses."""
+
+    PAINT = 0
+    RUBBER = 1  # tyres: near black, matt
+    GLASS = 2  # windows: dark, glossy
+    METAL = 3  # rims, frames, chrome: light grey, glossy
+    LAMP = 4  # head lamps, white labels: bright
+    DARK = 5  # seats, plastic, undersides: dark grey, matt
+    WOOD = 6  # brown, matt
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """One object, in scene units.
+
+    The front looks along +x, the left side along +y, up is +z. The bounding box is centred on
+    x = y = 0, its lowest point lies at z = 0 and its diagonal measures `DIAGONAL`.
+
+    Attributes:
+        name: Unique, such as `car/saloon-3`.
+        object_class: One of the benchmark's classes, such as `car`.
+        vertices: (v, 3) float32.
+        normals: (v, 3) float32, unit length; vertices are doubled where an edge is sharp.
+        faces: (f, 3) int32, counter-clockwise seen from outside.
+        materials: (f,) uint8, values of `Material`.
+    """
+
+    name: str
+    object_class: str
+    vertices: npt.NDArray[np.float32]
+    normals: npt.NDArray[np.float32]
+    faces: npt.NDArray[np.int32]
+    materials: npt.NDArray[np.uint8]
+
+    @property
+    def height(self) -> float:
+        """Height above the ground, in scene units."""
+        return float(self.vertices[:, 2].max())

@@ -1,0 +1,107 @@
+"""How good a set of attack samples is: fooling rate, spread, distance to what is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+_Z95 = 1.959963984540054  # the standard normal's 97.5 % point
+
+
+@dataclass(frozen=True)
+class FoolingRate:
+    """The attack fooling rate (AFR): the share of samples with Q <= epsilon.
+
+    Attributes:
+        fooled: Number of samples that fooled the agent.
+        samples: Number of samples.
+        rate: Their ratio.
+        low: Lower end of the 95 % interval.
+        high: Upper end.
+    """
+
+    fooled: int
+    samples: int
+    rate: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """Write it as people read it: `74.4 % (68.6 to 79.4)`."""
+        return f"{self.rate:.1%} ({100 * self.low:.1f} to {100 * self.high:.1f})".replace("%", " %")
+
+
+def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
+    """Measure the AFR with its 95 % Wilson score interval.
+
+    Args:
+        scores: (n,) scores Q.
+        threshold: The fooling threshold epsilon.
+
+    Raises:
+        ValueError: If there are no scores, or a NaN among them.
+    """
+    q = np.asarray(scores, dtype=np.float64)
+    if q.ndim != 1 or not len(q) or np.isnan(q).any():
+        raise ValueError(f"Expected scores of shape (n,), n >= 1, without NaN; got {q!r}.")
+    fooled = int((q <= threshold).sum())
+    low, high = wilson_interval(fooled, len(q))
+    return FoolingRate(fooled, len(q), fooled / len(q), low, high)
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Give the 95 % interval of a rate (Wilson 1927).
+
+    Unlike the normal approximation it stays within [0, 1] and has a width at 0 and 1 as well.
+    """
+    if not 0 <= successes <= trials or trials < 1:
+        raise ValueError(
+            f"Expected 0 <= successes <= trials, trials >= 1; got {successes} of {trials}."
+        )
+    rate, shrink = successes / trials, _Z95**2 / trials
+    centre = rate + shrink / 2
+    margin = _Z95 * math.sqrt(rate * (1 - rate) / trials + shrink / (4 * trials))
+    low = 0.0 if successes == 0 else (centre - margin) / (1 + shrink)
+    high = 1.0 if successes == trials else (centre + margin) / (1 + shrink)
+    return low, high
+
+
+def mu_std(mu: npt.ArrayLike) -> float:
+    """Measure the samples' spread: the mean over dimensions of their standard deviation.
+
+    The paper's mu_std; 0.577 for uniform samples, 0 where all are one point.
+
+    Args:
+        mu: (n, d), n >= 1.
+    """
+    samples = np.asarray(mu, dtype=np.float64)
+    if samples.ndim != 2 or not len(samples):
+        raise ValueError(f"Expected mu of shape (n, d), n >= 1, got {samples.shape}.")
+    return float(samples.std(axis=0).mean())
+
+
+def nearest_neighbours(
+    samples: npt.ArrayLike, queries: npt.ArrayLike
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+    """Find each sample's nearest training query: near zero where an adversary memorises.
+
+    Args:
+        samples: (n, d).
+        queries: (m, d), m >= 1.
+
+    Returns:
+        (n,) Euclidean distances in [-1, 1]^d, and (n,) row numbers in `queries`.
+    """
+    from scipy.spatial import cKDTree
+
+    points, tree = np.asarray(samples, np.float64), np.asarray(queries, np.float64)
+    if points.ndim != 2 or tree.ndim != 2 or points.shape[1] != tree.shape[1] or not len(tree):
+        raise ValueError(
+            "Expected samples of shape (n, d) and queries of shape (m, d), m >= 1, got "
+            f"{points.shape} and {tree.shape}."
+        )
+    distances, indices = cKDTree(tree).query(points)
+    return np.asarray(distances, np.float64), np.asarray(indices, np.intp)

@@ -1,0 +1,132 @@
+"""Semantic parameters: their names and units, and the map between [-1, 1]^d and physical values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Mu = npt.NDArray[np.float32]
+"""A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One semantic parameter of a world.
+
+    Attributes:
+        name: Name with its unit as suffix, such as `camera_azimuth_deg`.
+        low: Physical value at mu = -1.
+        high: Physical value at mu = +1.
+        unit: Unit for tables and axes, such as `deg`; empty where there is none.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Reject a range that holds no interval."""
+        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+            raise ValueError(
+                f"Expected finite low < high for parameter {self.name!r}, "
+                f"got low={self.low} and high={self.high}. Give a non-empty range."
+            )
+
+
+class ParameterSpace:
+    """An ordered set of parameters: the box that an adversary acts in.
+
+    Args:
+        *parameters: The parameters in the order of mu's columns; names must differ.
+    """
+
+    def __init__(self, *parameters: Parameter) -> None:
+        if not parameters:
+            raise ValueError("Expected at least one Parameter, got none. Name what mu controls.")
+        names = [parameter.name for parameter in parameters]
+        if len(set(names)) != len(names):
+            raise ValueError(f"Expected distinct parameter names, got {names}. Rename the doubles.")
+        self.parameters = parameters
+        self._low = np.array([p.low for p in parameters])
+        self._high = np.array([p.high for p in parameters])
+
+    def __len__(self) -> int:
+        """Give the dimension d."""
+        return len(self.parameters)
+
+    def __repr__(self) -> str:
+        """List the parameters."""
+        return f"ParameterSpace({', '.join(map(repr, self.parameters))})"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names, in the order of mu's columns."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def validate(self, mu: npt.ArrayLike) -> Mu:
+        """Round mu to float32 and check it.
+
+        Args:
+            mu: (n, d), values in [-1, 1].
+
+        Returns:
+            mu: (n, d) float32, a copy where the input was not contiguous float32 already.
+
+        Raises:
+            ValueError: If the shape is wrong or a value is NaN or outside the box.
+        """
+        return validate_mu(mu, len(self))
+
+    def physical(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Map normalised to physical values.
+
+        Args:
+            mu: (n, d) or (d,), values in [-1, 1].
+
+        Returns:
+            Physical values of the same shape, float64.
+        """
+        share = (np.asarray(mu, dtype=np.float32).astype(np.float64) + 1.0) / 2.0
+        physical: npt.NDArray[np.float64] = self._low + share * (self._high - self._low)
+        return physical
+
+    def normalised(self, physical: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """Map physical to normalised values: the inverse of `physical`, rounded to float32.
+
+        Args:
+            physical: (n, d) or (d,) physical values.
+
+        Returns:
+            Values of the same shape in [-1, 1] where the physical ones lie in their range.
+        """
+        share = (np.asarray(physical, dtype=np.float64) - self._low) / (self._high - self._low)
+        mu: npt.NDArray[np.float32] = (2.0 * share - 1.0).astype(np.float32)
+        return mu
+
+    def describe(self, mu: npt.ArrayLike) -> dict[str, float]:
+        """Name the physical values of one mu of shape (d,)."""
+        return dict(zip(self.names, map(float, self.physical(mu)), strict=True))
+
+
+def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
+    """Round mu to float32 and check that it is an (n, dimension) batch inside [-1, 1].
+
+    Raises:
+        ValueError: If the shape is wrong or a value is NaN or outside the box.
+    """
+    batch: npt.NDArray[Any] = np.ascontiguousarray(mu, dtype=np.float32)
+    if batch.ndim != 2 or batch.shape[1] != dimension:
+        hint = f" Pass mu[None] for a single mu of shape ({dimension},)." if batch.ndim == 1 else ""
+        raise ValueError(f"Expected mu of shape (n, {dimension}), got {batch.shape}.{hint}")
+    bad = ~(np.abs(batch) <= 1.0)  # a NaN is not <= 1 either
+    if bad.any():
+        row, column = map(int, np.argwhere(bad)[0])
+        raise ValueError(
+            f"Expected mu within [-1, 1], got {batch[row, column]!s} at row {row}, column {column}."
+            " Clip or rescale it; mu is normalised, not in physical units."
+        )
+    return batch

@@ -1,0 +1,87 @@
+"""Running a function in a fresh process, and importing files that are on no module path."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import pickle
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+
+
+def import_file(path: str | Path, name: str | None = None) -> ModuleType:
+    """Import a Python file by its path, with its folder on the module path as a script has it.
+
+    Args:
+        path: The file.
+        name: The module's name; by default one made of the path, the same in every process.
+
+    Raises:
+        ValueError: If there is no such Python file, or running it raises.
+    """
+    path = Path(path).resolve()
+    if path.suffix != ".py" or not path.is_file():
+        raise ValueError(f"Expected an existing Python file (*.py), got {str(path)!r}.")
+    name = name or f"_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise ValueError(
+            f"Expected {str(path)!r} to run when imported, got {type(error).__name__}: {error}."
+        ) from error
+    return module
+
+
+def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) -> Result:
+    """Call a function in a process that shares nothing with this one.
+
+    Args:
+        function: A function at the top level of an importable module.
+        *args: Its arguments, picklable.
+        home: The class that the arguments are of; the process imports its module first, from its
+            file where it is on no module path.
+
+    Raises:
+        ValueError: If the arguments can't be pickled.
+    """
+    try:
+        payload = pickle.dumps((function, args))
+    except Exception as error:  # pickle raises whatever a `__reduce__` raises
+        raise ValueError(
+            f"Expected {home.__name__} to be picklable, got {type(error).__name__}: {error}. Keep "
+            "only picklable attributes, and define the class at the top level of a module."
+        ) from error
+    file = getattr(sys.modules[home.__module__], "__file__", None)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        result: Result = pool.submit(_call, home.__module__, file, payload).result()
+    return result
+
+
+def _call(module: str, file: str | None, payload: bytes) -> Any:
+    if module != "__main__":  # spawn itself has imported that one
+        try:
+            importlib.import_module(module)
+        except ModuleNotFoundError:
+            if file is None:
+                raise
+            import_file(file, module)
+    function, args = pickle.loads(payload)
+    return function(*args)

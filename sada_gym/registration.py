@@ -1,0 +1,168 @@
+"""The environments' ids: one table, registered with Gymnasium when `sada_gym` is imported."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec, load_env_creator
+
+if TYPE_CHECKING:
+    from sada_gym.application import Application
+    from sada_gym.envs.adversary import AdversaryEnv
+
+
+@dataclass(frozen=True)
+class Registration:
+    """One row of the table.
+
+    Attributes:
+        id: The environment's id, with its version.
+        entry_point: `module:class` of the scalar environment; a string, so that nothing is loaded.
+        vector_entry_point: `module:class` of the native batched environment.
+        kwargs: Keywords that the id fixes; an id that fixes some is a track of the leaderboard.
+    """
+
+    id: str
+    entry_point: str
+    vector_entry_point: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _detection(suffix: str = "", **kwargs: Any) -> Registration:
+    module = "sada_gym.envs.detection"
+    return Registration(
+        id=f"SADA-Detection{suffix}-v0",
+        entry_point=f"{module}:DetectionEnv",
+        vector_entry_point=f"{module}:DetectionVectorEnv",
+        kwargs=kwargs,
+    )
+
+
+TABLE: tuple[Registration, ...] = (
+    Registration(
+        id="SADA-Analytic-v0",
+        entry_point="sada_gym.envs.analytic:AnalyticEnv",
+        vector_entry_point="sada_gym.envs.analytic:AnalyticVectorEnv",
+    ),
+    _detection(),
+    _detection("-Aeroplane", object_class="aeroplane"),
+    _detection("-Bench", object_class="bench"),
+    _detection("-Bicycle", object_class="bicycle"),
+    _detection("-Boat", object_class="boat"),
+    _detection("-Bottle", object_class="bottle"),
+    _detection("-Bus", object_class="bus"),
+    _detection("-Car", object_class="car"),
+    _detection("-Chair", object_class="chair"),
+    _detection("-DiningTable", object_class="diningtable"),
+    _detection("-Motorbike", object_class="motorbike"),
+    _detection("-Train", object_class="train"),
+    _detection("-Truck", object_class="truck"),
+)
+
+
+def register_environments() -> None:
+    """Register the whole table with Gymnasium; doing it again changes nothing."""
+    for row in TABLE:
+        if row.id not in gym.registry:
+            gym.register(
+                id=row.id,
+                entry_point=row.entry_point,
+                vector_entry_point=row.vector_entry_point,
+                kwargs=dict(row.kwargs),
+            )
+
+
+def env_ids() -> tuple[str, ...]:
+    """Give this package's ids, in the table's order."""
+    return tuple(row.id for row in TABLE)
+
+
+def tracks() -> tuple[str, ...]:
+    """Give the leaderboard's tracks: the ids that fix their keywords, in the table's order."""
+    return tuple(row.id for row in TABLE if row.kwargs)
+
+
+def find_spec(env_id: str) -> EnvSpec:
+    """Look up the specification of a registered id.
+
+    Args:
+        env_id: A Gymnasium id with its version; `module:ID` imports the module first.
+
+    Raises:
+        ValueError: If the module can't be imported or no such id is registered.
+    """
+    module, _, name = env_id.rpartition(":")
+    if module:
+        try:
+            importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            raise ValueError(
+                f"Expected an importable module before the colon of {env_id!r}, got: {error}. "
+                "Install it, or set PYTHONPATH to the folder that holds it."
+            ) from error
+    if name not in gym.registry:
+        raise ValueError(
+            f"Expected a registered environment id, got {name!r}."
+            f"{_did_you_mean(name, gym.registry)} `sada-gym envs` lists the ids; write module:ID "
+            "for one that a module of yours registers."
+        )
+    return gym.registry[name]
+
+
+def make_env(env_id: str, **env_kwargs: Any) -> AdversaryEnv:
+    """Make an adversary environment, unwrapped.
+
+    Args:
+        env_id: Any Gymnasium id whose environment is an `AdversaryEnv`; `module:ID` imports the
+            module first.
+        **env_kwargs: The environment's keywords, as `gymnasium.make` takes them.
+
+    Raises:
+        ValueError: If the id or a keyword is unknown, or it is no adversary environment.
+    """
+    from sada_gym.envs.adversary import AdversaryEnv
+
+    spec = find_spec(env_id)
+    _check_keywords(spec, env_kwargs)
+    env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
+    if not isinstance(env, AdversaryEnv):
+        env.close()
+        raise ValueError(
+            f"Expected an adversary environment behind {env_id!r}, got {type(env).__name__}. "
+            "Wrap your application in sada_gym.envs.AdversaryEnv and register that."
+        )
+    return env
+
+
+def make_application(env_id: str, **env_kwargs: Any) -> Application:
+    """Make the application behind an adversary environment; arguments and errors as `make_env`."""
+    return make_env(env_id, **env_kwargs).application
+
+
+def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
+    if spec.entry_point is None:
+        raise ValueError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
+    creator = spec.entry_point
+    accepted = inspect.signature(
+        load_env_creator(creator) if isinstance(creator, str) else creator
+    ).parameters.values()
+    if any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in accepted):
+        return
+    names = [parameter.name for parameter in accepted]
+    for keyword in env_kwargs:
+        if keyword not in names:
+            raise ValueError(
+                f"Expected keywords of {spec.id} among {', '.join(names)}, got {keyword!r}."
+                f"{_did_you_mean(keyword, names)}"
+            )
+
+
+def _did_you_mean(word: str, known: Mapping[str, Any] | list[str]) -> str:
+    matches = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
+    return f" Did you mean {' or '.join(map(repr, matches))}?" if matches else ""

@@ -1,0 +1,292 @@
+"""The evaluation store: every score a run has paid for, in one crash-safe SQLite file."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+from typing_extensions import Self
+
+from sada_gym.application import Application
+from sada_gym.parameters import Mu
+
+SCHEMA_VERSION = 1
+"""Kept in SQLite's `user_version`; raise it when the tables change."""
+
+_APPLICATION_ID = int.from_bytes(b"SADA", "big")
+_SCHEMA = f"""
+BEGIN IMMEDIATE;
+CREATE TABLE context (
+    id INTEGER PRIMARY KEY,
+    name TEXT NOT NULL,
+    version INTEGER NOT NULL,
+    settings TEXT NOT NULL,
+    fingerprint TEXT NOT NULL,
+    UNIQUE (name, version, settings, fingerprint)
+);
+CREATE TABLE evaluation (
+    context INTEGER NOT NULL REFERENCES context (id),
+    seed INTEGER NOT NULL,
+    mu BLOB NOT NULL,
+    score REAL NOT NULL,
+    PRIMARY KEY (context, seed, mu)
+) WITHOUT ROWID;
+PRAGMA application_id = {_APPLICATION_ID};
+PRAGMA user_version = {SCHEMA_VERSION};
+COMMIT;
+"""
+
+
+class StoreError(ValueError):
+    """An evaluation store that cannot serve: foreign, corrupt, in use, or of another version."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a score belongs to besides mu and seed.
+
+    Attributes:
+        name: The application's name.
+        version: Its version.
+        settings: Its resolved keywords as canonical JSON.
+        fingerprint: SHA-256 of the agent and whatever else decides the score.
+    """
+
+    name: str
+    version: int
+    settings: str
+    fingerprint: str
+
+    @classmethod
+    def of(cls, application: Application) -> Context:
+        """Read the context off an application.
+
+        Raises:
+            StoreError: If the application has no fingerprint.
+            TypeError: If its settings are not JSON-compatible.
+        """
+        fingerprint = application.fingerprint
+        if fingerprint is None:
+            raise StoreError(
+                f"Expected a fingerprint of {application.name}'s agent to store evaluations under, "
+                "got none. Pass agent_id='a name you change with the agent', or use no store."
+            )
+        try:
+            settings = json.dumps(
+                application.settings, sort_keys=True, separators=(",", ":"), allow_nan=False
+            )
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"Expected JSON-compatible settings from {type(application).__name__}.settings, "
+                f"got {application.settings!r} ({error}). Return numbers, strings, lists, None."
+            ) from error
+        return cls(application.name, application.version, settings, fingerprint)
+
+
+class EvaluationStore:
+    """Scores by (context, mu, seed), in one SQLite file with one writer.
+
+    The journal is a write-ahead log in exclusive locking mode: a second process is kept out from
+    the first read on, the operating system frees the lock even after SIGKILL, and no shared
+    memory is needed, so that the file may lie on a network drive. `synchronous = NORMAL`: a
+    commit survives the death of the process; a power cut may take the last commits (they are
+    evaluated again) but never corrupts the file. A sync to disk per commit would cost more than
+    many an evaluation.
+
+    Args:
+        path: The file; it is created where there is none. Its folder must exist.
+
+    Raises:
+        StoreError: If the file is not an evaluation store of this schema, is corrupt, or is open
+            elsewhere. It is left as it was.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not self.path.parent.is_dir():
+            raise StoreError(
+                f"Expected a folder for the store {self.path}, got none there. Make it first."
+            )
+        if self.path.is_dir():
+            raise StoreError(
+                f"Expected a file for the evaluation store, got the folder {self.path}."
+            )
+        self._connection = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
+        try:
+            self._open()
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise _explained(error, self.path) from error
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def _open(self) -> None:
+        # Nothing but SQLite may open the file: closing any other descriptor of it would free
+        # the lock (POSIX). So SQLite reads the file's identity too, before anything is written.
+        run = self._connection.execute
+        run("PRAGMA locking_mode = EXCLUSIVE")
+        tables = run("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        writer = run("PRAGMA application_id").fetchone()[0]
+        version = run("PRAGMA user_version").fetchone()[0]
+        if tables == writer == version == 0:
+            self._connection.executescript(_SCHEMA)
+        elif writer != _APPLICATION_ID:
+            raise StoreError(
+                f"Expected an evaluation store, got another program's SQLite file in {self.path}. "
+                "It was left as it is; name another file."
+            )
+        elif version != SCHEMA_VERSION:
+            raise StoreError(
+                f"Expected an evaluation store of schema {SCHEMA_VERSION}, got schema {version} in "
+                f"{self.path}. Open it with the sada_gym that wrote it, or name a new file."
+            )
+        elif (verdict := run("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            raise StoreError(_corrupt(self.path, " ".join(verdict.split())))
+        run("PRAGMA journal_mode = WAL")
+        run("PRAGMA synchronous = NORMAL")
+        run("PRAGMA temp_store = MEMORY")
+        run("BEGIN IMMEDIATE")  # takes the lock now, not with the first chunk
+        run("COMMIT")
+        run("CREATE TEMP TABLE wanted (position INTEGER PRIMARY KEY, seed INTEGER, mu BLOB)")
+
+    def context(self, context: Context) -> int:
+        """Give a context's key in this store; a new context gets a new one.
+
+        Raises:
+            StoreError: If the store holds evaluations of the same application in another version.
+        """
+        other = self._connection.execute(
+            "SELECT version FROM context WHERE name = ? AND version != ?",
+            (context.name, context.version),
+        ).fetchone()
+        if other:
+            raise StoreError(
+                f"Expected evaluations of {context.name}-v{context.version} in {self.path}, got "
+                f"some of {context.name}-v{other[0]}: scores of two versions don't mix. Name a new "
+                "store, or install the sada_gym that has that version."
+            )
+        row = (context.name, context.version, context.settings, context.fingerprint)
+        self._connection.execute(
+            "INSERT OR IGNORE INTO context (name, version, settings, fingerprint) "
+            "VALUES (?, ?, ?, ?)",
+            row,
+        )
+        found = self._connection.execute(
+            "SELECT id FROM context "
+            "WHERE name = ? AND version = ? AND settings = ? AND fingerprint = ?",
+            row,
+        ).fetchone()
+        return int(found[0])
+
+    def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+        """Find stored scores.
+
+        Args:
+            context: A key that `context` gave.
+            mu: (n, d) float32.
+            seeds: n evaluation seeds.
+
+        Returns:
+            (n,) float64, NaN where nothing is stored.
+        """
+        scores = np.full(len(mu), np.nan)
+        run = self._connection.execute
+        pairs = enumerate(zip(seeds, mu, strict=True))
+        try:
+            run("BEGIN")
+            self._connection.executemany(
+                "INSERT INTO temp.wanted VALUES (?, ?, ?)",
+                ((i, seed, row.tobytes()) for i, (seed, row) in pairs),
+            )
+            hits = run(
+                "SELECT position, score FROM temp.wanted AS w CROSS JOIN evaluation AS e "
+                "ON e.context = ? AND e.seed = w.seed AND e.mu = w.mu",
+                (context,),
+            ).fetchall()
+        except sqlite3.DatabaseError as error:
+            raise _explained(error, self.path) from error
+        finally:
+            if self._connection.in_transaction:
+                run("ROLLBACK")  # empties the temporary table
+        for position, score in hits:
+            scores[position] = score
+        return scores
+
+    def commit(
+        self, context: int, mu: Mu, seeds: Sequence[int], scores: npt.NDArray[np.float64]
+    ) -> None:
+        """Store the scores of one chunk in one transaction.
+
+        Args:
+            context: A key that `context` gave.
+            mu: (n, d) float32.
+            seeds: n evaluation seeds.
+            scores: (n,) float64, finite.
+        """
+        rows = zip(seeds, mu, scores, strict=True)
+        with self._transaction():
+            self._connection.executemany(
+                "INSERT OR IGNORE INTO evaluation VALUES (?, ?, ?, ?)",
+                ((context, seed, row.tobytes(), float(score)) for seed, row, score in rows),
+            )
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._connection.execute("COMMIT")
+        except BaseException:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            raise
+
+    def __len__(self) -> int:
+        """Count the evaluations, over all contexts."""
+        return int(self._connection.execute("SELECT count(*) FROM evaluation").fetchone()[0])
+
+    def close(self) -> None:
+        """Close the file; calling it twice is fine."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        """Give the store itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+
+def _explained(error: sqlite3.DatabaseError, path: Path) -> StoreError:
+    if "locked" in str(error):
+        return StoreError(
+            f"Expected to be the only user of the store {path}, but another run has it open. "
+            "Wait for that run to end, or name another store."
+        )
+    if "not a database" in str(error):
+        return StoreError(
+            f"Expected an evaluation store (an SQLite file), got something else in {path}. "
+            "It was left as it is; name another file."
+        )
+    return StoreError(_corrupt(path, str(error)))
+
+
+def _corrupt(path: Path, reason: str) -> str:
+    return (
+        f"Expected a sound evaluation store, got a corrupt one in {path} ({reason}). "
+        "It was left as it is; restore it from a copy, or name another file."
+    )

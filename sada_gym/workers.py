@@ -1,0 +1,214 @@
+"""Worker processes: what is evaluated there, and how they start, obey and die."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Application
+from sada_gym.parameters import Mu
+
+BatchFunction = Callable[[Mu], npt.ArrayLike]
+"""A user's own black box: (n, d) float32 in [-1, 1] -> (n,) scores."""
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_CACHE_SIZE = 4
+
+Scorer = Application | BatchFunction
+
+
+class WorkerError(RuntimeError):
+    """A worker process died or could not load what it should evaluate."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A registered environment by id and keywords: small to send, built where it is needed."""
+
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+
+    def build(self) -> Application:
+        """Make the application."""
+        from sada_gym.registration import make_application
+
+        return make_application(self.env_id, **self.env_kwargs)
+
+
+def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+    """Evaluate one chunk.
+
+    Args:
+        scorer: The application or function.
+        mu: (n, d) float32, checked.
+        seeds: n evaluation seeds.
+
+    Returns:
+        (n,) float64, finite.
+
+    Raises:
+        ValueError: If a user's function returns anything else.
+    """
+    if isinstance(scorer, Application):
+        scores = scorer.evaluate(mu, seeds).score
+    else:
+        scores = np.asarray(scorer(mu), dtype=np.float64)
+        if scores.shape != (len(mu),):
+            raise ValueError(
+                f"Expected scores of shape ({len(mu)},) from the function for mu of shape "
+                f"{mu.shape}, got {scores.shape}. Return one score for each row."
+            )
+        if not np.isfinite(scores).all():
+            row = int(np.flatnonzero(~np.isfinite(scores))[0])
+            raise ValueError(
+                f"Expected finite scores from the function, got {scores[row]} for mu = "
+                f"{mu[row].tolist()}. Return 0 where the agent fails altogether."
+            )
+    return scores + 0.0  # -0.0 becomes 0.0: SQLite would not keep it
+
+
+@dataclass(frozen=True)
+class Task:
+    """A scorer made portable: it can be sent to any process, and is loaded once in each.
+
+    Attributes:
+        payload: The pickled source: `Registered`, an application or a function.
+        key: The payload's digest.
+    """
+
+    payload: bytes
+    key: str
+
+    @classmethod
+    def of(cls, source: Registered | Scorer) -> Task:
+        """Pickle a source.
+
+        Raises:
+            TypeError: If it cannot be pickled.
+        """
+        try:
+            payload = pickle.dumps(source)
+        except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
+            raise TypeError(
+                "Expected something that can be pickled and sent to worker processes, got "
+                f"{source!r} ({error}). Define it at the module level of an importable file "
+                "(no lambda, no closure), or use workers=1."
+            ) from error
+        return cls(payload, hashlib.sha256(payload).hexdigest())
+
+    def __call__(self, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+        """Evaluate one chunk, see `score`."""
+        return score(self._scorer(), mu, seeds)
+
+    def _scorer(self) -> Scorer:
+        loaded = _cache.loaded
+        if self.key not in loaded:
+            while len(loaded) >= _CACHE_SIZE:
+                oldest = loaded.pop(next(iter(loaded)))
+                if isinstance(oldest, Application):
+                    oldest.close()
+            loaded[self.key] = self._load()
+        return loaded[self.key]
+
+    def _load(self) -> Scorer:
+        try:
+            source: Registered | Scorer = pickle.loads(self.payload)
+            return source.build() if isinstance(source, Registered) else source
+        except Exception as error:
+            raise WorkerError(
+                f"A worker process could not load the problem ({type(error).__name__}: {error}). "
+                "Define it at the module level of an importable file, or use workers=1."
+            ) from error
+
+
+class _Cache(threading.local):
+    """What this thread has loaded, by key; one a thread, because simulators seldom share."""
+
+    def __init__(self) -> None:
+        self.loaded: dict[str, Scorer] = {}
+
+
+_cache = _Cache()
+
+
+class WorkerPool:
+    """A process pool whose workers leave Ctrl-C to the parent and never outlive it.
+
+    Each worker computes in one thread and watches a pipe that only the parent holds open: when
+    the parent closes it, or dies in whatever way, the worker exits at once.
+
+    Args:
+        workers: Number of processes; they start at once.
+    """
+
+    def __init__(self, workers: int) -> None:
+        context = get_context("spawn")
+        watched, self._lifeline = context.Pipe(duplex=False)
+        self.executor = ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_initialise, initargs=(watched,)
+        )
+        with _inherited_settings():
+            for _ in range(workers):
+                self.executor.submit(_nothing)
+
+    def close(self, *, now: bool = False) -> None:
+        """Stop the workers; calling it twice is fine.
+
+        Args:
+            now: Drop what they are at, instead of waiting for it.
+        """
+        if now:
+            self._lifeline.close()
+        self.executor.shutdown(wait=True, cancel_futures=True)
+        self._lifeline.close()
+
+
+@contextmanager
+def _inherited_settings() -> Iterator[None]:
+    """Let processes started here have one thread each and block SIGINT from their first moment.
+
+    Both must stand before the interpreter starts: NumPy reads the variables when it is imported,
+    and a Ctrl-C during start-up would print a traceback for each worker.
+    """
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    masks = hasattr(signal, "pthread_sigmask")
+    if masks:
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _initialise(lifeline: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
+
+
+def _exit_with_parent(lifeline: Connection) -> None:
+    lifeline.poll(None)  # nothing is ever sent: this returns when the other end is closed
+    os._exit(1)
+
+
+def _nothing() -> None:
+    """Make the pool start a process."""

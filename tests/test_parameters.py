@@ -1,0 +1,91 @@
+"""Parameters: the box, its physical values, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sada_gym.parameters import Parameter, ParameterSpace, validate_mu
+
+
+@pytest.fixture
+def space() -> ParameterSpace:
+    return ParameterSpace(
+        Parameter("azimuth_deg", -180, 180, "deg"), Parameter("distance_m", 2, 6, "m")
+    )
+
+
+def test_a_space_knows_its_names_and_dimension(space: ParameterSpace) -> None:
+    assert len(space) == 2
+    assert space.names == ("azimuth_deg", "distance_m")
+
+
+def test_the_corners_and_the_middle_map_to_the_range(space: ParameterSpace) -> None:
+    physical = space.physical([[-1, -1], [0, 0], [1, 1]])
+    assert physical.dtype == np.float64
+    assert_array_equal(physical, [[-180, 2], [0, 4], [180, 6]])
+
+
+def test_normalised_inverts_physical(space: ParameterSpace) -> None:
+    mu = np.random.default_rng(0).uniform(-1, 1, (100, 2)).astype(np.float32)
+    back = space.normalised(space.physical(mu))
+    assert back.dtype == np.float32
+    assert_array_equal(back, mu)
+
+
+def test_normalised_takes_one_point(space: ParameterSpace) -> None:
+    assert_allclose(space.normalised([90, 3]), [0.5, -0.5])
+
+
+def test_describe_names_python_floats(space: ParameterSpace) -> None:
+    described = space.describe(np.zeros(2, dtype=np.float32))
+    assert described == {"azimuth_deg": 0.0, "distance_m": 4.0}
+    assert all(type(value) is float for value in described.values())
+
+
+def test_float64_is_rounded_before_it_is_mapped(space: ParameterSpace) -> None:
+    assert_array_equal(space.physical([0.1, 0.1]), space.physical(np.float32([0.1, 0.1])))
+
+
+def test_validate_gives_contiguous_float32(space: ParameterSpace) -> None:
+    mu = space.validate(np.asfortranarray(np.zeros((3, 2))))
+    assert mu.dtype == np.float32
+    assert mu.flags.c_contiguous
+
+
+def test_validate_takes_an_empty_batch_and_the_faces(space: ParameterSpace) -> None:
+    assert space.validate(np.zeros((0, 2))).shape == (0, 2)
+    assert_array_equal(space.validate([[-1, 1]]), [[-1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("mu", "message"),
+    [
+        ([0.0, 0.0], r"Expected mu of shape \(n, 2\), got \(2,\). Pass mu\[None\] for a single"),
+        ([[0.0]], r"Expected mu of shape \(n, 2\), got \(1, 1\)"),
+        (np.zeros((1, 1, 2)), r"Expected mu of shape \(n, 2\), got \(1, 1, 2\)"),
+        ([[0, 0], [0, np.nan]], r"within \[-1, 1\], got nan at row 1, column 1. Clip or rescale"),
+        ([[1.5, 0]], r"within \[-1, 1\], got 1.5 at row 0, column 0"),
+        ([[0, -np.inf]], r"within \[-1, 1\], got -inf at row 0, column 1"),
+    ],
+)
+def test_a_bad_mu_is_refused(mu: np.typing.ArrayLike, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        validate_mu(mu, 2)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1, 1), (2, 1), (np.nan, 1), (0, np.inf)])
+def test_an_empty_range_is_refused(low: float, high: float) -> None:
+    with pytest.raises(ValueError, match="Expected finite low < high for parameter 'a'"):
+        Parameter("a", low, high)
+
+
+def test_a_space_without_parameters_is_refused() -> None:
+    with pytest.raises(ValueError, match="Expected at least one Parameter, got none"):
+        ParameterSpace()
+
+
+def test_doubled_names_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"Expected distinct parameter names, got \['a', 'a'\]"):
+        ParameterSpace(Parameter("a", 0, 1), Parameter("a", 0, 2))
