@@ -12,7 +12,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 attack: $(VENV)/.installed  ## attack the shipped detector with BBGAN
-	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 5000 --seed 0 --workers 2 --out $(OUT) --resume
+	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
 
 test: $(VENV)/.installed  ## the fast tests
 	$(BIN)/pytest -m 'not slow'
@@ -29,7 +29,7 @@ docs: $(VENV)/.installed  ## the documentation, warnings as errors
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
 
 bench: $(VENV)/.installed  ## speed, as ratios within one run
-	$(BIN)/pytest benchmarks --benchmark-only
+	$(BIN)/pytest benchmarks -s
 
 clean:  ## the environment and what was built
 	rm -rf $(VENV) build docs/_build

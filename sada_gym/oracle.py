@@ -67,11 +67,7 @@ def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[
         `count` ints in [0, 2**31).
     """
     low = _STREAMS.index(stream)
-    return [
-        int.from_bytes(hashlib.blake2b(f"{seed}:{i}".encode(), digest_size=4).digest()) >> 3 << 2
-        | low
-        for i in range(start, start + count)
-    ]
+    return [_hash29(f"{seed}:{i}") << 2 | low for i in range(start, start + count)]
 
 
 def _hash29(text: str) -> int:

@@ -35,6 +35,8 @@ _PACKAGES = (
     "highway-env",
     "pymunk",
     "trimesh",
+    "numba",
+    "pillow",
 )
 
 

@@ -25,7 +25,7 @@ class Given(Application):
         self.score = np.asarray(score)
         self.extras = [{}] * len(self.score) if extras is None else extras
 
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:  # noqa: ARG002
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         return Scored(self.score, self.extras)
 
 
@@ -96,7 +96,7 @@ def test_an_application_without_pictures_says_so() -> None:
 
 def test_replay_of_a_single_frame_episode_is_its_picture_and_score() -> None:
     class Drawn(Given):
-        def render(self, mu: Any, seed: int) -> Any:  # noqa: ARG002
+        def render(self, mu: Any, seed: int) -> Any:
             return np.full((2, 2, 3), seed, dtype=np.uint8)
 
     frames, score = Drawn([0.5]).replay(np.zeros(1), 7)

@@ -112,12 +112,12 @@ class Unsettled(Plain):
 
 
 class Smudged(Plain):
-    def render(self, mu: Mu, seed: int) -> Any:  # noqa: ARG002
+    def render(self, mu: Mu, seed: int) -> Any:
         return np.zeros((4, 4), dtype=np.uint8)
 
 
 class Crashing(Plain):
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:  # noqa: ARG002
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         raise KeyError("wheel")
 
 

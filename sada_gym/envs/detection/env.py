@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
 
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.detection.application import DetectionApplication
+from sada_gym.envs.detection.application import DetectionApplication, DetectorLike
 
 
 class DetectionEnv(AdversaryEnv):
@@ -69,11 +70,24 @@ class DetectionEnv(AdversaryEnv):
         self,
         object_class: str = "car",
         *,
+        agent: str | Path | DetectorLike = "photographer",
+        labels: Mapping[str, int] | None = None,
+        agent_id: str | None = None,
+        shapes: str | Path | None = None,
+        skip_unreadable: bool = False,
+        image_size: int = 128,
         horizon: int = 1,
         render_mode: str | None = None,
-        **keywords: Any,
     ) -> None:
-        application = DetectionApplication(object_class, **keywords)
+        application = DetectionApplication(
+            object_class,
+            agent=agent,
+            labels=labels,
+            agent_id=agent_id,
+            shapes=shapes,
+            skip_unreadable=skip_unreadable,
+            image_size=image_size,
+        )
         super().__init__(application, horizon=horizon, render_mode=render_mode)
 
 
@@ -85,9 +99,22 @@ class DetectionVectorEnv(AdversaryVectorEnv):
         object_class: str = "car",
         *,
         num_envs: int = 1,
+        agent: str | Path | DetectorLike = "photographer",
+        labels: Mapping[str, int] | None = None,
+        agent_id: str | None = None,
+        shapes: str | Path | None = None,
+        skip_unreadable: bool = False,
+        image_size: int = 128,
         horizon: int = 1,
         render_mode: str | None = None,
-        **keywords: Any,
     ) -> None:
-        application = DetectionApplication(object_class, **keywords)
+        application = DetectionApplication(
+            object_class,
+            agent=agent,
+            labels=labels,
+            agent_id=agent_id,
+            shapes=shapes,
+            skip_unreadable=skip_unreadable,
+            image_size=image_size,
+        )
         super().__init__(application, num_envs=num_envs, horizon=horizon, render_mode=render_mode)

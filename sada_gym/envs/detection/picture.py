@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.envs.detection.scene import Rendering
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""
 
-TRUTH, HIT, OTHER = (255, 255, 255), (60, 220, 90), (255, 90, 70)
+TRUTH, HIT, OTHER = (255, 255, 255), (70, 230, 100), (255, 110, 90)
+FLOOR = 0.1
+"""Detections with a lower score are left out."""
 
 
 def annotate(
@@ -22,37 +24,37 @@ def annotate(
     detections: Mapping[str, npt.NDArray[Any]],
     names: Mapping[int, str],
     target: int,
-    floor: float = 0.1,
 ) -> npt.NDArray[np.uint8]:
-    """Draw the true box (white), the target's detections (green) and others (red).
+    """Draw the true box (white), the best detection of the class (green) and of others (red).
 
     Args:
         rendering: The frame and its ground truth.
         detections: `boxes` (N, 4), `labels` (N,), `scores` (N,), best first.
         names: Class names by label.
         target: The label that counts.
-        floor: Detections with a lower score are left out.
 
     Returns:
         (side, side, 3) uint8.
     """
     scale = -(-SIDE // len(rendering.image))
     side = scale * len(rendering.image)
-    picture = Image.fromarray(rendering.image).resize((side, side), Image.Resampling.NEAREST)
+    picture = Image.fromarray(rendering.image).resize((side, side), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(picture)
+    font = ImageFont.load_default(side // 18)
     if rendering.box is not None:
         draw.rectangle((scale * rendering.box).tolist(), outline=TRUTH)
-    shown = zip(detections["boxes"], detections["labels"], detections["scores"], strict=True)
-    for box, label, score in shown:
-        if score < floor:
-            continue
-        colour = HIT if label == target else OTHER
-        corners = np.clip(scale * box, 0, side - 1)
-        if (corners[2:] <= corners[:2]).any():
-            continue
-        draw.rectangle(corners.tolist(), outline=colour, width=2)
-        text = f"{names.get(int(label), f'label {label}')} {score:.2f}"
-        x, y = corners[0] + 4, max(0.0, corners[1] - 14)
-        draw.rectangle(draw.textbbox((x, y), text), fill=(0, 0, 0))
-        draw.text((x, y), text, fill=colour)
+    y = side // 64
+    for colour, chosen in (
+        (HIT, detections["labels"] == target),
+        (OTHER, detections["labels"] != target),
+    ):
+        chosen = np.flatnonzero(chosen & (detections["scores"] >= FLOOR))[:1]
+        for i in chosen:
+            x0, y0, x1, y1 = np.clip(scale * detections["boxes"][i], 0, side - 1).tolist()
+            if x0 < x1 and y0 < y1:
+                draw.rectangle((x0, y0, x1, y1), outline=colour, width=2)
+            label = int(detections["labels"][i])
+            text = f"{names.get(label, f'label {label}')} {detections['scores'][i]:.2f}"
+            draw.text((side // 64, y), text, fill=colour, font=font, stroke_width=2, stroke_fill=0)
+            y += side // 14
     return np.asarray(picture)

@@ -19,6 +19,9 @@ from sada_gym.envs.detection.backdrop import Triple, linear
 
 Array = npt.NDArray[Any]
 
+# divisions as NumPy does them: Python's check for zero costs a branch each
+_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
+
 SUPERSAMPLING = 2
 """Sub-pixels per pixel and axis on the object."""
 
@@ -135,12 +138,12 @@ def painted(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return materials
 
 
-@nb.njit(cache=True, inline="always")
+@_kernel
 def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@nb.njit(cache=True, inline="always")
+@_kernel
 def _blend(a: Triple, b: Triple, share: float) -> Triple:
     return (
         a[0] + share * (b[0] - a[0]),
@@ -149,14 +152,14 @@ def _blend(a: Triple, b: Triple, share: float) -> Triple:
     )
 
 
-@nb.njit(cache=True)
+@_kernel
 def _square(value: float, times: int) -> float:
     for _ in range(times):
         value *= value
     return value
 
 
-@nb.njit(cache=True)
+@_kernel
 def _ray(camera: Camera, x: float, y: float) -> Triple:
     """Direction through image-plane point (right, up), at distance 1 along the viewing axis."""
     return (
@@ -166,13 +169,13 @@ def _ray(camera: Camera, x: float, y: float) -> Triple:
     )
 
 
-@nb.njit(cache=True)
+@_kernel
 def _unit(a: Triple) -> Triple:
     scale = 1 / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
     return (a[0] * scale, a[1] * scale, a[2] * scale)
 
 
-@nb.njit(cache=True)
+@_kernel
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Share of the light that reaches a point: bilinear look-up in the light's depth view."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
@@ -194,12 +197,12 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     return lit
 
 
-@nb.njit(cache=True)
+@_kernel
 def _sky(height: float, place: Place) -> Triple:
     return _blend(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
 
 
-@nb.njit(cache=True)
+@_kernel
 def _noise(tile: Array, u: float, v: float) -> float:
     size = tile.shape[0]  # a power of two: & wraps
     fu, fv = math.floor(u), math.floor(v)
@@ -211,7 +214,7 @@ def _noise(tile: Array, u: float, v: float) -> float:
     return above * (1 - dv) + below * dv
 
 
-@nb.njit(cache=True)
+@_kernel
 def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
     """Pattern of the ground at (x, y); lines thinner than a pixel's footprint fade."""
     u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
@@ -240,7 +243,7 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
     return _blend(colour, place.joint, line)
 
 
-@nb.njit(cache=True)
+@_kernel
 def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float]:
     """Where a ray enters and leaves the slab low..high of one axis."""
     if abs(ray) < 1e-12:
@@ -249,7 +252,7 @@ def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float
     return (a, b) if a < b else (b, a)
 
 
-@nb.njit(cache=True)
+@_kernel
 def _building(
     eye: Triple, ray: Triple, reach: float, toward: Triple, place: Place
 ) -> tuple[float, Triple]:
@@ -288,7 +291,7 @@ def _building(
     )
 
 
-@nb.njit(cache=True)
+@_kernel
 def _ground(
     eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
 ) -> Triple:
@@ -316,7 +319,7 @@ def _ground(
     )
 
 
-@nb.njit(cache=True)
+@_kernel
 def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place) -> Triple:
     """Light along a ray that misses the object."""
     reach = FAR_AWAY
@@ -333,7 +336,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
     return _blend(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
 
 
-@nb.njit(cache=True)
+@_kernel
 def _normal(u: int, v: int) -> Triple:
     """Unit normal from its octahedral code of two bytes."""
     x, y = u / 127.5 - 1.0, v / 127.5 - 1.0
@@ -343,7 +346,7 @@ def _normal(u: int, v: int) -> Triple:
     return _unit((x, y, z))
 
 
-@nb.njit(cache=True)
+@_kernel
 def _surface(
     normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
 ) -> Triple:
@@ -387,14 +390,14 @@ def _surface(
     )
 
 
-@nb.njit(cache=True)
+@_kernel
 def _glare(toward: float) -> float:
     """Veil that the light lays over the picture when the camera looks towards it."""
     veil = _square(max(0.0, toward), 3)
     return 0.12 * veil + 0.3 * _square(veil, 5)
 
 
-@nb.njit(cache=True)
+@_kernel
 def _object(
     camera: Camera,
     x: float,
@@ -427,7 +430,7 @@ def _object(
     return (colour[0] + veil * SUN[0], colour[1] + veil * SUN[1], colour[2] + veil * SUN[2])
 
 
-@nb.njit(cache=True, nogil=True)
+@_kernel
 def compose(
     image: Array,
     coverage: Array,

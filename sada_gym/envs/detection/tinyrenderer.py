@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import os
 import sys
@@ -292,18 +291,16 @@ def _triple(vector: npt.NDArray[np.float64]) -> Triple:
 
 
 def _import_pybullet() -> Any:
-    """Import PyBullet without the line that it prints to standard output on loading."""
-    sys.stdout.flush()
+    """Import PyBullet without the line that it prints to standard error on loading."""
+    sys.stderr.flush()
     with open(os.devnull, "wb") as nowhere:
-        output = os.dup(1)
-        os.dup2(nowhere.fileno(), 1)
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
         try:
             import pybullet
-
-            ctypes.CDLL(None).fflush(None)  # the line waits in C's buffer
         finally:
-            os.dup2(output, 1)
-            os.close(output)
+            os.dup2(kept, 2)
+            os.close(kept)
     return pybullet
 
 

@@ -1,0 +1,99 @@
+"""The adversaries by name. Importing this loads none of them, and no torch."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from dataclasses import dataclass, fields
+from typing import Any
+
+from sada_gym.adversaries.base import Adversary, Query
+
+__all__ = ["Adversary", "Description", "Query", "describe", "make", "names"]
+
+_TABLE: dict[str, str] = {
+    "random": "sada_gym.adversaries.random:Random",
+    "bbgan": "sada_gym.adversaries.bbgan:BBGAN",
+    "bbgan-boost": "sada_gym.adversaries.bbgan_boost:BoostedBBGAN",
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """A row of the table of adversaries.
+
+    Attributes:
+        name: As on the command line.
+        summary: One sentence.
+        presets: The named sets of options.
+        options: The options and their defaults.
+    """
+
+    name: str
+    summary: str
+    presets: tuple[str, ...]
+    options: dict[str, Any]
+
+
+def names() -> list[str]:
+    """List the adversaries' names."""
+    return list(_TABLE)
+
+
+def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) -> Adversary:
+    """Make an adversary by its name.
+
+    Args:
+        name: One of `names()`.
+        dimension: d, the number of semantic parameters.
+        seed: Fixes all randomness; None draws one.
+        options: The adversary's own, `preset` among them where it has presets.
+
+    Raises:
+        ValueError: If the name, an option or its value is unknown or bad.
+    """
+    kind = _class(name)
+    refuse_unknown(f"option of {name}", options, list(_options(kind)))
+    return kind(dimension, seed=seed, **options)
+
+
+def describe() -> list[Description]:
+    """Describe every adversary. It loads them all, torch included."""
+    rows = []
+    for name in _TABLE:
+        kind = _class(name)
+        summary = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+        rows.append(Description(name, summary, tuple(getattr(kind, "presets", ())), _options(kind)))
+    return rows
+
+
+def refuse_unknown(what: str, given: Any, known: list[str]) -> None:
+    """Raise ValueError for the first of the given names that is not known, with close matches."""
+    for name in given:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=3)
+            hint = f" Did you mean {' or '.join(close)}?" if close else ""
+            listed = f"one of {', '.join(known)}" if known else "none"
+            raise ValueError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
+
+
+def _class(name: str) -> type[Adversary]:
+    refuse_unknown("adversary", [name], names())
+    module, _, attribute = _TABLE[name].partition(":")
+    kind: type[Adversary] = getattr(importlib.import_module(module), attribute)
+    return kind
+
+
+def _options(kind: type[Adversary]) -> dict[str, Any]:
+    """Give an adversary's options and their defaults: keywords, and the fields of its presets."""
+    options = {
+        p.name: p.default
+        for p in inspect.signature(kind).parameters.values()
+        if p.kind is p.KEYWORD_ONLY and p.name != "seed"
+    }
+    presets = getattr(kind, "presets", {})
+    if presets:
+        default = presets["default"]
+        options |= {field.name: getattr(default, field.name) for field in fields(default)}
+    return options

@@ -1,0 +1,94 @@
+"""Omega, the evaluated pool of mu, and the inducer that picks the induced set S out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.adversaries.base import Query
+
+FALLBACK_SIZE = 100
+"""Size of S where no point fools: the paper's s."""
+
+
+@dataclass(frozen=True)
+class Omega:
+    """Evaluated points.
+
+    Attributes:
+        mu: (n, d) float32 in [-1, 1].
+        score: (n,) float64, Q of each.
+    """
+
+    mu: npt.NDArray[np.float32]
+    score: npt.NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.score)
+
+    def __add__(self, other: Omega) -> Omega:
+        """Join two pools."""
+        return Omega(np.concatenate([self.mu, other.mu]), np.concatenate([self.score, other.score]))
+
+
+@dataclass(frozen=True)
+class Induced:
+    """The induced set S and the rest of Omega.
+
+    Attributes:
+        chosen: (s, d), the virtual samples from the fooling distribution.
+        rest: (n, d), the points of Omega that do not fool.
+        fallback: True where no point fooled, and S holds the lowest scores instead.
+    """
+
+    chosen: npt.NDArray[np.float32]
+    rest: npt.NDArray[np.float32]
+    fallback: bool
+
+
+def evaluate(mu: npt.NDArray[np.float32], oracle: Query) -> Omega:
+    """Query the oracle about mu, (n, d).
+
+    Raises:
+        ValueError: If a score is not finite.
+    """
+    score = np.asarray(oracle(mu), dtype=np.float64)
+    if score.shape != (len(mu),) or not np.isfinite(score).all():
+        raise ValueError(
+            f"Expected {len(mu)} finite scores, got shape {score.shape} with "
+            f"{int((~np.isfinite(score)).sum())} NaN or infinite. Mend the score function."
+        )
+    return Omega(mu, score)
+
+
+def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Generator) -> Omega:
+    """Query the oracle about n uniform mu (Omega_0 in the paper).
+
+    Raises:
+        ValueError: If n is below 1, or a score is not finite.
+    """
+    if n < 1:
+        raise ValueError(f"Expected a budget of at least 1 query to learn from, got {n}.")
+    return evaluate(rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32), oracle)
+
+
+def induce(
+    omega: Omega, threshold: float, rng: np.random.Generator, *, size: int | None = None
+) -> Induced:
+    """Pick the lowest-scoring points of Omega with Q <= threshold (the paper's inducer).
+
+    Args:
+        omega: The evaluated pool.
+        threshold: The fooling threshold epsilon.
+        rng: Breaks the ties among equal scores.
+        size: s, the most points to pick; None picks all that fool.
+    """
+    shuffled = rng.permutation(len(omega))
+    order = shuffled[np.argsort(omega.score[shuffled], kind="stable")]
+    fooling = int((omega.score <= threshold).sum())
+    count = fooling or min(size or FALLBACK_SIZE, len(omega))
+    chosen = order[: min(size or count, count)]
+    return Induced(omega.mu[chosen], omega.mu[order[count:]], fallback=fooling == 0)

@@ -1,0 +1,221 @@
+"""The detection application: score, purity, a user's own detector and CAD files, bad input."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+import sada_gym  # noqa: F401
+from sada_gym.envs.detection import DetectionApplication
+from sada_gym.envs.detection.application import TILE
+from sada_gym.envs.detection.shapes import CLASSES
+from sada_gym.oracle import Oracle
+from sada_gym.purity import assert_pure
+
+CAR = DetectionApplication("car")
+RNG = np.random.default_rng(0)
+MU = RNG.uniform(-1, 1, (12, 8)).astype(np.float32)
+SEEDS = RNG.integers(2**31, size=12).tolist()
+
+
+def detections(boxes, labels, scores):
+    return {
+        "boxes": torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4),
+        "labels": torch.tensor(labels, dtype=torch.int64),
+        "scores": torch.tensor(scores, dtype=torch.float32),
+    }
+
+
+class Constant(torch.nn.Module):
+    """A user's detector: says the same of every image and keeps what it was shown."""
+
+    def __init__(self, *answer):
+        super().__init__()
+        self.answer, self.shown = answer, []
+
+    def forward(self, images):
+        self.shown.append([image.clone() for image in images])
+        return [detections(*self.answer) for _ in images]
+
+
+def test_score_is_the_highest_confidence_in_the_class():
+    answer = ([[0, 0, 9, 9]] * 4, [3, 7, 7, 3], [0.2, 0.9, 0.8, 0.5])
+    model = Constant(*answer)
+    for label, score, fooled in ((3, 0.5, False), (7, 0.9, False), (4, 0.0, True)):
+        application = DetectionApplication("car", agent=model, labels={"car": label})
+        outcomes = application.evaluate(MU[:1], SEEDS[:1])
+        assert outcomes.score[0] == np.float32(score)
+        assert outcomes.fooled[0] == fooled
+
+
+def test_torchvisions_convention_is_kept_towards_the_detector():
+    model = Constant([], [], [])
+    DetectionApplication("car", agent=model, labels={"car": 3}).evaluate(MU[:3], SEEDS[:3])
+    (images,) = model.shown
+    assert len(images) == TILE
+    assert all(image.shape == (3, 128, 128) and image.dtype == torch.float32 for image in images)
+    assert all(image.min() >= 0 and image.max() <= 1 for image in images)
+    assert images[0].max() > 0.2
+    assert images[3].max() == 0  # padding
+
+
+def test_info():
+    (info,) = CAR.evaluate(MU[:1], SEEDS[:1]).infos
+    assert info["shape"].startswith("car/")
+    x0, y0, x1, y1 = info["box"]
+    assert 0 <= x0 < x1 <= 128
+    assert 0 <= y0 < y1 <= 128
+    assert set(info["parameters"]) == set(CAR.parameters.names)
+    json.dumps(info["detections"])
+    best = [d["score"] for d in info["detections"] if d["label"] == CAR.label]
+    assert info["score"] == max(best, default=0.0)
+
+
+def test_pure_alone_batched_permuted():
+    assert_pure(CAR, n=70, seed=0)
+
+
+def test_the_number_of_threads_does_not_matter():
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        one = CAR.evaluate(MU, SEEDS).score
+        torch.set_num_threads(2)
+        np.testing.assert_array_equal(CAR.evaluate(MU, SEEDS).score, one)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def test_one_and_two_workers_agree():
+    scores = []
+    for workers in (1, 2):
+        with Oracle("SADA-Detection-Car-v0", budget=40, seed=3, workers=workers) as oracle:
+            scores.append(oracle(np.random.default_rng(1).uniform(-1, 1, (40, 8))))
+    np.testing.assert_array_equal(*scores)
+
+
+def test_the_seed_picks_shape_and_place():
+    names = {info["shape"] for info in CAR.evaluate(np.zeros((40, 8)), range(40)).infos}
+    assert len(names) == 9
+
+
+def test_every_parameter_changes_the_score():
+    base = np.repeat(MU[:1], 24, axis=0)
+    before = CAR.evaluate(base, range(24)).score
+    for i in range(8):
+        moved = base.copy()
+        moved[:, i] = -moved[:, i] if abs(moved[0, i]) > 0.3 else 0.9
+        assert (CAR.evaluate(moved, range(24)).score != before).mean() > 0.5, i
+
+
+def test_colour_range_and_pitch_reach_their_ends():
+    ends = CAR.parameters.physical(np.array([-np.ones(8), np.ones(8)]))
+    np.testing.assert_allclose(ends[0], [8, -180, 0, -180, 3, 0, 0, 0])
+    np.testing.assert_allclose(ends[1], [14.5, 180, 51.6, 180, 90, 1, 1, 1])
+
+
+def test_picture():
+    env = gym.make("SADA-Detection-Boat-v0", render_mode="rgb_array")
+    env.reset(seed=4)
+    before = env.render()
+    _, _, _, _, info = env.step(MU[0])
+    frame = env.render()
+    assert frame.shape == before.shape == (384, 384, 3)
+    assert (frame != before).any()
+    frames, score = env.unwrapped.replay(MU[0], info["seed"])
+    assert score == info["score"]
+    np.testing.assert_array_equal(frames[0], frame)
+
+
+def test_image_size():
+    application = DetectionApplication("bus", image_size=192)
+    (info,) = application.evaluate(MU[:1], SEEDS[:1]).infos
+    assert info["box"][2] > 60
+    assert application.settings != DetectionApplication("bus").settings
+
+
+@pytest.fixture
+def cad_folder(tmp_path):
+    for name, size in (("car", (4, 1.8, 1.5)), ("lamp", (0.3, 0.3, 2))):
+        (tmp_path / name).mkdir()
+        trimesh.creation.box(size).export(tmp_path / name / "one.obj")
+    (tmp_path / "shapes.json").write_text('{"up": "+z", "front": "+x"}')
+    return tmp_path
+
+
+def test_a_users_cad_files(cad_folder):
+    application = DetectionApplication("car", shapes=cad_folder)
+    (info,) = application.evaluate(MU[:1], SEEDS[:1]).infos
+    assert info["shape"] == "car/one.obj"
+    assert application.fingerprint != CAR.fingerprint
+    model = Constant([[0, 0, 9, 9]], [1], [0.7])
+    lamp = DetectionApplication("lamp", shapes=cad_folder, agent=model, labels={"lamp": 1})
+    assert lamp.evaluate(MU[:1], SEEDS[:1]).score[0] == np.float32(0.7)
+
+
+def test_a_broken_cad_file_is_named_and_left_out_only_on_request(cad_folder):
+    (cad_folder / "car" / "broken.obj").write_text("v 0 0 0\n")
+    with pytest.raises(ValueError, match=r"broken\.obj"):
+        DetectionApplication("car", shapes=cad_folder)
+    with pytest.warns(UserWarning, match=r"broken\.obj"):
+        application = DetectionApplication("car", shapes=cad_folder, skip_unreadable=True)
+    assert [shape.name for shape in application.shapes] == ["car/one.obj"]
+
+
+def test_fingerprints():
+    assert CAR.fingerprint == DetectionApplication("bus").fingerprint
+    assert CAR.fingerprint != DetectionApplication("car", agent="surveyor").fingerprint
+    labels = {"car": 1}
+    function = DetectionApplication("car", agent=Constant([], [], []).forward, labels=labels)
+    assert function.fingerprint is None
+    named = DetectionApplication("car", agent=len, labels=labels, agent_id="mine-1")
+    assert named.fingerprint is not None
+
+
+def test_unknown_classes_and_labels_are_refused(cad_folder):
+    with pytest.raises(ValueError, match=r"one of aeroplane.*got 'cat'.*shapes=PATH"):
+        DetectionApplication("cat")
+    with pytest.raises(ValueError, match=r"label of 'car'.*none.*labels="):
+        DetectionApplication("car", agent=Constant([], [], []))
+    with pytest.raises(ValueError, match=r"folder 'bus'.*car, lamp"):
+        DetectionApplication("bus", shapes=cad_folder)
+    with pytest.raises(ValueError, match=r"image_size of at least 32.*16"):
+        DetectionApplication("car", image_size=16)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda images: [], f"Expected {TILE} dictionaries from the detector, got 0"),
+        (lambda images: [{"boxes": 1}] * len(images), "labels, scores from the detector"),
+        (
+            lambda images: [detections([[0, 0, 9, 9]], [1, 2], [0.1, 0.2])] * len(images),
+            r"boxes \(N, 4\).*from the detector, got\s+\(1, 4\)",
+        ),
+        (
+            lambda images: [detections([[0, 0, 9, 9]], [1], [float("nan")])] * len(images),
+            r"scores in \[0, 1\] from the detector",
+        ),
+        (
+            lambda images: [detections([[0, 0, 9, 9]], [1], [7.0])] * len(images),
+            r"scores in \[0, 1\] from the detector",
+        ),
+    ],
+)
+def test_a_detector_that_breaks_the_convention_is_named(answer, message):
+    application = DetectionApplication("car", agent=answer, labels={"car": 1})
+    with pytest.raises(ValueError, match=message):
+        application.evaluate(MU[:1], SEEDS[:1])
+
+
+GOLDEN = {}
+"""Class: scores of the first three rows of MU with SEEDS; guards against silent change."""
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_golden_scores(name):
+    scores = DetectionApplication(name).evaluate(MU[:3], SEEDS[:3]).score
+    np.testing.assert_allclose(scores, GOLDEN[name], atol=2e-3)
