@@ -69,6 +69,17 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return low, high
 
 
+def lead_interval(ours: FoolingRate, theirs: FoolingRate) -> tuple[float, float]:
+    """Give the 95 % interval of the difference of two independent rates, ours minus theirs.
+
+    Newcombe 1998, method 10: built from the two Wilson intervals.
+    """
+    lead = ours.rate - theirs.rate
+    below = math.hypot(ours.rate - ours.low, theirs.high - theirs.rate)
+    above = math.hypot(ours.high - ours.rate, theirs.rate - theirs.low)
+    return lead - below, lead + above
+
+
 def mu_std(mu: npt.ArrayLike) -> float:
     """Measure the samples' spread: the mean over dimensions of their standard deviation.
 

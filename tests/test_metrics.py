@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from sada_gym.metrics import attack_fooling_rate, mu_std, nearest_neighbours, wilson_interval
+from sada_gym.metrics import (
+    attack_fooling_rate,
+    lead_interval,
+    mu_std,
+    nearest_neighbours,
+    wilson_interval,
+)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +36,13 @@ def test_fooling_rate_counts_the_threshold_itself():
 def test_fooling_rate_refuses(scores):
     with pytest.raises(ValueError, match="Expected scores"):
         attack_fooling_rate(scores, 0.3)
+
+
+def test_lead_interval_of_newcombes_example():
+    """Newcombe 1998, table II, case a, method 10: 56 of 70 against 48 of 80."""
+    ours = attack_fooling_rate([0.0] * 56 + [1.0] * 14, 0.3)
+    theirs = attack_fooling_rate([0.0] * 48 + [1.0] * 32, 0.3)
+    assert lead_interval(ours, theirs) == pytest.approx((0.0524, 0.3339), abs=5e-5)
 
 
 def test_mu_std():
