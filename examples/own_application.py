@@ -93,7 +93,8 @@ def main() -> None:
     mu = adversary.sample(100)
     with Oracle("Balancing-v0", budget=100, seed=0, stream="test") as test:
         print(f"attack fooling rate: {attack_fooling_rate(test(mu), test.threshold)}")
-    print("a typical fooling world:", Balancing.parameters.describe(np.median(mu, axis=0)))
+    for name, value in Balancing.parameters.describe(np.median(mu, axis=0)).items():
+        print(f"{name}: median {value:.2f}")
 
 
 if __name__ == "__main__":

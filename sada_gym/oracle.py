@@ -156,7 +156,7 @@ class Oracle:
 
     @property
     def threshold(self) -> float:
-        """The fooling threshold: the agent is fooled where Q <= threshold."""
+        """The fooling threshold; the agent is fooled where Q <= threshold."""
         return self._evaluator.threshold
 
     @property

@@ -21,7 +21,7 @@ class Query(Protocol):
 
     @property
     def threshold(self) -> float:
-        """The fooling threshold: the agent is fooled where Q <= threshold."""
+        """The fooling threshold; the agent is fooled where Q <= threshold."""
         ...
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:

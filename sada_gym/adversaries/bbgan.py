@@ -79,7 +79,10 @@ def train_gan(
             optimiser_d.step()
 
         for _ in range(o.generator_updates):
-            loss_g = softplus(-d(g(o.batch, generator), generator)).mean()  # non-saturating
+            fake, shift = g.draw(o.batch, generator)
+            loss_g = softplus(-d(fake, generator)).mean()  # non-saturating
+            if o.tether:
+                loss_g = loss_g + o.tether * shift.square().sum(dim=1).mean()
             optimiser_g.zero_grad()
             torch.autograd.backward(loss_g)
             optimiser_g.step()

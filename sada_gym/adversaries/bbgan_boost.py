@@ -32,7 +32,7 @@ class BoostOptions(BBGANOptions):
 class BoostedBBGAN(BBGAN):
     """BBGANs in stages, each trained afresh on all points so far, the last one's samples too.
 
-    The budget B is split into N uniform points and K stages of about share * N samples; none is left.
+    All of the budget is spent: N uniform points, and K stages of about share * N samples.
     Samples that failed to fool join the rest of Omega: a region has to confirm itself.
 
     Args:

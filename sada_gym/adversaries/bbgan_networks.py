@@ -73,13 +73,19 @@ class Generator(nn.Module):
 
     def forward(self, n: int, generator: torch.Generator) -> Tensor:
         """Draw n samples: (n, d)."""
+        mu, _ = self.draw(n, generator)
+        return mu
+
+    def draw(self, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Draw n samples, and say how far each was moved: both (n, d)."""
         z = torch.randn(n, self.options.latent, generator=generator)
         if self.options.transport:
             start = 2.0 * torch.rand(n, self.dimension, generator=generator) - 1.0
-            mu = start + self.net(torch.cat([self.features(start), z], dim=1), 0.0, None)
+            shift = self.net(torch.cat([self.features(start), z], dim=1), 0.0, None)
         else:
-            mu = self.net(z, 0.0, None)
-        return fold(mu) if self.options.fold else torch.tanh(mu)
+            start, shift = torch.zeros(()), self.net(z, 0.0, None)
+        mu = start + shift
+        return (fold(mu) if self.options.fold else torch.tanh(mu)), shift
 
 
 class Discriminator(nn.Module):

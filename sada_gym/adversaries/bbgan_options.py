@@ -34,6 +34,8 @@ class BBGANOptions:
         induced_size: s, the most points of the induced set; 0 for all that fool.
         rest: How much the points of Omega that do not fool count against the induced set as further
             fakes: at most this, at most their number over that of S; 0 for not at all.
+        tether: Price of moving a uniform point, times the squared distance: a point that starts in
+            a fooling region stays, and none of the regions is left. Needs `transport`.
         average: Decay of the running average of both networks' weights; 0 for the last weights.
         acceptance: The share of samples that the discriminator may refuse: a sample is kept with
             probability min(1, r / r_a), r its odds of being real, r_a their quantile at this share.
@@ -48,17 +50,18 @@ class BBGANOptions:
     frequency: float = 4.0
     initial_sd: float = 0.0
     steps: int = 600
-    batch: int = 256
+    batch: int = 128
     discriminator_updates: int = 1
     generator_updates: int = 1
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     decay: bool = True
     beta1: float = 0.5
     beta2: float = 0.99
     dropout: float = 0.3
     induced_size: int = 0
-    rest: float = 2.0
+    rest: float = 3.0
     average: float = 0.99
+    tether: float = 0.3
     acceptance: float = 0.9
 
     def __post_init__(self) -> None:
@@ -95,6 +98,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "induced_size": (0, 10**9),
     "rest": (0.0, 1e6),
     "average": (0.0, 0.99999),
+    "tether": (0.0, 1e3),
     "acceptance": (0.0, 0.99),
     "stages": (0, 100),
     "share": (0.001, 10.0),
@@ -121,9 +125,13 @@ PAPER: dict[str, Any] = {
     "induced_size": 100,
     "rest": 0.0,
     "average": 0.0,
+    "tether": 0.0,
     "acceptance": 0.0,
 }
 """The paper's setting, where the paper is silent the authors' code's."""
+
+
+_NAMES = {int: "an int", float: "a float", bool: "true or false"}
 
 
 def _check(name: str, value: Any, default: Any, low: float | None, high: float | None) -> None:
@@ -134,7 +142,7 @@ def _check(name: str, value: Any, default: Any, low: float | None, high: float |
     if fits and low is not None and high is not None:
         fits = all(math.isfinite(v) and low <= v <= high for v in values)
     if not fits:
-        what = f"a list of {kind.__name__}s" if many else f"a {kind.__name__}"
+        what = f"a list of {kind.__name__}s" if many else _NAMES[kind]
         between = "" if low is None else f" from {low:g} to {high:g}"
         raise ValueError(
             f"Expected {name} to be {what}{between}, such as {default}; got {value!r}."

@@ -1,0 +1,163 @@
+"""The documentation says what is so: its examples and code blocks run, what it names exists."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+import typer
+
+from sada_gym import adversaries, agents
+from sada_gym.cli import app
+from sada_gym.envs.detection.shapes import CLASSES, styles
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+NOT_RUN = "<!-- not run:"
+
+everywhere = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def run(*command: str | Path, folder: Path) -> str:
+    """Run Python as a reader would, with one thread a process."""
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'examples'}"}
+    environment |= {"OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "error::DeprecationWarning:__main__"}
+    done = subprocess.run(
+        [sys.executable, *map(str, command)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def blocks(page: Path, language: str) -> Iterator[str]:
+    """Give a page's code blocks of a language, less those marked as not run."""
+    text = page.read_text(encoding="utf-8")
+    for found in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        before = text[: found.start()].rstrip().rpartition("\n")[2]
+        if not (language == "python" and before.startswith(NOT_RUN)):
+            yield found.group(1)
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """Give the commands in a page's shell blocks as words, without comments and variables."""
+    for line in "".join(blocks(page, "bash")).splitlines():
+        words = shlex.split(line, comments=True)
+        while words and re.fullmatch(r"[A-Z_]+=.*", words[0]):
+            words.pop(0)
+        if words:
+            yield words
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if any(blocks(page, "python"))], ids=lambda page: page.stem
+)
+def test_code_blocks_run(page: Path, tmp_path: Path) -> None:
+    """All blocks of a page in order, as one script in an empty folder."""
+    (tmp_path / "page.py").write_text("\n".join(blocks(page, "python")), encoding="utf-8")
+    run("page.py", folder=tmp_path)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_run(example: Path, tmp_path: Path) -> None:
+    if example.stem.startswith("test_"):
+        run("-m", "pytest", "-q", "-p", "no:cacheprovider", example, folder=tmp_path)
+    else:
+        assert "fool" in run(example, folder=tmp_path) or "before" in example.read_text()
+
+
+def test_the_example_application_keeps_the_contract(tmp_path: Path) -> None:
+    run("-m", "sada_gym", "check", ROOT / "examples" / "own_application.py", folder=tmp_path)
+
+
+def test_the_example_application_is_attacked_by_its_id(tmp_path: Path) -> None:
+    command = "attack own_application:Balancing-v0 --adversary random --samples 20 --workers 2"
+    run("-m", "sada_gym", *command.split(), folder=tmp_path)
+    assert list(tmp_path.rglob("result.json"))
+
+
+@everywhere
+def test_ids_exist(page: Path) -> None:
+    named = set(re.findall(r"SADA-\w+(?:-\w+)*-v\d+", page.read_text(encoding="utf-8")))
+    assert named <= set(gym.registry)
+
+
+@everywhere
+def test_commands_parse(page: Path) -> None:
+    """Their options exist, and the adversaries, agents and files that they name."""
+    for program, *words in commands(page):
+        if program == "sada-gym":
+            _parse(words)
+        elif program in ("python", "pytest") and words[0].endswith(".py"):
+            assert (ROOT / words[0]).is_file()
+        elif program == "python":
+            assert importlib.util.find_spec(words[1]) is not None
+
+
+def _parse(words: list[str]) -> None:
+    group: Any = typer.main.get_command(app)
+    with group.make_context("sada-gym", words) as context:
+        name, command, rest = group.resolve_command(context, words)
+        with command.make_context(name, rest, parent=context) as inner:
+            given = inner.params
+    assert given.get("adversary", "random") in adversaries.names()
+    if given.get("agent") is not None:
+        assert given["agent"] in agents.names()
+    if given.get("subject", "").endswith(".py"):
+        assert (ROOT / given["subject"]).is_file()
+
+
+@everywhere
+def test_inline_commands_and_make_targets_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    group: Any = typer.main.get_command(app)
+    assert set(re.findall(r"`sada-gym ([a-z]+)", text)) <= set(group.commands)
+    targets = set(re.findall(r"^([a-z-]+):", _read("Makefile"), re.MULTILINE))
+    named = set(re.findall(r"`make ([a-z-]+)", text))
+    named |= {words[1] for words in commands(page) if words[0] == "make"}
+    assert named <= targets
+
+
+@everywhere
+def test_linked_files_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", text):
+        assert (page.parent / target).exists(), target
+    for target in re.findall(r"^```{(?:include|literalinclude)} (.+)$", text, re.MULTILINE):
+        assert (page.parent / target).exists(), target
+    for target in re.findall(r"`(examples/[\w.]+|sada_gym/[\w./]+)`", text):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_readme_knows_what_make_attack_does() -> None:
+    command = re.search(r"attack (\S+) --adversary bbgan --budget (\d+)", _read("Makefile"))
+    assert command is not None
+    assert command[1] == "SADA-Detection-Car-v0"
+    assert f"{int(command[2]):,} worlds" in _read("README.md")
+
+
+def _read(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_every_adversary_class_and_style_is_documented() -> None:
+    detection = _read("docs/environments/detection.md")
+    for name in CLASSES:
+        assert f"| {name} | {', '.join(styles(name))} |" in detection
+    page = _read("docs/adversaries.md")
+    assert all(f"`{name}`" in page for name in adversaries.names())
