@@ -64,6 +64,7 @@ class Application(ABC):
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         parameters: What mu controls.
         agent: The agent under test; None where it is part of the world.
+        agent_name: What reports call it.
     """
 
     name: ClassVar[str]
@@ -72,6 +73,7 @@ class Application(ABC):
     sample_size: int
     parameters: ParameterSpace
     agent: Any = None
+    agent_name: str = ""
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def attack(
     *,
     out: str | Path,
     env_kwargs: Mapping[str, Any] | None = None,
-    budget: int = 20_000,
+    budget: int = 2_000,
     samples: int | None = None,
     seed: int = 0,
     preset: str | None = None,
@@ -173,7 +173,7 @@ def _run(
     test(mu)
 
     samples, queries = test.record, oracle.record
-    report = _report(settings, oracle.threshold, samples, queries)
+    report = _report(settings, oracle.threshold, samples, queries, tuple(adversary.flags))
     write_samples(folder / SAMPLES_FILE, samples)
     write_model(folder / RESULT_FILE, report)
 
@@ -228,6 +228,7 @@ def _settings(
         application=context.name,
         version=context.version,
         application_settings=json.loads(context.settings),
+        agent=application.agent_name,
         fingerprint=context.fingerprint,
         adversary=adversary if isinstance(adversary, str) else adversary.name,
         preset=preset,
@@ -235,11 +236,16 @@ def _settings(
         budget=budget,
         samples=count,
         seed=seed,
+        packages=packages(),
     )
 
 
 def _report(
-    settings: AttackSettings, threshold: float, samples: Evaluations, queries: Evaluations
+    settings: AttackSettings,
+    threshold: float,
+    samples: Evaluations,
+    queries: Evaluations,
+    flags: tuple[str, ...],
 ) -> AttackReport:
     rate = attack_fooling_rate(samples.score, threshold)
     fooling = queries.score <= threshold
@@ -265,7 +271,7 @@ def _report(
             "training_stream": "train",
             "test_stream": "test",
         },
-        packages=packages(),
+        flags=flags,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -168,9 +168,11 @@ class Evaluator:
         """Hand all chunks out and settle each as it comes back."""
         unsettled: dict[Future[npt.NDArray[np.float64]], _Chunk] = {}
         try:
-            executor = self._workers()
+            executor = self._workers(task)
+            # a foreign executor's processes know nothing: there the task carries its payload
+            sent = task if self._executor is not None else replace(task, payload=None)
             for chunk in chunks:
-                unsettled[executor.submit(task, chunk.mu, chunk.seeds)] = chunk
+                unsettled[executor.submit(sent, chunk.mu, chunk.seeds)] = chunk
             for future in as_completed(list(unsettled)):
                 settle(unsettled[future], future.result())
                 del unsettled[future]
@@ -185,12 +187,12 @@ class Evaluator:
                 if not future.cancel() and future.done() and future.exception() is None:
                     settle(chunk, future.result())
 
-    def _workers(self) -> Executor:
+    def _workers(self, task: Task) -> Executor:
         """Give the executor; our own processes start when the first chunk needs them."""
         if self._executor is not None:
             return self._executor
         if self._pool is None:
-            self._pool = WorkerPool(self.workers)
+            self._pool = WorkerPool(self.workers, task)
         return self._pool.executor
 
     def close(self, *, now: bool = False) -> None:

@@ -45,26 +45,29 @@ class _Strict(BaseModel):
 
 
 class AttackSettings(_Strict):
-    """All that decides an attack's result, besides the versions of the packages.
+    """All that decides an attack's result.
 
     Attributes:
         environment: The environment's id.
         application: The application's name.
         version: Its version.
         application_settings: Its resolved keywords.
-        fingerprint: SHA-256 of the agent under test.
+        agent: What the agent under test is called.
+        fingerprint: Its SHA-256.
         adversary: The adversary's name.
         preset: The named set of options it starts from, if any.
         options: The adversary's options.
         budget: Number of training queries.
         samples: Number of test samples (M in the paper).
         seed: Seed of the adversary and of the evaluation seeds.
+        packages: Versions of what takes part: a run is not resumed with others.
     """
 
     environment: str
     application: str
     version: int
     application_settings: dict[str, Any]
+    agent: str
     fingerprint: str
     adversary: str
     preset: str | None
@@ -72,6 +75,7 @@ class AttackSettings(_Strict):
     budget: int
     samples: int
     seed: int
+    packages: dict[str, str]
 
 
 class Distances(_Strict):
@@ -107,7 +111,7 @@ class AttackReport(_Strict):
         nearest_fooling_query: Distances to the nearest one that fooled the agent.
         training: What training saw.
         seeds: How the seeds follow from the settings' one.
-        packages: Versions of what took part.
+        flags: What the adversary says of its training, such as that no point fooled.
     """
 
     settings: AttackSettings
@@ -121,7 +125,7 @@ class AttackReport(_Strict):
     nearest_fooling_query: Distances | None
     training: TrainingReport
     seeds: dict[str, str | int]
-    packages: dict[str, str]
+    flags: tuple[str, ...]
 
 
 Model = TypeVar("Model", bound=_Strict)

@@ -85,11 +85,12 @@ class Task:
     """A scorer made portable: it can be sent to any process, and is loaded once in each.
 
     Attributes:
-        payload: The pickled source: `Registered`, an application or a function.
+        payload: The pickled source: `Registered`, an application or a function; None where the
+            process was given it when it started.
         key: The payload's digest.
     """
 
-    payload: bytes
+    payload: bytes | None
     key: str
 
     @classmethod
@@ -125,13 +126,18 @@ class Task:
 
     def _load(self) -> Scorer:
         try:
-            source: Registered | Scorer = pickle.loads(self.payload)
+            payload = _given[self.key] if self.payload is None else self.payload
+            source: Registered | Scorer = pickle.loads(payload)
             return source.build() if isinstance(source, Registered) else source
         except Exception as error:
             raise WorkerError(
                 f"A worker process could not load the problem ({type(error).__name__}: {error}). "
                 "Define it at the module level of an importable file, or use workers=1."
             ) from error
+
+
+_given: dict[str, bytes] = {}
+"""Payloads that this process was given when it started, by key."""
 
 
 class _Cache(threading.local):
@@ -152,13 +158,14 @@ class WorkerPool:
 
     Args:
         workers: Number of processes; they start at once.
+        task: What they will evaluate: sent once, not with every chunk.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, task: Task) -> None:
         context = get_context("spawn")
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_initialise, initargs=(watched,)
+            workers, mp_context=context, initializer=_initialise, initargs=(watched, task)
         )
         with _inherited_settings():
             for _ in range(workers):
@@ -200,7 +207,9 @@ def _inherited_settings() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _initialise(lifeline: Connection) -> None:
+def _initialise(lifeline: Connection, task: Task) -> None:
+    if task.payload is not None:
+        _given[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
 

@@ -49,7 +49,7 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert 0 < report.nearest_query.minimum <= report.nearest_fooling_query.median
     assert report.settings.fingerprint == "toy"
     assert report.settings.application_settings == {"dimension": 3, "offset": 0.0}
-    assert report.packages["numpy"] == np.__version__
+    assert report.settings.packages["numpy"] == np.__version__
 
 
 def test_test_samples_see_seeds_that_training_never_used(tmp_path):

@@ -45,7 +45,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
     """Make an adversary by its name.
 
     Args:
-        name: One of `names()`.
+        name: One of `names()`, or `module:Class` for an adversary of one's own.
         dimension: d, the number of semantic parameters.
         seed: Fixes all randomness; None draws one.
         options: The adversary's own, `preset` among them where it has presets.
@@ -54,6 +54,8 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
         ValueError: If the name, an option or its value is unknown or bad.
     """
     kind = _class(name)
+    if "preset" in options and not hasattr(kind, "presets"):
+        raise ValueError(f"Expected no preset with {name}, which has none; drop it.")
     refuse_unknown(f"option of {name}", options, list(_options(kind)))
     return kind(dimension, seed=seed, **options)
 
@@ -79,9 +81,18 @@ def refuse_unknown(what: str, given: Any, known: list[str]) -> None:
 
 
 def _class(name: str) -> type[Adversary]:
-    refuse_unknown("adversary", [name], names())
-    module, _, attribute = _TABLE[name].partition(":")
-    kind: type[Adversary] = getattr(importlib.import_module(module), attribute)
+    if ":" not in name:
+        refuse_unknown("adversary", [name], names())
+    module, _, attribute = _TABLE.get(name, name).partition(":")
+    try:
+        kind = getattr(importlib.import_module(module), attribute)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ValueError(
+            f"Expected an adversary's name or module:Class, got {name!r} ({error}). Install the "
+            "module, or set PYTHONPATH to the folder that holds it."
+        ) from error
+    if not (isinstance(kind, type) and issubclass(kind, Adversary)):
+        raise ValueError(f"Expected {name!r} to be a subclass of Adversary, got {kind!r}.")
     return kind
 
 

@@ -38,6 +38,7 @@ class Adversary(ABC):
 
     Attributes:
         name: The adversary's name in the registry.
+        flags: What a reader of the result must know, such as that no point fooled; set by `train`.
     """
 
     name: ClassVar[str]
@@ -47,6 +48,7 @@ class Adversary(ABC):
             raise ValueError(f"Expected a dimension of at least 1, got {dimension}.")
         self.dimension = dimension
         self.rng = np.random.default_rng(seed)
+        self.flags: list[str] = []
 
     @abstractmethod
     def train(self, oracle: Query) -> None:

@@ -20,10 +20,11 @@ from typing_extensions import Self
 
 from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary, Query
-from sada_gym.adversaries.bbgan_networks import Discriminator, Generator, one_thread
+from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.omega import Induced, Omega, evaluate_uniform, induce
 from sada_gym.adversaries.tensorboard import TrainingLog
+from sada_gym.threads import one_thread
 
 _TENSORS, _SETTINGS = "bbgan.safetensors", "bbgan.json"
 _CALIBRATION_DRAWS, _MAX_ROUNDS = 4096, 100
@@ -93,7 +94,11 @@ def train_gan(
 
         if log and (step % _LOG_EVERY == 0 or step == o.steps - 1):
             log.scalars(
-                step, {"loss/discriminator": float(loss_d), "loss/generator": float(loss_g)}
+                step,
+                {
+                    "loss/discriminator": float(loss_d.detach()),
+                    "loss/generator": float(loss_g.detach()),
+                },
             )
             # a generator of their own: a log must not change the result
             shown = torch.Generator().manual_seed(step)
@@ -146,7 +151,6 @@ class BBGAN(Adversary):
         start = self.presets[preset]
         refuse_unknown(f"option of {self.name}", overrides, [f.name for f in fields(start)])
         self.options = replace(start, **overrides)
-        self.flags: list[str] = []
         self.omega = Omega(np.zeros((0, dimension), np.float32), np.zeros(0))
         self._log = TrainingLog(log_dir)
         self._generator = torch.Generator().manual_seed(int(self.rng.integers(2**62)))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
@@ -108,17 +107,6 @@ class Discriminator(nn.Module):
 def fold(x: Tensor) -> Tensor:
     """Reflect at -1 and 1 until all of x lies between: slope 1 or -1 everywhere."""
     return 1.0 - ((x + 1.0).remainder(4.0) - 2.0).abs()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Small networks want one thread; afterwards there are as many as before."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _linear(inputs: int, outputs: int, sd: float, generator: torch.Generator) -> nn.Linear:

@@ -41,14 +41,14 @@ AGENTS = (
         "photographer",
         "SADA-Detection",
         "detector/photographer.safetensors",
-        "",
+        "9a7ec7022a5388f2692c60a08b404d9f20f2cc67a08f4a652b61f2cf6648b016",
         "detector trained on the views that people photograph; the default",
     ),
     AgentCard(
         "surveyor",
         "SADA-Detection",
         "detector/surveyor.safetensors",
-        "",
+        "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
         "the same with one training view in ten from everywhere",
     ),
 )
@@ -95,8 +95,13 @@ def verify(agent: AgentCard) -> None:
     """Check that an agent's weights are those that the benchmark was measured with.
 
     Raises:
-        ValueError: If the file's SHA-256 differs from the recorded one.
+        ValueError: If the file is missing, or its SHA-256 differs from the recorded one.
     """
+    if not agent.path.is_file():
+        raise ValueError(
+            f"Expected the shipped weights in {agent.path}, got no such file. Install the package "
+            "again, or pass your own file as agent=PATH."
+        )
     found = hashlib.sha256(agent.path.read_bytes()).hexdigest()
     if found != agent.sha256:
         raise ValueError(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
@@ -145,6 +146,8 @@ def _summarise(result: Any) -> None:
             f"median distance {report.nearest_fooling_query.median:.3f} "
             "to the nearest training query that fooled",
         )
+    for flag in report.flags:
+        table.add_row("[yellow]mind[/]", escape(flag))
     table.add_row("results", f"{folder}/")
     table.add_row("pictures", ", ".join(path.name for path in result.pictures))
     title = f"{report.settings.environment} · {report.settings.adversary}"

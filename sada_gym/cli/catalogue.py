@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from sada_gym.cli.console import key_values, out, told_in_a_sentence
@@ -68,18 +68,11 @@ def adversaries() -> None:
     with told_in_a_sentence():
         from sada_gym import adversaries as registry
 
-        table = _table("adversary", "what it does", "options (--set)")
-        for name in registry.names():
-            kind = type(registry.make(name, 2, seed=0))
-            table.add_row(name, (inspect.getdoc(kind) or "").split("\n\n")[0], _options(kind))
+        table = _table("adversary", "what it does", "presets", "options (--set)")
+        for row in registry.describe():
+            options = "\n".join(f"{name}={value}" for name, value in row.options.items())
+            table.add_row(row.name, row.summary, ", ".join(row.presets), escape(options))
         out.print(table)
-
-
-def _options(kind: type) -> str:
-    parameters = inspect.signature(kind).parameters.values()
-    return "\n".join(
-        f"{p.name}={p.default}" for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "seed"
-    )
 
 
 def _table(*columns: str) -> Table:

@@ -58,8 +58,9 @@ class Landscape:
 
     def _height(self, mu: Array) -> Array:
         """Sum the waves: (n, shapes)."""
-        waves = np.cos(np.einsum("kwd,nd->nkw", self._directions, mu) + self._phases)
-        sums = np.einsum("nkw,kw->nk", waves, self._weights)
+        angle = mu @ self._directions.reshape(-1, self.dimension).T
+        waves = np.cos(angle.reshape(len(mu), *self._phases.shape) + self._phases)
+        sums = (waves * self._weights).sum(axis=2)
         return sums[:, :1] + sums[:, 1:]
 
 

@@ -24,6 +24,11 @@ def test_made_by_name(name):
     assert made.dimension == 3
 
 
+def test_ones_own_by_module_and_class():
+    made = adversaries.make("sada_gym.adversaries.random:Random", 3, seed=0)
+    assert (made.name, made.dimension) == ("random", 3)
+
+
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
@@ -38,6 +43,9 @@ def test_made_by_name(name):
         ("bbgan", {"generator": [64, "a"]}, r"Expected generator to be a list of ints"),
         ("bbgan-boost", {"copies": 0}, r"Expected copies to be an int from 1"),
         ("bbgan", {"stages": 2}, r"Expected the option of bbgan to be"),
+        ("random", {"preset": "paper"}, r"Expected no preset with random, which has none"),
+        ("missing_module:X", {}, r"Expected an adversary's name or module:Class.*missing_module"),
+        ("sada_gym.store:EvaluationStore", {}, r"to be a subclass of Adversary"),
     ],
 )
 def test_bad_names_and_options_are_refused(name, options, message):

@@ -20,16 +20,17 @@ from sada_gym.envs.detection.shapes import (
     Shape,
     benchmark_shapes,
     fingerprint,
-    load_folder,
+    load_class,
 )
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.threads import one_thread
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 TILE = 8
-"""Images in one call of the detector. A network's float32 output depends on the batch's size, so
-the size never varies: the last tile is padded with black images."""
+"""Images in one call of the detector. A network's float32 output depends on the batch's size, and
+on the number of threads, so neither varies: the last tile is padded with black images."""
 
 TOP_DETECTIONS = 20
 """Detections an image that are looked at, best first."""
@@ -92,16 +93,12 @@ class DetectionApplication(Application):
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
         self._renderer = renderer
-        self.agent_name = str(agent) if isinstance(agent, str | Path) else "custom"
-        self.agent: DetectorLike = (
-            agents.load_detector(agent) if isinstance(agent, str | Path) else agent
-        )
+        if isinstance(agent, str | Path):
+            self.agent_name, self.agent = str(agent), agents.load_detector(agent)
+        else:
+            self.agent_name, self.agent = agent_id or type(agent).__name__, _frozen(agent)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the renderer behind: another process has its own."""
-        return {**self.__dict__, "_renderer": None}
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -110,6 +107,7 @@ class DetectionApplication(Application):
             "object_class": self.object_class,
             "label": self.label,
             "image_size": self.image_size,
+            "renderer": "TinyRenderer" if self._renderer is None else type(self._renderer).__name__,
         }
 
     @property
@@ -160,11 +158,11 @@ class DetectionApplication(Application):
         return Scored(np.array(scores, dtype=np.float64), extras)
 
     def _render(self, scene: Scene) -> Rendering:
-        if self._renderer is None:
-            from sada_gym.envs.detection.tinyrenderer import shared_renderer
+        if self._renderer is not None:
+            return self._renderer.render(scene, self.image_size)
+        from sada_gym.envs.detection.tinyrenderer import shared_renderer
 
-            self._renderer = shared_renderer()
-        return self._renderer.render(scene, self.image_size)
+        return shared_renderer().render(scene, self.image_size)
 
     def _detect(self, images: Sequence[Frame]) -> list[dict[str, npt.NDArray[Any]]]:
         """Run the detector in tiles; each image's best detections as arrays, best first."""
@@ -178,7 +176,7 @@ class DetectionApplication(Application):
                 for image in images[start : start + TILE]
             ]
             padded = tile + [black] * (TILE - len(tile))
-            with torch.inference_mode():
+            with torch.inference_mode(), one_thread():
                 detections = self.agent(padded)
             found += _checked(detections, len(padded))[: len(tile)]
         return found
@@ -205,13 +203,16 @@ def _shapes(
                 "Give shapes=PATH to bring CAD files of another class."
             )
         return benchmark_shapes(object_class)
-    found = load_folder(Path(folder), skip_unreadable=skip_unreadable)
-    if object_class not in found:
+    return load_class(folder, object_class, skip_unreadable=skip_unreadable)
+
+
+def _frozen(agent: DetectorLike) -> DetectorLike:
+    if getattr(agent, "training", False):
         raise ValueError(
-            f"Expected a folder {object_class!r} in {folder}, got {', '.join(sorted(found))}. "
-            "Add it or choose another object_class."
+            f"Expected a detector in evaluation mode, got {type(agent).__name__} in training mode, "
+            "in which looking at images changes it. Call model.eval() first."
         )
-    return found[object_class]
+    return agent
 
 
 def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> int:

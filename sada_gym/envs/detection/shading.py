@@ -116,7 +116,7 @@ def tone_table() -> npt.NDArray[np.uint8]:
 def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
     """A smooth tileable texture in [-1, 1], (size, size), the same on every machine."""
     rng = np.random.default_rng(20_20)
-    tile = np.zeros((size, size))
+    tile: npt.NDArray[np.float64] = np.zeros((size, size))
     for step, weight in ((16, 1.0), (8, 0.7), (4, 0.5), (2, 0.4), (1, 0.3)):
         coarse = rng.uniform(-1, 1, (size // step, size // step))
         rows = (np.arange(size) + 0.5) / step
@@ -133,7 +133,7 @@ def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
 
 def painted(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """The materials table with PAINT's albedo set to an sRGB colour; no paint is pure black."""
-    materials = MATERIALS.copy()
+    materials: npt.NDArray[np.float64] = MATERIALS.copy()
     materials[0, :3] = 0.02 + 0.9 * linear(colour)
     return materials
 

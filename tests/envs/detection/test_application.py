@@ -11,6 +11,7 @@ import trimesh
 import sada_gym  # noqa: F401
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.application import TILE
+from sada_gym.envs.detection.scene import Rendering
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.oracle import Oracle
 from sada_gym.purity import assert_pure
@@ -35,6 +36,7 @@ class Constant(torch.nn.Module):
     def __init__(self, *answer):
         super().__init__()
         self.answer, self.shown = answer, []
+        self.eval()
 
     def forward(self, images):
         self.shown.append([image.clone() for image in images])
@@ -175,6 +177,24 @@ def test_fingerprints():
     assert named.fingerprint is not None
 
 
+def test_a_detector_in_training_mode_is_refused():
+    with pytest.raises(ValueError, match=r"in evaluation mode, got Constant.*model\.eval\(\)"):
+        DetectionApplication("car", agent=Constant([], [], []).train(), labels={"car": 1})
+
+
+def test_another_renderer_is_used_and_named():
+    class Grey:
+        def render(self, scene, image_size):
+            image = np.full((image_size, image_size, 3), 128, np.uint8)
+            return Rendering(image, np.zeros((image_size, image_size), bool), None)
+
+    application = DetectionApplication("car", renderer=Grey())
+    (info,) = application.evaluate(MU[:1], SEEDS[:1]).infos
+    np.testing.assert_array_equal(info["box"], np.zeros(4))
+    assert application.settings["renderer"] == "Grey"
+    assert CAR.settings["renderer"] == "TinyRenderer"
+
+
 def test_unknown_classes_and_labels_are_refused(cad_folder):
     with pytest.raises(ValueError, match=r"one of aeroplane.*got 'cat'.*shapes=PATH"):
         DetectionApplication("cat")
@@ -211,7 +231,20 @@ def test_a_detector_that_breaks_the_convention_is_named(answer, message):
         application.evaluate(MU[:1], SEEDS[:1])
 
 
-GOLDEN = {}
+GOLDEN = {
+    "aeroplane": [0.6612, 0.57146, 0.3705],
+    "bench": [0.65539, 0.3392, 0.77065],
+    "bicycle": [0.79574, 0.65392, 0.7344],
+    "boat": [0.67652, 0.47159, 0.42565],
+    "bottle": [0.64923, 0.67512, 0.52956],
+    "bus": [0.74479, 0.0, 0.40193],
+    "car": [0.68806, 0.0, 0.2675],
+    "chair": [0.71278, 0.27915, 0.21285],
+    "diningtable": [0.78938, 0.12311, 0.17174],
+    "motorbike": [0.74354, 0.3878, 0.55375],
+    "train": [0.69507, 0.20644, 0.23542],
+    "truck": [0.53129, 0.06458, 0.39595],
+}
 """Class: scores of the first three rows of MU with SEEDS; guards against silent change."""
 
 

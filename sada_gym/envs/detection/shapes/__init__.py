@@ -1,6 +1,6 @@
 """CAD shapes of 12 classes: procedural by seed, the fixed benchmark of 100, or a user's files."""
 
-from sada_gym.envs.detection.shapes.cad import fingerprint, load_folder
+from sada_gym.envs.detection.shapes.cad import fingerprint, load_class, load_folder
 from sada_gym.envs.detection.shapes.catalogue import (
     CLASSES,
     TRAINING_SEED,
@@ -19,6 +19,7 @@ __all__ = [
     "benchmark_shapes",
     "fingerprint",
     "generate",
+    "load_class",
     "load_folder",
     "styles",
 ]

@@ -6,12 +6,13 @@ import hashlib
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from typing_extensions import Self
 
 from sada_gym.envs.detection.shapes.assembly import assemble
 from sada_gym.envs.detection.shapes.kit import Part
@@ -53,6 +54,24 @@ class Orientation(BaseModel):
         return np.stack([front, np.cross(up, front), up])
 
 
+def load_class(
+    path: str | Path, object_class: str, *, skip_unreadable: bool = False
+) -> tuple[Shape, ...]:
+    """Loads the meshes of one class of a folder; arguments and errors as `load_folder`.
+
+    Raises:
+        ValueError: If the folder has no such class, or as `load_folder`.
+    """
+    root, folders = Path(path), _class_folders(Path(path))
+    if object_class not in folders:
+        raise ValueError(
+            f"Expected a folder {object_class!r} in {root}, got {', '.join(folders)}. "
+            "Add it or choose another object_class."
+        )
+    rotation = _orientation(root / "shapes.json").rotation()
+    return _load_class(root, folders[object_class], rotation, skip_unreadable)
+
+
 def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str, tuple[Shape, ...]]:
     """Loads the meshes of a folder that holds one folder a class.
 
@@ -73,20 +92,12 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
         ValueError: If the folder is missing, has no class, a class has no mesh, a file has an
             unknown type or, unless `skip_unreadable`, cannot be read or is empty or not finite.
     """
-    root = Path(path)
-    if not root.is_dir():
-        raise ValueError(
-            f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
-            "that holds one folder a class."
-        )
+    root, folders = Path(path), _class_folders(Path(path))
     rotation = _orientation(root / "shapes.json").rotation()
-    folders = sorted(entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry))
-    if not folders:
-        raise ValueError(
-            f"Expected {root} to hold one folder a class, got none; move the files to a folder "
-            f"such as {root / 'car'}."
-        )
-    return {folder.name: _load_class(root, folder, rotation, skip_unreadable) for folder in folders}
+    return {
+        name: _load_class(root, folder, rotation, skip_unreadable)
+        for name, folder in folders.items()
+    }
 
 
 def fingerprint(shapes: Iterable[Shape]) -> str:
@@ -105,6 +116,21 @@ def fingerprint(shapes: Iterable[Shape]) -> str:
         for array in arrays:
             digest.update(len(array).to_bytes(8, "little") + array.tobytes())
     return digest.hexdigest()
+
+
+def _class_folders(root: Path) -> dict[str, Path]:
+    if not root.is_dir():
+        raise ValueError(
+            f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
+            "that holds one folder a class."
+        )
+    folders = sorted(entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry))
+    if not folders:
+        raise ValueError(
+            f"Expected {root} to hold one folder a class, got none; move the files to a folder "
+            f"such as {root / 'car'}."
+        )
+    return {folder.name: folder for folder in folders}
 
 
 def _load_class(
