@@ -15,7 +15,8 @@ from sada_gym.agents.detector.data import (
 from sada_gym.agents.detector.evaluate import average_precision, calibration_error, detect
 from sada_gym.agents.detector.model import Detector, iou, unique
 from sada_gym.agents.detector.prior import photograph, survey
-from sada_gym.agents.detector.train import Recipe, detection_loss, giou, targets, train
+from sada_gym.agents.detector.recipe import Recipe
+from sada_gym.agents.detector.train import detection_loss, giou, targets, train
 from sada_gym.envs.detection.shapes import CLASSES, TRAINING_SEED, benchmark_shapes
 
 

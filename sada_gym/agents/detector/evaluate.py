@@ -1,4 +1,4 @@
-"""Measure a detector: AP50 and calibration on the prior, fooling rate over uniform mu; the card.
+"""Measure a detector: AP50 and calibration on the prior, fooling rate over uniform mu.
 
 `python -m sada_gym.agents.detector.evaluate photographer` measures a shipped detector anew.
 """
@@ -6,10 +6,7 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +17,6 @@ from sada_gym.agents.detector.data import LabelledFrames, validation_frames
 from sada_gym.agents.detector.model import Detector, iou
 from sada_gym.agents.detector.prior import photograph
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
-
-if TYPE_CHECKING:
-    from sada_gym.agents.detector.train import Recipe
 
 BINS = 10
 
@@ -149,45 +143,6 @@ def table(figures: Figures) -> str:
     for name, ap, q, afr in rows:
         lines.append(f"| {name} | {ap:.3f} | {q:.2f} | {100 * afr:.1f} % |")
     return "\n".join(lines)
-
-
-def write_card(
-    path: Path,
-    *,
-    name: str,
-    recipe: Recipe,
-    seed: int,
-    minutes: float,
-    weights: Path,
-    figures: Figures,
-) -> None:
-    """Write a model card: how it was trained, what it scores, and its file's SHA-256."""
-    settings = "\n".join(f"| {key} | {value} |" for key, value in asdict(recipe).items())
-    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-    path.write_text(
-        f"""# {name}
-
-A single-stage detector of 12 classes ({sum(v.numel() for v in Detector(CLASSES).parameters()):,}
-parameters, `sada_gym/agents/detector/model.py`), trained from our own renders of procedural shapes
-that are not the benchmark's. It has never seen a photograph.
-
-- Command: `python -m sada_gym.agents.detector.train {name} --seed {seed}`
-- Training: {minutes:.0f} minutes on one core, rendering included; the last weights, none chosen.
-- File: `{weights.name}`, SHA-256 `{digest}`
-
-| setting | value |
-| --- | --- |
-{settings}
-
-Measured by the same command: {figures.frames} views of the prior a class on shapes that training
-never saw; {figures.samples:,} uniform mu a class on the benchmark's shapes, fooled where Q <= 0.3.
-Expected calibration error on the prior: {figures.calibration_error:.3f}. No confidence was
-rescaled, and no weights were chosen by a fooling rate.
-
-{table(figures)}
-""",
-        encoding="utf-8",
-    )
 
 
 def main() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,35 +17,12 @@ from safetensors.torch import save_file
 from torch import Tensor
 from torch.nn import functional
 
+from sada_gym.agents.detector.card import write_card
 from sada_gym.agents.detector.data import LabelledFrames, batches, training_frames
+from sada_gym.agents.detector.evaluate import measure
 from sada_gym.agents.detector.model import STRIDE, Detector, boxes_at
+from sada_gym.agents.detector.recipe import RECIPES, Recipe
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How a detector is trained.
-
-    Attributes:
-        survey_share: Share of training views from everywhere; the rest follow the prior.
-        per_class: Frames of each class.
-        empty_share: Frames without an object, as a share of those with one.
-        epochs: Passes over the set.
-        batch: Frames a step.
-        rate: Highest learning rate of the one-cycle schedule (AdamW).
-        image_size: Pixels a side.
-    """
-
-    survey_share: float
-    per_class: int = 1_200
-    empty_share: float = 0.05
-    epochs: int = 12
-    batch: int = 48
-    rate: float = 4e-3
-    image_size: int = 128
-
-
-RECIPES = {"photographer": Recipe(survey_share=0.0), "surveyor": Recipe(survey_share=0.1)}
 
 
 def train(recipe: Recipe, seed: int, *, checkpoint: Path | None = None) -> Detector:
@@ -146,8 +122,6 @@ def save(model: Detector, path: Path) -> None:
 
 def main() -> None:
     """Train, save, measure, write the card."""
-    from sada_gym.agents.detector.evaluate import measure, write_card
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", choices=sorted(RECIPES))
     parser.add_argument("--seed", type=int, default=0)

@@ -16,6 +16,7 @@ from PIL import Image
 
 from sada_gym.envs.detection.backdrop import Backdrop, Triple
 from sada_gym.envs.detection.encoding import Mesh, code_texture, encode
+from sada_gym.envs.detection.gbuffer import Camera, GBuffer, Lamp, Place, noise_tile, painted
 from sada_gym.envs.detection.scene import (
     Rendering,
     Scene,
@@ -25,21 +26,11 @@ from sada_gym.envs.detection.scene import (
     light_of,
     view_of,
 )
-from sada_gym.envs.detection.shading import (
-    AMBIENT,
-    SUPERSAMPLING,
-    Camera,
-    GBuffer,
-    Lamp,
-    Place,
-    compose,
-    noise_tile,
-    painted,
-    tone_table,
-)
+from sada_gym.envs.detection.shading import SUPERSAMPLING, compose, tone_table
 from sada_gym.envs.detection.shapes.model import Shape
 
 NEAR, FAR = 2.0, 32.0
+AMBIENT = 0.2
 LIGHT_SIZE = 64
 LIGHT_HALF = 2.7
 LIGHT_DISTANCE = 30.0

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from sada_gym.envs.detection.shapes.kit import Part
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Shape
-
-if TYPE_CHECKING:
-    from sada_gym.envs.detection.shapes.kit import Part
 
 CREASE_DEG = 40.0
 """Edges whose faces turn by more than this are shaded as sharp."""

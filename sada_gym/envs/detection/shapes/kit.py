@@ -1,7 +1,7 @@
 """Modelling primitives: closed, low-polygon solids in metres, front +x, left +y, up +z.
 
 Every primitive gives a `Part`, a closed mesh of one material. A class's module makes a list of
-them, and `assemble` turns the list into a `Shape`.
+them, and `assembly.assemble` turns the list into a `Shape`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from sada_gym.envs.detection.shapes.assembly import assemble
 from sada_gym.envs.detection.shapes.model import Material
 from sada_gym.envs.detection.shapes.polygon import offset_inwards, triangulate
 
@@ -22,7 +21,6 @@ __all__ = [
     "Array",
     "Part",
     "Point",
-    "assemble",
     "both_sides",
     "box",
     "cylinder",
