@@ -14,7 +14,7 @@ from sada_gym.cli import app
 from sada_gym.cli.console import _spread, key_values
 from sada_gym.store import EvaluationStore
 
-ATTACK = ["attack", "SADA-Analytic-v0", "-a", "random", "--budget", "60", "--samples", "10"]
+ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
 
 def run(*args):
@@ -69,7 +69,7 @@ def test_attack_passes_everything_on(tmp_path):
     assert settings["application_settings"]["dimension"] == 3
     assert settings["application_settings"]["volume"] == 0.2
     assert (settings["seed"], settings["budget"], settings["samples"]) == (7, 60, 10)
-    assert settings["adversary"] == "random"
+    assert settings["adversary"] == "toy:Greedy"
 
 
 def test_a_second_run_needs_resume(tmp_path):
@@ -90,7 +90,8 @@ def test_a_second_run_needs_resume(tmp_path):
         (["attack", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
         ([*ATTACK[:2], "-a", "randon"], "random"),
         ([*ATTACK, "--set", "colour=3"], "colour"),
-        ([*ATTACK, "--preset", "papr"], "papr"),
+        ([*ATTACK, "--preset", "paper"], "Expected no preset with toy:Greedy"),
+        ([*ATTACK, "-a", "bbgan", "--preset", "papr"], "papr"),
         ([*ATTACK, "--env-kwargs", "dimensions=3"], "Did you mean 'dimension'"),
         ([*ATTACK, "--env-kwargs", "dimension=0"], "Expected dimension to be an int of at least 1"),
         (
@@ -194,7 +195,7 @@ def test_pairs_spread_until_something_else_comes():
 def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
     out, log = tmp_path / "an out", tmp_path / "log"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
-    command = [sys.executable, "-m", "sada_gym", "attack", "toy:Toy-v0", "-a", "random"]
+    command = [sys.executable, "-m", "sada_gym", "attack", "toy:Toy-v0", "-a", "toy:Greedy"]
     command += ["--budget", "300", "--samples", "10", "--workers", str(workers), "--out", str(out)]
     command += ["--env-kwargs", "pause_s=0.01", f"log={log}"]
     process = subprocess.Popen(
@@ -217,7 +218,7 @@ def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
     assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in told
     resume = told.strip().splitlines()[-1].strip()
     assert resume == (
-        "sada-gym attack toy:Toy-v0 --adversary random --env-kwargs pause_s=0.01 "
+        "sada-gym attack toy:Toy-v0 --adversary toy:Greedy --env-kwargs pause_s=0.01 "
         f"--env-kwargs log={log} --budget 300 --samples 10 --seed 0 --workers {workers} "
         f"--out '{out}' --resume"
     )

@@ -69,7 +69,7 @@ def attack(
     samples.npz, pictures, the trained adversary, and run.sqlite, which holds every evaluation:
     a run that was stopped at any moment goes on with --resume and ends with the same result.
     """
-    folder = out_folder or Path("runs") / f"{env_id.replace(':', '-')}-{adversary}-{seed}"
+    folder = out_folder or Path("runs") / f"{env_id}-{adversary}-{seed}".replace(":", "-")
     count = workers or min(_cores(), _MANY)
     with told_in_a_sentence():
         keywords = key_values(env_kwargs or [], "--env-kwargs")

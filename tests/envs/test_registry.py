@@ -42,7 +42,7 @@ def env(env_id: str) -> Iterator[AdversaryEnv]:
 
 
 def proposals(env_id: str, n: int, seed: int = 0) -> np.ndarray:
-    dimension = len(sada_gym.sada_gym.make_application(env_id).parameters)
+    dimension = len(sada_gym.make_application(env_id).parameters)
     rng = np.random.default_rng(seed)
     return rng.uniform(-1, 1, (n, dimension)).astype(np.float32)
 
@@ -149,20 +149,20 @@ def test_the_spec_survives_json(env_id: str) -> None:
 
 
 def test_scores_are_pure(env_id: str) -> None:
-    application = sada_gym.sada_gym.make_application(env_id)
+    application = sada_gym.make_application(env_id)
     sizes = None if env_id in GENERAL_IDS else FEW_SIZES
     assert_pure(application, sizes=sizes, other_process=env_id in GENERAL_IDS)
     application.close()
 
 
 def test_infos_can_be_batched(env_id: str) -> None:
-    application = sada_gym.sada_gym.make_application(env_id)
+    application = sada_gym.make_application(env_id)
     check_outcomes(application)
     application.close()
 
 
 def test_no_parameter_is_dead(env_id: str) -> None:
-    application = sada_gym.sada_gym.make_application(env_id)
+    application = sada_gym.make_application(env_id)
     check_live_parameters(application)
     application.close()
 
