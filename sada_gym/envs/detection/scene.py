@@ -116,10 +116,11 @@ def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
 
 def axes_facing(backward: Vector) -> Vector:
     """Rows right, up, backward of a viewer that looks along -backward with z upwards."""
-    right = np.array([-backward[1], backward[0], 0.0])
-    norm = math.hypot(right[0], right[1])
-    right = right / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.stack([right, np.cross(backward, right), backward])
+    x, y, z = backward.tolist()
+    norm = math.hypot(x, y)
+    right, ahead = (-y / norm, x / norm) if norm > 1e-9 else (0.0, 1.0)
+    up = (-z * ahead, z * right, x * ahead - y * right)
+    return np.array([(right, ahead, 0.0), up, (x, y, z)])
 
 
 def centre_of(scene: Scene) -> Vector:

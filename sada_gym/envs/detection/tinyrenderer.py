@@ -240,9 +240,7 @@ def _window(
     shape: Shape, view: View, image_size: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """The pixels that the shape's bounding box can touch: first and last + 1 (column, row)."""
-    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-    seen = (corners - view.eye) @ view.axes.T
+    seen = (shape.corners - view.eye) @ view.axes.T
     plane = seen[:, :2] / (-seen[:, 2:] * view.tangent) - np.array(view.offset)
     columns = (plane[:, 0] + 1) / 2 * image_size
     rows = (1 - plane[:, 1]) / 2 * image_size

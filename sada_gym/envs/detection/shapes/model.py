@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +48,13 @@ class Shape:
     faces: npt.NDArray[np.int32]
     materials: npt.NDArray[np.uint8]
 
-    @property
+    @cached_property
     def height(self) -> float:
         """Height above the ground, in scene units."""
         return float(self.vertices[:, 2].max())
+
+    @cached_property
+    def corners(self) -> npt.NDArray[np.float32]:
+        """The bounding box's corners, (8, 3)."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
