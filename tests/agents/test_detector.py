@@ -114,7 +114,9 @@ def test_overlaps():
     np.testing.assert_allclose(iou(a, b), [1 / 3, 1, 0], atol=1e-6)
     np.testing.assert_allclose(giou(a, b), [1 / 3, 1, -34 / 36], atol=1e-6)
     boxes = torch.tensor([[0, 0, 4, 4], [0, 0, 4, 5], [0, 0, 4, 4]], dtype=torch.float32)
-    assert unique(boxes, torch.tensor([1, 1, 2])).tolist() == [0, 2]
+    boxes, labels = boxes[None].repeat(2, 1, 1), torch.tensor([[1, 1, 2], [1, 1, 1]])
+    alive = torch.tensor([[True, True, True], [False, True, True]])
+    assert unique(boxes, labels, alive) == [[0, 2], [1]]
 
 
 def test_targets_peak_at_the_centre():

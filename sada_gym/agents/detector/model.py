@@ -88,14 +88,11 @@ class Detector(nn.Module):
         cells = heat.shape[2] * heat.shape[3]
         labels, cell = index // cells + 1, index % cells
         boxes = boxes_at(reach, cell)
-        found = []
-        for k in range(len(scores)):
-            keep = (scores[k] >= self.floor).nonzero()[:, 0]
-            keep = keep[unique(boxes[k, keep], labels[k, keep])]
-            found.append(
-                {"boxes": boxes[k, keep], "labels": labels[k, keep], "scores": scores[k, keep]}
-            )
-        return found
+        keeps = unique(boxes, labels, scores >= self.floor)
+        return [
+            {"boxes": boxes[k, keep], "labels": labels[k, keep], "scores": scores[k, keep]}
+            for k, keep in enumerate(keeps)
+        ]
 
 
 def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
@@ -107,14 +104,28 @@ def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
     return STRIDE * torch.stack([x - left, y - top, x + right, y + bottom], 2)
 
 
-def unique(boxes: Tensor, labels: Tensor, overlap: float = 0.5) -> Tensor:
-    """Non-maximum suppression within a class: indices to keep of boxes sorted best first."""
-    doubles = (iou(boxes[:, None], boxes[None]) > overlap) & (labels[:, None] == labels)
-    keep: list[int] = []
-    for i, row in enumerate(doubles.tolist()):
-        if not any(row[j] for j in keep):
-            keep.append(i)
-    return torch.tensor(keep, dtype=torch.long)
+def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -> list[list[int]]:
+    """Non-maximum suppression within a class.
+
+    Args:
+        boxes: (b, n, 4), best first.
+        labels: (b, n).
+        alive: (b, n) bool; the others are left out.
+        overlap: Boxes that overlap a better one by more than this are left out.
+
+    Returns:
+        For each image the indices to keep.
+    """
+    doubles = iou(boxes[:, :, None], boxes[:, None]) > overlap
+    doubles &= labels[:, :, None] == labels[:, None]
+    keeps = []
+    for rows, living in zip(doubles.tolist(), alive.tolist(), strict=True):
+        keep: list[int] = []
+        for i, row in enumerate(rows):
+            if living[i] and not any(row[j] for j in keep):
+                keep.append(i)
+        keeps.append(keep)
+    return keeps
 
 
 def iou(a: Tensor, b: Tensor) -> Tensor:
