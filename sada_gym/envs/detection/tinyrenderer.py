@@ -15,7 +15,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.envs.detection.backdrop import Backdrop, Triple
-from sada_gym.envs.detection.encoding import Mesh, code_texture, encode
+from sada_gym.envs.detection.encoding import code_texture, encode
 from sada_gym.envs.detection.gbuffer import Camera, GBuffer, Lamp, Place, noise_tile, painted
 from sada_gym.envs.detection.scene import (
     Rendering,
@@ -181,14 +181,15 @@ class TinyRenderer:
             self._visuals.clear()
             self._texture = self._load_texture()
         if shape not in self._visuals:
-            self._visuals[shape] = self._create_visual(encode(shape))
+            self._visuals[shape] = self._create_visual(shape)
         self._body = bullet.createMultiBody(0, -1, self._visuals[shape], physicsClientId=client)
         bullet.changeVisualShape(
             self._body, -1, textureUniqueId=self._texture, physicsClientId=client
         )
         self._shape = shape
 
-    def _create_visual(self, mesh: Mesh) -> int:
+    def _create_visual(self, shape: Shape) -> int:
+        mesh = encode(shape)
         corners = self._rows[0].fill(mesh.corners)
         codes = self._rows[1].fill(mesh.texture)
         normals = self._rows[2].fill(mesh.normals)
@@ -200,7 +201,7 @@ class TinyRenderer:
             uvs=codes,
             normals=normals,
             rgbaColor=(1, 1, 1, 1),
-            flags=self._bullet.VISUAL_SHAPE_DOUBLE_SIDED,
+            flags=self._bullet.VISUAL_SHAPE_DOUBLE_SIDED if shape.double_sided else 0,
             physicsClientId=self._client,
         )
         for values in (corners, codes, normals, indices):

@@ -14,7 +14,6 @@ from sada_gym.envs.detection.application import TILE
 from sada_gym.envs.detection.scene import Rendering
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.oracle import Oracle
-from sada_gym.purity import assert_pure
 
 CAR = DetectionApplication("car")
 RNG = np.random.default_rng(0)
@@ -74,10 +73,6 @@ def test_info():
     json.dumps(info["detections"])
     best = [d["score"] for d in info["detections"] if d["label"] == CAR.label]
     assert info["score"] == max(best, default=0.0)
-
-
-def test_pure_alone_batched_permuted():
-    assert_pure(CAR, n=70, seed=0)
 
 
 def test_the_number_of_threads_does_not_matter():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -142,7 +143,8 @@ def _load_class(
         try:
             mesh = _read(file)
             mesh.vertices = mesh.vertices @ rotation.T
-            shapes.append(assemble(name, folder.name, [Part(mesh)]))
+            shape = assemble(name, folder.name, [Part(mesh)])
+            shapes.append(replace(shape, double_sided=True))
         except ValueError as error:
             mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
             message = (

@@ -39,6 +39,7 @@ class Shape:
         normals: (v, 3) float32, unit length; vertices are doubled where an edge is sharp.
         faces: (f, 3) int32, counter-clockwise seen from outside.
         materials: (f,) uint8, values of `Material`.
+        double_sided: Whether faces show from behind too; a user's files may hold open surfaces.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Shape:
     normals: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
     materials: npt.NDArray[np.uint8]
+    double_sided: bool = False
 
     @cached_property
     def height(self) -> float:
