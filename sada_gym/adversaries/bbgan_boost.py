@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan import BBGAN
@@ -57,17 +56,6 @@ class BoostedBBGAN(BBGAN):
         "default": BoostOptions(),
         "paper": BoostOptions(**PAPER, share=0.1, copies=5),
     }
-
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        preset: str = "default",
-        log_dir: str | Path | None = None,
-        **overrides: Any,
-    ) -> None:
-        super().__init__(dimension, seed=seed, preset=preset, log_dir=log_dir, **overrides)
 
     def train(self, oracle: Query) -> None:
         """Spend the budget on uniform points and on the samples of each stage's GAN.

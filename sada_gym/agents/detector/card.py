@@ -33,15 +33,16 @@ parameters, `sada_gym/agents/detector/model.py`), trained from our own renders o
 that are not the benchmark's. It has never seen a photograph.
 
 - Command: `python -m sada_gym.agents.detector.train {name} --seed {seed}`
-- Training: {minutes:.0f} minutes on one core, rendering included; the last weights, none chosen.
+- Training: {minutes:.0f} minutes in one thread, rendering included; the last weights, none chosen.
 - File: `{weights.name}`, SHA-256 `{digest}`
 
 | setting | value |
 | --- | --- |
 {settings}
 
-Measured by the same command: {figures.frames} views of the prior a class on shapes that training
-never saw; {figures.samples:,} uniform mu a class on the benchmark's shapes, fooled where Q <= 0.3.
+Measured by `python -m sada_gym.agents.detector.evaluate {name} --seed {seed + 1_000}`:
+{figures.frames} views of the prior a class on shapes that training never saw;
+{figures.samples:,} uniform mu a class on the benchmark's shapes, fooled where Q <= 0.3.
 Expected calibration error on the prior: {figures.calibration_error:.3f}. No confidence was
 rescaled, and no weights were chosen by a fooling rate.
 
