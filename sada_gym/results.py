@@ -40,11 +40,13 @@ _PACKAGES = (
 )
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """Frozen, and no field that is not known."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class AttackSettings(_Strict):
+class AttackSettings(Strict):
     """All that decides an attack's result.
 
     Attributes:
@@ -78,7 +80,7 @@ class AttackSettings(_Strict):
     packages: dict[str, str]
 
 
-class Distances(_Strict):
+class Distances(Strict):
     """Distances from the test samples to their nearest neighbours among some queries."""
 
     minimum: float
@@ -87,7 +89,7 @@ class Distances(_Strict):
     maximum: float
 
 
-class TrainingReport(_Strict):
+class TrainingReport(Strict):
     """What the training queries (Omega) gave; where they are uniform, the random rate."""
 
     queries: int
@@ -96,7 +98,7 @@ class TrainingReport(_Strict):
     mean_score: float | None
 
 
-class AttackReport(_Strict):
+class AttackReport(Strict):
     """The contents of result.json. No wall-clock times: a resumed run's file is the same.
 
     Attributes:
@@ -128,7 +130,7 @@ class AttackReport(_Strict):
     flags: tuple[str, ...]
 
 
-Model = TypeVar("Model", bound=_Strict)
+Model = TypeVar("Model", bound=Strict)
 
 
 def packages() -> dict[str, str]:
@@ -163,7 +165,7 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
     beside.rename(path)
 
 
-def write_model(path: Path, model: _Strict) -> None:
+def write_model(path: Path, model: Strict) -> None:
     """Write a model as JSON."""
     text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
