@@ -14,8 +14,19 @@ __all__ = ["Adversary", "Description", "Query", "describe", "make", "names"]
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",
+    "archive": "sada_gym.adversaries.archive:Archive",
+    "gaussian": "sada_gym.adversaries.gaussian_mixture:Gaussian",
+    "gmm10": "sada_gym.adversaries.gaussian_mixture:GMM10",
+    "gmm50": "sada_gym.adversaries.gaussian_mixture:GMM50",
+    "svm": "sada_gym.adversaries.svm:SVM",
+    "gp": "sada_gym.adversaries.gp:GP",
+    "bayesian": "sada_gym.adversaries.bayesian:Bayesian",
     "bbgan": "sada_gym.adversaries.bbgan:BBGAN",
     "bbgan-boost": "sada_gym.adversaries.bbgan_boost:BoostedBBGAN",
+    "cross-entropy": "sada_gym.adversaries.cross_entropy:CrossEntropy",
+    "smc": "sada_gym.adversaries.smc:SMC",
+    "cma-mae": "sada_gym.adversaries.cma_mae:CMAMAE",
+    "sada": "sada_gym.adversaries.sada:SADA",
 }
 
 
