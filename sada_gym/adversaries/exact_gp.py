@@ -1,0 +1,144 @@
+"""Exact Gaussian process regression with an exponential kernel, in place and block by block.
+
+scikit-learn's regressor computes the same, but holds three (n, n) matrices at once, which are 10 GB
+at n = 20,000, and thirty where it differentiates the marginal likelihood in 8 dimensions (measured
+with its version 1.9 at n = 3,000 and 6,000). Here it is one, and six.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+from scipy.optimize import minimize
+from scipy.spatial.distance import cdist
+
+Array = npt.NDArray[np.float64]
+
+_BLOCK = 1_000
+_START = (2.0, 1.0, 0.1)
+_LENGTH_SCALE_BOUNDS, _SIGNAL_BOUNDS, _NOISE_BOUNDS = (0.02, 200.0), (0.01, 100.0), (1e-4, 10.0)
+_ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """k(a, b) = signal * exp(-r), r the distance of a / length_scales and b / length_scales.
+
+    The Matern kernel with nu = 1/2 (Rasmussen & Williams 2006, equation 4.18), with noise beside.
+
+    Attributes:
+        length_scales: (d,).
+        signal: Variance of the process.
+        noise: Variance of the noise of an observation.
+    """
+
+    length_scales: Array
+    signal: float
+    noise: float
+
+    def __call__(self, a: Array, b: Array) -> Array:
+        """Give the covariances of a (n, d) and b (m, d) without noise: (n, m)."""
+        covariance: Array = cdist(a / self.length_scales, b / self.length_scales)
+        np.negative(covariance, out=covariance)
+        np.exp(covariance, out=covariance)
+        covariance *= self.signal
+        return covariance
+
+
+def log_marginal_likelihood(kernel: Kernel, x: Array, y: Array) -> tuple[float, Array]:
+    """Give log p(y | x) and its gradient (Rasmussen & Williams 2006, equations 2.30 and 5.9).
+
+    Args:
+        kernel: The hyper-parameters.
+        x: (n, d).
+        y: (n,), of zero mean.
+
+    Returns:
+        The value, and (d + 2,) its derivatives by the logarithms of length-scales, signal, noise.
+    """
+    z = x / kernel.length_scales
+    distance = cdist(z, z)
+    signal = kernel.signal * np.exp(-distance)
+    factor = _factorise(kernel, signal.copy())
+    weights = _solve(factor, y)
+    value = -0.5 * y @ weights - np.log(factor.diagonal()).sum() - 0.5 * len(y) * np.log(2 * np.pi)
+
+    inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    slope = 0.5 * (np.outer(weights, weights) - inverse)
+    by_noise = kernel.noise * np.trace(slope)
+    slope *= signal
+    by_signal = slope.sum()
+    # sum over j, k of slope_jk (z_ji - z_ki)^2 / distance_jk, for each i without an (n, n, d) array
+    np.divide(slope, distance, out=slope, where=distance > 0)
+    by_length = 2.0 * (slope.sum(axis=1) @ z**2 - (z * (slope @ z)).sum(axis=0))
+    return float(value), np.array([*by_length, by_signal, by_noise])
+
+
+def fit_kernel(x: Array, y: Array) -> Kernel:
+    """Find the hyper-parameters that maximise the marginal likelihood, by L-BFGS from one start.
+
+    Args:
+        x: (n, d) in [-1, 1]. Each step costs n^3 operations.
+        y: (n,), of zero mean and unit variance.
+    """
+    d = x.shape[1]
+
+    def objective(logs: Array) -> tuple[float, Array]:
+        value, gradient = log_marginal_likelihood(_kernel(logs), x, y)
+        return -value, -gradient
+
+    bounds = [*[_LENGTH_SCALE_BOUNDS] * d, _SIGNAL_BOUNDS, _NOISE_BOUNDS]
+    found = minimize(
+        objective,
+        np.log([*[_START[0]] * d, *_START[1:]]),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=np.log(bounds),
+        options={"maxiter": _ITERATIONS},
+    )
+    return _kernel(found.x)
+
+
+def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
+    """Solve (K + noise I) w = y for all n points by one Cholesky factorisation in place.
+
+    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000, of which one half is written.
+
+    Returns:
+        (n,) the weights: the posterior mean at a is k(a, x) w (Rasmussen & Williams 2006, 2.27).
+    """
+    n = len(x)
+    upper = np.empty((n, n))
+    for start in range(0, n, _BLOCK):
+        upper[start : start + _BLOCK, start:] = kernel(x[start : start + _BLOCK], x[start:])
+    # the transpose is LAPACK's own order, so that nothing is copied
+    return _solve(_factorise(kernel, upper.T), y)
+
+
+def predict_mean(kernel: Kernel, x: Array, weights: Array, at: Array) -> Array:
+    """Give the posterior mean at (m, d): (m,)."""
+    blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
+    return np.concatenate([kernel(block, x) @ weights for block in blocks])
+
+
+def _kernel(logs: Array) -> Kernel:
+    *length_scales, signal, noise = np.exp(logs)
+    return Kernel(np.array(length_scales), float(signal), float(noise))
+
+
+def _factorise(kernel: Kernel, covariance: Array) -> Array:
+    """Add the noise and factorise in place: the lower triangle holds the Cholesky factor."""
+    np.fill_diagonal(covariance, kernel.signal + kernel.noise)
+    factor, info = lapack.dpotrf(covariance, lower=1, clean=0, overwrite_a=1)
+    # the least noise is far above the rounding errors
+    assert info == 0, f"dpotrf gave {info}"
+    return np.asarray(factor)
+
+
+def _solve(factor: Array, y: Array) -> Array:
+    weights, _ = lapack.dpotrs(factor, y, lower=1)
+    return np.asarray(weights)

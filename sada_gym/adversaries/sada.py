@@ -1,0 +1,240 @@
+"""`sada`: learn where the agent fails from all queries, and sample that set evenly (our own)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.adversaries import refuse_unknown
+from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.surrogate import MODELS, Surrogate
+from sada_gym.coverage import density_and_coverage
+
+Array = npt.NDArray[np.float64]
+
+LEAST_BUDGET = 20
+
+_POOL_PER_QUERY = 10
+_LEAST_POOL, _MOST_POOL = 2_000, 20_000
+_MOST_POOLS = 10
+_LEAST_SET = 1_000
+_RARE = 0.002
+_WALK_STEPS = 60
+_LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
+_SAMPLES, _DRAWS = 250, 10
+
+
+class SADA(Learner):
+    """Learns the probability of fooling from all queries; samples evenly where it is high.
+
+    1. A part of the budget is uniform (Omega); the rest is spent in rounds. Each fits a
+       `Surrogate` to all queries so far and asks about random mu with probability in proportion to
+       p (1 - p), highest at the boundary of the fooling set {p >= 1/2}: where a query is the most
+       informative about which side mu is on (compare Bryan et al. 2005, "Active learning for
+       identifying function threshold boundaries"). A part of each round stays uniform, because a
+       surrogate is confident where it has never looked. Where hardly any query fools yet, the
+       rounds go to the lowest predicted scores first.
+    2. The last surrogate is calibrated on held-out queries. Samples are uniform over
+       {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
+       Metropolis walk within it.
+    3. The level is at least 1/2, and as high as the coverage of {p >= 1/2} allows: of samples that
+       fool with their predicted probability, at least `coverage` of what level 1/2 covers has to
+       be left (density and coverage of Naeem et al. 2020, within the surrogate's own world).
+
+    Args:
+        dimension: d, the number of semantic parameters.
+        seed: Fixes all randomness of training and sampling; None draws one.
+        uniform: Share of the budget that is uniform from the start.
+        rounds: Number of rounds for the rest.
+        explore: Share of each round that is uniform.
+        coverage: Share of the coverage that a higher level has to keep; 1.0 stays at level 1/2.
+        models: What the surrogate stacks: `trees`, `process`.
+
+    Attributes:
+        omega: All points evaluated in training.
+        level: Samples are drawn where p >= level.
+        flags: What a reader of the result must know, such as that no point fooled.
+
+    Raises:
+        ValueError: If an option is out of range.
+    """
+
+    name: ClassVar[str] = "sada"
+
+    def __init__(
+        self,
+        dimension: int,
+        *,
+        seed: int | None = None,
+        uniform: float = 0.4,
+        rounds: int = 4,
+        explore: float = 0.25,
+        coverage: float = 0.98,
+        models: Sequence[str] = tuple(MODELS),
+    ) -> None:
+        super().__init__(dimension, seed=seed)
+        for name, value, low, high in (
+            ("uniform", uniform, 0.05, 1.0),
+            ("rounds", rounds, 0, 100),
+            ("explore", explore, 0.0, 1.0),
+            ("coverage", coverage, 0.0, 1.0),
+        ):
+            if not low <= value <= high:
+                raise ValueError(f"Expected {name} within [{low:g}, {high:g}], got {value}.")
+        self.uniform, self.rounds, self.explore = uniform, rounds, explore
+        self.coverage = coverage
+        if not models:
+            raise ValueError(f"Expected models among {', '.join(MODELS)}, got none.")
+        refuse_unknown("models", models, list(MODELS))
+        self.models = tuple(models)
+        self.level = 0.5
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The keywords that make an equal adversary."""
+        return {
+            "uniform": self.uniform,
+            "rounds": self.rounds,
+            "explore": self.explore,
+            "coverage": self.coverage,
+            "models": list(self.models),
+        }
+
+    def _train(self, oracle: Query) -> Omega:
+        budget = oracle.remaining
+        if budget < LEAST_BUDGET:
+            raise ValueError(
+                f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
+            )
+        self._pool = min(max(_POOL_PER_QUERY * budget, _LEAST_POOL), _MOST_POOL)
+        first = budget if not self.rounds else max(int(self.uniform * budget), LEAST_BUDGET)
+        omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
+        for part in _split(budget - first, self.rounds):
+            surrogate = Surrogate(omega, oracle.threshold, self.rng, self.models)
+            omega += evaluate(self._informative(surrogate, part), oracle)
+        if (omega.score > oracle.threshold).all():
+            self.flags.append(NONE_FOOLED)
+        self._refit_seed = int(self.rng.integers(2**62))
+        self._threshold = oracle.threshold
+        self._fit(omega)
+        self._find_level()
+        return omega
+
+    def _informative(self, surrogate: Surrogate, count: int) -> npt.NDArray[np.float32]:
+        """Choose mu to ask about: (count, d), by what the surrogate says and some uniform."""
+        pool = self._uniform(max(self._pool, 4 * count))
+        p = surrogate(pool)
+        # too few fool to know the boundary: go where the scores are lowest
+        odds = (p**4 if surrogate.raised else p * (1.0 - p)) + 1e-12
+        odds = (1.0 - self.explore) * odds / odds.sum() + self.explore / len(pool)
+        return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
+
+    def _fit(self, omega: Omega) -> None:
+        rng = np.random.default_rng(self._refit_seed)
+        self._surrogate = Surrogate(omega, self._threshold, rng, self.models)
+
+    def _find_level(self) -> None:
+        """Choose the level, and keep what the walk starts from."""
+        pool, p = self._predicted_pool()
+        if not (p >= 0.5).any():
+            self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
+        # at least the likeliest hundredth of a per cent, so that there is something to sample
+        self.level = min(0.5, float(np.quantile(p, 0.9999)))
+        rows = np.flatnonzero(p >= self.level)
+        if self.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
+            self._raise_level(pool, p, rows)
+        inside = p >= self.level
+        self._share = float(inside.mean())
+        self._starts = pool[inside][:_LEAST_SET]
+
+    def _raise_level(
+        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp]
+    ) -> None:
+        """Raise the level from 1/2 as far as the coverage of {p >= 1/2} allows."""
+        real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
+        least = self.coverage * self._covered(pool, p, others, real)
+        for level in _LEVELS:
+            higher = others[p[others] >= level]
+            if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
+                return
+            self.level = level
+
+    def _predicted_pool(self) -> tuple[npt.NDArray[np.float32], Array]:
+        """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
+        pools: list[npt.NDArray[np.float32]] = []
+        predicted: list[Array] = []
+        while len(pools) < _MOST_POOLS:
+            pools.append(self._uniform(self._pool))
+            predicted.append(self._surrogate(pools[-1]))
+            if sum((p >= 0.5).sum() for p in predicted) >= 4 * _LEAST_SET:
+                break
+        return np.concatenate(pools), np.concatenate(predicted)
+
+    def _covered(
+        self,
+        pool: npt.NDArray[np.float32],
+        p: Array,
+        rows: npt.NDArray[np.intp],
+        real: npt.NDArray[np.float32],
+    ) -> float:
+        """Predict the coverage of samples from some rows of the pool, that fool with chance p."""
+        covered = []
+        for _ in range(_DRAWS):
+            samples = self.rng.choice(rows, _SAMPLES, replace=False)
+            fooling = pool[samples[self.rng.random(_SAMPLES) < p[samples]]]
+            held = real[self.rng.choice(len(real), _SAMPLES, replace=False)]
+            covered.append(density_and_coverage(held, fooling).coverage)
+        return float(np.mean(covered))
+
+    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+        if self._share < _RARE:
+            return self._walk(n)
+        pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MOST_POOLS * _MOST_POOL))
+        return pool[self._surrogate(pool) >= self.level]
+
+    def _walk(self, n: int) -> npt.NDArray[np.floating[Any]]:
+        """Walk within {p >= level} from the points known to lie in it (Metropolis; Ter Braak 2006).
+
+        Steps are differences of two random points of the set, so that they have its shape.
+        """
+        mu = self._starts[self.rng.integers(len(self._starts), size=n)].astype(np.float64)
+        for _ in range(_WALK_STEPS):
+            pair = self._starts[self.rng.integers(len(self._starts), size=(2, n))]
+            size = self.rng.choice([0.1, 0.3, 1.0], size=(n, 1))
+            step = size * (pair[0] - pair[1]) + 0.01 * self.rng.normal(size=mu.shape)
+            # folded at the faces, which keeps the proposal symmetric
+            proposed = 1.0 - np.abs((mu + step + 1.0) % 4.0 - 2.0)
+            accepted = self._surrogate(proposed) >= self.level
+            mu[accepted] = proposed[accepted]
+        return mu
+
+    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
+
+    def _arrays(self) -> Arrays:
+        return {
+            "refit_seed": np.array(self._refit_seed),
+            "threshold": np.array(self._threshold),
+            "level": np.array(self.level),
+            "share": np.array(self._share),
+            "starts": self._starts,
+        }
+
+    def _restore(self, arrays: Arrays) -> None:
+        """Fit the surrogate again: the same queries and seed give the same trees, unpickled."""
+        self._refit_seed = int(arrays["refit_seed"])
+        self._threshold = float(arrays["threshold"])
+        self._fit(self.omega)
+        self.level, self._share = float(arrays["level"]), float(arrays["share"])
+        self._starts = arrays["starts"]
+
+
+def _split(total: int, parts: int) -> list[int]:
+    """Split a budget into parts of nearly one size; none is empty."""
+    sizes = [total * (i + 1) // parts - total * i // parts for i in range(parts)]
+    return [size for size in sizes if size]

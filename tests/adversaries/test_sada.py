@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+from landscape import FunctionOracle, Landscape
+
+from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.sada import LEAST_BUDGET, SADA
+from sada_gym.coverage import fooling_coverage
+from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.metrics import attack_fooling_rate
+from sada_gym.testing import AdversaryContract
+
+
+class TestSADA(AdversaryContract):
+    budget = 100
+
+    def make(self, dimension, seed):
+        return SADA(dimension, seed=seed, rounds=1)
+
+
+def trained(function, *, dimension, budget=500, **options):
+    oracle = FunctionOracle(function, budget)
+    adversary = SADA(dimension, seed=0, **options)
+    adversary.train(oracle)
+    return adversary, oracle
+
+
+@pytest.mark.parametrize(("dimension", "budget"), [(2, 400), (8, 1_500)])
+def test_fools_and_covers_separate_regions(dimension, budget):
+    boxes = AnalyticApplication(dimension=dimension)
+    adversary, oracle = trained(
+        lambda mu: boxes.evaluate(mu, range(len(mu))).score,
+        dimension=dimension,
+        budget=budget,
+        rounds=2,
+    )
+    assert oracle.remaining == 0
+    samples = adversary.sample(250)
+    score = boxes.evaluate(samples, range(250)).score
+    assert attack_fooling_rate(score, 0.3).low > 0.85
+    assert set(boxes.fooling_region(samples)) >= set(range(4))
+    truth = boxes.sample_fooling_set(2_000, np.random.default_rng(1))
+    covered = fooling_coverage(samples, score <= 0.3, truth).coverage
+    assert covered > 0.9
+
+
+def test_fools_as_often_as_the_truth_where_the_world_is_random():
+    waves = Landscape(0)
+    adversary, _ = trained(waves, dimension=8, budget=1_000, rounds=2)
+    uniform = np.random.default_rng(0).uniform(-1, 1, (5_000, 8))
+    rate = waves.fooling_rate(uniform)
+    assert waves.fooling_rate(adversary.sample(500)).mean() > rate[rate >= 0.5].mean() - 0.03
+
+
+def test_queries_gather_where_the_boundary_is():
+    boxes = AnalyticApplication(dimension=2)
+    adversary, _ = trained(
+        lambda mu: boxes.evaluate(mu, range(len(mu))).score,
+        dimension=2,
+        uniform=0.3,
+        explore=0.0,
+        rounds=2,
+    )
+
+    def near_boundary(mu):
+        return (np.abs(boxes.evaluate(mu, range(len(mu))).score - 0.3) < 0.1).mean()
+
+    first, chosen = adversary.omega.mu[:150], adversary.omega.mu[150:]
+    assert near_boundary(chosen) > 3 * near_boundary(first)
+
+
+def test_a_rare_set_is_walked_in():
+    centre = np.array([0.3, -0.4, 0.1, 0.5])
+
+    def q(mu):
+        return np.clip(np.linalg.norm(mu - centre, axis=1) / 0.8, 0.0, 1.0)
+
+    adversary, _ = trained(q, dimension=4, budget=600)  # 0.1 % of the box fools
+    assert adversary._share < 0.002
+    samples = adversary.sample(300)
+    assert (q(samples) <= 0.3).mean() > 0.8
+    assert samples.std(axis=0).min() > 0.03
+
+
+def test_where_none_fools_it_says_so_and_takes_the_likeliest():
+    adversary, _ = trained(lambda mu: 0.5 + 0.4 * np.abs(mu[:, 0]), dimension=2, budget=300)
+    assert NONE_FOOLED in adversary.flags
+    assert np.abs(adversary.sample(100)[:, 0]).mean() < 0.2
+
+
+@pytest.mark.parametrize("constant", [0.0, 1.0])
+def test_a_constant_score_gives_uniform_samples(constant):
+    adversary, _ = trained(lambda mu: np.full(len(mu), constant), dimension=3, budget=100)
+    assert (NONE_FOOLED in adversary.flags) == (constant == 1.0)
+    assert abs(adversary.sample(2_000).std() - 3**-0.5) < 0.02
+
+
+@pytest.mark.parametrize("dimension", [1, 64])
+def test_extreme_dimensions(dimension):
+    adversary, _ = trained(
+        lambda mu: (mu[:, 0] + 1.0) / 2.0, dimension=dimension, budget=300, rounds=1
+    )
+    samples = adversary.sample(100)
+    assert samples.shape == (100, dimension)
+    assert (samples[:, 0] <= -0.4).mean() > 0.8
+
+
+def test_too_small_a_budget_is_refused():
+    with pytest.raises(ValueError, match=f"budget of at least {LEAST_BUDGET} queries, got 19"):
+        trained(lambda mu: mu[:, 0], dimension=1, budget=19)
+
+
+def test_scores_that_are_no_numbers_are_refused():
+    with pytest.raises(ValueError, match="finite scores"):
+        trained(lambda mu: np.full(len(mu), np.nan), dimension=1)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"uniform": 0.0}, {"rounds": -1}, {"explore": 1.5}, {"coverage": np.nan}]
+)
+def test_a_bad_option_is_refused(bad):
+    with pytest.raises(ValueError, match=f"Expected {next(iter(bad))} within"):
+        SADA(2, **bad)
