@@ -20,6 +20,7 @@ FOLDER = Path(__file__).parent / "references"
 INDEX = "index.json"
 
 _STREAM_SEED = 0
+_SPLIT_SEED = 0
 
 
 class ReferenceEntry(Strict):
@@ -84,6 +85,15 @@ class Reference:
     def fooling_set(self) -> Mu:
         """The points of the fooling set, (m, d)."""
         return self.mu[self.fooling]
+
+    def halves(self) -> tuple[Mu, Mu]:
+        """Split the fooling set at random, always alike: points to measure by, points to draw.
+
+        Ideal samples that were themselves among the points to be covered would cover them all.
+        """
+        inside = self.fooling_set
+        order = np.random.default_rng(_SPLIT_SEED).permutation(len(inside))
+        return inside[order[::2]], inside[order[1::2]]
 
 
 @functools.lru_cache(maxsize=8)

@@ -36,6 +36,7 @@ _PACKAGES = (
     "pymunk",
     "trimesh",
     "numba",
+    "ribs",
     "pillow",
 )
 

@@ -158,14 +158,21 @@ class WorkerPool:
 
     Args:
         workers: Number of processes; they start at once.
-        task: What they will evaluate: sent once, not with every chunk.
+        task: What they will evaluate, if anything: sent once, not with every chunk.
+        prepare: Called in each process when it starts; picklable as what starts a process is.
     """
 
-    def __init__(self, workers: int, task: Task) -> None:
+    def __init__(
+        self,
+        workers: int,
+        task: Task | None = None,
+        *,
+        prepare: Callable[[], None] | None = None,
+    ) -> None:
         context = get_context("spawn")
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_initialise, initargs=(watched, task)
+            workers, mp_context=context, initializer=_initialise, initargs=(watched, task, prepare)
         )
         with _inherited_settings():
             for _ in range(workers):
@@ -207,11 +214,15 @@ def _inherited_settings() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _initialise(lifeline: Connection, task: Task) -> None:
-    if task.payload is not None:
+def _initialise(
+    lifeline: Connection, task: Task | None, prepare: Callable[[], None] | None
+) -> None:
+    if task is not None and task.payload is not None:
         _given[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
+    if prepare is not None:
+        prepare()
 
 
 def _exit_with_parent(lifeline: Connection) -> None:

@@ -153,7 +153,7 @@ class BBGAN(Adversary):
         self.options = replace(start, **overrides)
         self.omega = Omega(np.zeros((0, dimension), np.float32), np.zeros(0))
         self._log = TrainingLog(log_dir)
-        self._generator = torch.Generator().manual_seed(int(self.rng.integers(2**62)))
+        self._generator = torch.Generator()
         self._g: Generator | None = None
         self._d: Discriminator | None = None
         self._ceiling = torch.zeros(())
@@ -165,9 +165,15 @@ class BBGAN(Adversary):
         Raises:
             ValueError: If there is no budget, or a score is not finite.
         """
-        omega = evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
+        omega = self._evaluate_uniform(oracle.remaining, oracle)
         self._learn(omega, oracle.threshold)
         self._log.close()
+
+    def _evaluate_uniform(self, n: int, oracle: Query) -> Omega:
+        """Evaluate Omega, the same for every adversary of one seed; the networks' seed is next."""
+        omega = evaluate_uniform(n, self.dimension, oracle, self.rng)
+        self._generator.manual_seed(int(self.rng.integers(2**62)))
+        return omega
 
     def _learn(self, omega: Omega, threshold: float) -> None:
         """Train G and D afresh on the set induced from omega."""

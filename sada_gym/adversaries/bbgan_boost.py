@@ -9,7 +9,7 @@ from typing import ClassVar
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class BoostedBBGAN(BBGAN):
         """
         assert isinstance(self.options, BoostOptions)
         uniform, share = split_budget(oracle.remaining, self.options)
-        omega = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        omega = self._evaluate_uniform(uniform, oracle)
         boosted = omega
         self._learn(omega, oracle.threshold)
         for stage in range(self.options.stages if share else 0):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from sada_gym.cli.attack import attack
+from sada_gym.cli.benchmark import ListingCommand, benchmark
 from sada_gym.cli.catalogue import adversaries, agents, envs
 from sada_gym.cli.check import check
 from sada_gym.cli.console import SpreadingCommand, debugging
@@ -33,6 +34,7 @@ app.command()(agents)
 app.command()(adversaries)
 app.command(cls=SpreadingCommand)(attack)
 app.command(cls=SpreadingCommand)(check)
+app.command(cls=ListingCommand)(benchmark)
 
 
 def main() -> None:

@@ -1,0 +1,82 @@
+"""What `svm` and `gp` cost at the paper's N beside their limits: `make bench`. No test fails on it.
+
+They compute in one thread. Each runs in a process of its own, whose peak memory is measured.
+"""
+
+import resource
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from sada_gym.adversaries import make
+from sada_gym.oracle import Oracle
+from sada_gym.processes import in_fresh_process
+
+N, DIMENSION, SAMPLES = 20_000, 8, 250
+LIMITS = {"svm": (300.0, 4.0), "gp": (600.0, 8.0)}
+"""Seconds on two cores, and GiB."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What training and sampling took.
+
+    Attributes:
+        wall_s: Seconds of training by the clock.
+        process_s: Seconds of training by the processor.
+        sample_s: Seconds of sampling by the processor.
+        memory_gib: Peak memory of the process.
+    """
+
+    wall_s: float
+    process_s: float
+    sample_s: float
+    memory_gib: float
+
+
+COSTS: dict[str, Cost] = {}
+
+
+def landscape(mu):
+    """Waves under noise, so that scores spread over [0, 1] and no surrogate can be smooth."""
+    rng = np.random.default_rng(0)
+    directions, phases = 1.5 * rng.normal(size=(DIMENSION, 40)), rng.uniform(0.0, 6.3, 40)
+    height = np.cos(mu @ directions + phases).sum(axis=1) / 3.0 + rng.normal(size=len(mu))
+    return 1.0 / (1.0 + np.exp(-height))
+
+
+def cost(name):
+    adversary = make(name, DIMENSION, seed=0)
+    oracle = Oracle(landscape, dimension=DIMENSION, threshold=0.3, budget=N)
+    wall, process = time.perf_counter(), time.process_time()
+    adversary.train(oracle)
+    wall, process = time.perf_counter() - wall, time.process_time() - process
+    sample = time.process_time()
+    adversary.sample(SAMPLES)
+    sample = time.process_time() - sample
+    unit = 2**30 if sys.platform == "darwin" else 2**20  # getrusage counts bytes there, KiB here
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    return Cost(wall, process, sample, peak)
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_training(benchmark, name):
+    COSTS[name] = benchmark.pedantic(in_fresh_process, (cost, name), {"home": Cost}, rounds=1)
+    benchmark.extra_info |= vars(COSTS[name])
+
+
+def test_limits(capsys):
+    """Print what ran."""
+    with capsys.disabled():
+        print(f"\n\nN = {N}, d = {DIMENSION}, {SAMPLES} samples")
+        print("| what | wall s | process s | limit s | sample s | GiB | limit GiB |")
+        print("| --- | --- | --- | --- | --- | --- | --- |")
+        for name, c in COSTS.items():
+            seconds, gib = LIMITS[name]
+            print(
+                f"| {name} | {c.wall_s:.0f} | {c.process_s:.0f} | {seconds:.0f} "
+                f"| {c.sample_s:.1f} | {c.memory_gib:.2f} | {gib:.0f} |"
+            )

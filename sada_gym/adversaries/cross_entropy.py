@@ -1,0 +1,209 @@
+"""`cross-entropy`: adaptive importance sampling of the fooling set with Gaussian mixtures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, logsumexp
+
+from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
+from sada_gym.adversaries.mixture import Array, Mixture, fit_best_mixture
+from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
+
+_CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """What one stage draws from: a truncated mixture, and a share of uniform points.
+
+    Attributes:
+        mixture: None for the first stage, which is all uniform.
+        mass: The mixture's mass in the box.
+        defensive: The share of uniform points.
+        count: Points drawn.
+    """
+
+    mixture: Mixture | None
+    mass: float
+    defensive: float
+    count: int
+
+    def log_ratio(self, points: Array) -> Array:
+        """Give the log of its density over the uniform distribution's at points (n, d): (n,)."""
+        if self.mixture is None:
+            return np.zeros(len(points))
+        truncated = self.mixture.log_density(points) - math.log(self.mass)
+        truncated += points.shape[1] * math.log(2.0)
+        mixed: Array = np.logaddexp(
+            math.log(self.defensive), math.log1p(-self.defensive) + truncated
+        )
+        return mixed
+
+
+class CrossEntropy(Learner):
+    """Mixtures fitted in stages to the points that fool, each drawing the next stage's points.
+
+    The cross-entropy method (Rubinstein & Kroese 2004) for the target density 1{Q <= epsilon}, with
+    mixtures as proposals because failures lie in several regions (Kurtz & Song 2013; Geyer,
+    Papaioannou & Straub 2019). The first stage is uniform. Each later stage draws from a mixture
+    fitted to all points so far at or below a level: the `elite` quantile of the last stage's
+    scores, at the least epsilon. A point weighs the uniform density over the density of
+    all stages' proposals together (balance heuristic, Veach & Guibas 1995), so that no region gains
+    by having been drawn from more often. Uniform draws in every stage bound the weights and find
+    regions that the mixture lacks. The number of components is cross-validated.
+
+    Where Q is random, to be at or below epsilon is a draw of the probability p(mu) to fool. Every
+    evaluation counts once, the lucky one no more than others, so that the mixture aims at
+    the density proportional to p.
+
+    Samples are those of the last mixture, thinned by an estimate of p from all evaluated points
+    (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
+    edges of a fooling set. Where Q is fixed this leaves the target as it is; where it is random
+    samples lean towards higher p.
+
+    Args:
+        dimension: d, the number of semantic parameters.
+        seed: Fixes all randomness of training and sampling; None draws one.
+        uniform_share: The first stage's share of the budget, within (0, 1).
+        stages: Number of later stages, at least 1.
+        elite: The quantile of scores that sets the level, within (0, 1).
+        components: The most components of a mixture; powers of two up to it are tried.
+        defensive: The share of uniform points in the later stages, within (0, 1).
+
+    Raises:
+        ValueError: If the dimension or an option is bad.
+    """
+
+    name: ClassVar[str] = "cross-entropy"
+
+    def __init__(
+        self,
+        dimension: int,
+        *,
+        seed: int | None = None,
+        uniform_share: float = 0.3,
+        stages: int = 6,
+        elite: float = 0.2,
+        components: int = 16,
+        defensive: float = 0.05,
+    ) -> None:
+        super().__init__(dimension, seed=seed)
+        shares = {"uniform_share": uniform_share, "elite": elite, "defensive": defensive}
+        for what, share in shares.items():
+            if not (isinstance(share, float) and 0.0 < share < 1.0):
+                raise ValueError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
+        for what, count in {"stages": stages, "components": components}.items():
+            if type(count) is not int or count < 1:
+                raise ValueError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+        self.uniform_share = uniform_share
+        self.stages = stages
+        self.elite = elite
+        self.components = components
+        self.defensive = defensive
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The keywords that make an equal adversary."""
+        return {
+            "uniform_share": self.uniform_share,
+            "stages": self.stages,
+            "elite": self.elite,
+            "components": self.components,
+            "defensive": self.defensive,
+        }
+
+    def _train(self, oracle: Query) -> Omega:
+        first, *later = self._split(oracle.remaining)
+        newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
+        proposals = [_Proposal(None, 1.0, 1.0, first)]
+        level = math.inf
+        for count in later:
+            quantile = float(np.quantile(newest.score, self.elite, method="lower"))
+            level = max(min(level, quantile), oracle.threshold)
+            mixture = self._fit(omega, level, proposals)
+            mass = mixture.mass_in_box(self.rng)
+            proposals.append(_Proposal(mixture, mass, self.defensive, count))
+            newest = evaluate(self._propose(mixture, count), oracle)
+            omega += newest
+        level = oracle.threshold
+        if omega.score.min() > level:
+            self.flags.append(NONE_FOOLED)
+            level = float(np.sort(omega.score)[:FALLBACK_SIZE][-1])
+        self._mixture = self._fit(omega, level, proposals)
+        self._learn_odds(omega, level)
+        return omega
+
+    def _split(self, budget: int) -> list[int]:
+        """Split the budget into the first, uniform stage and later ones, none of them empty."""
+        uniform = math.ceil(budget * self.uniform_share)
+        ends = np.linspace(uniform, budget, self.stages + 1).astype(int)
+        return [uniform, *(int(count) for count in np.diff(ends) if count)]
+
+    def _fit(self, omega: Omega, level: float, proposals: list[_Proposal]) -> Mixture:
+        """Fit the uniform density over the points at or below the level."""
+        elite = omega.mu[omega.score <= level].astype(np.float64)
+        log_density = logsumexp(
+            [math.log(proposal.count) + proposal.log_ratio(elite) for proposal in proposals], axis=0
+        )
+        weights = np.exp(log_density.min() - log_density)
+        return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
+
+    @property
+    def _sizes(self) -> list[int]:
+        return [2**i for i in range(self.components.bit_length())]
+
+    def _propose(self, mixture: Mixture, n: int) -> npt.NDArray[np.float32]:
+        points = mixture.sample(n, self.rng)
+        uniform = self.rng.random(n) < self.defensive
+        points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
+        return points.astype(np.float32)
+
+    def _learn_odds(self, omega: Omega, level: float) -> None:
+        """Fit mixtures to the points at or below the level and to those above, by which to thin."""
+        fooled = omega.score <= level
+        self._classes: list[Mixture] = []
+        self._log_odds = self._ceiling = 0.0
+        if fooled.all():
+            return
+        self._classes = [
+            fit_best_mixture(omega.mu[chosen], self._sizes, self.rng)
+            for chosen in (fooled, ~fooled)
+        ]
+        self._log_odds = math.log(fooled.sum() / (~fooled).sum())
+        odds = self._odds(self._mixture.sample(_CALIBRATION_DRAWS, self.rng))
+        self._ceiling = float(np.quantile(odds, _ACCEPTANCE))
+
+    def _odds(self, points: Array) -> Array:
+        """Estimate the probability that points (n, d) fool: (n,)."""
+        below, above = (mixture.log_density(points) for mixture in self._classes)
+        probability: Array = expit(self._log_odds + below - above)
+        return probability
+
+    def _draw(self, n: int) -> Array:
+        # a tenth of the mixture's draws are kept for sure, so the loop ends
+        while True:
+            points = self._mixture.sample(2 * n + 64, self.rng)
+            if self._classes:
+                chance = self.rng.random(len(points)) * self._ceiling
+                points = points[chance <= self._odds(points)]
+            if len(points):
+                return points
+
+    def _arrays(self) -> Arrays:
+        arrays: dict[str, Any] = {"odds": np.array([self._log_odds, self._ceiling])}
+        for i, mixture in enumerate([self._mixture, *self._classes]):
+            arrays |= {f"{i}.{name}": array for name, array in mixture.to_arrays().items()}
+        return arrays
+
+    def _restore(self, arrays: Arrays) -> None:
+        self._log_odds, self._ceiling = (float(value) for value in arrays["odds"])
+        self._mixture, *self._classes = (
+            Mixture.from_arrays({n: arrays[f"{i}.{n}"] for n in ("weights", "means", "factors")})
+            for i in range(3 if "2.weights" in arrays else 1)
+        )

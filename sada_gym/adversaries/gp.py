@@ -1,0 +1,66 @@
+"""`gp`: Gaussian process regression on all of Omega (a baseline of the paper)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.adversaries.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
+from sada_gym.adversaries.learner import Arrays
+from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.selection import Selection
+
+MOST_POINTS = 20_000
+"""Points that the process is fitted to: the paper's N. Time grows with their third power."""
+
+CONSTANT = "all scores of Omega are equal: samples are uniform"
+
+
+class GP(Selection):
+    """A Gaussian process regression of the score; samples are random mu of the lowest mean.
+
+    Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines": an exponential
+    kernel. One length-scale a dimension, signal and noise maximise the marginal likelihood on a
+    random subset of Omega; the process is then exact on all of it. See `Selection` for how samples
+    are chosen, and for the arguments.
+    """
+
+    name: ClassVar[str] = "gp"
+
+    def _fit(self, omega: Omega) -> None:
+        if len(omega) > MOST_POINTS:
+            self.flags.append(f"fitted to the first {MOST_POINTS} points of Omega's {len(omega)}")
+        # Omega is in random order: its first points are a random subset
+        x = omega.mu[:MOST_POINTS].astype(np.float64)
+        score = omega.score[:MOST_POINTS]
+        self._mean, scale = float(score.mean()), float(score.std())
+        if np.ptp(score) == 0.0:  # rounding may leave their deviation above 0
+            self.flags.append(CONSTANT)
+            self._kernel = Kernel(np.ones(self.dimension), 1.0, 1.0)
+            self._weights = np.zeros(len(x))
+            return
+        y = (score - self._mean) / scale
+        self._kernel = fit_kernel(x[: self.subset], y[: self.subset])
+        self._weights = scale * fit_weights(self._kernel, x, y)
+
+    def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
+        x = self.omega.mu[: len(self._weights)].astype(np.float64)
+        return self._mean + predict_mean(self._kernel, x, self._weights, mu)
+
+    def _arrays(self) -> Arrays:
+        return {
+            "mean": np.array(self._mean),
+            "weights": self._weights,
+            "length_scales": self._kernel.length_scales,
+            "signal": np.array(self._kernel.signal),
+            "noise": np.array(self._kernel.noise),
+        }
+
+    def _restore(self, arrays: Arrays) -> None:
+        self._mean = float(arrays["mean"])
+        self._weights = arrays["weights"]
+        self._kernel = Kernel(
+            arrays["length_scales"], float(arrays["signal"]), float(arrays["noise"])
+        )

@@ -1,0 +1,249 @@
+"""Many runs in one figure: mean and interquartile mean, bootstrap intervals, shared ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm, t, trim_mean
+
+Interval = tuple[float, float]
+Statistic = Literal["mean", "iqm"]
+Resampled = Literal["seeds", "test samples", "seeds and test samples", "nothing"]
+
+Values = npt.NDArray[np.float64]
+
+_TRIMMED = {"mean": 0.0, "iqm": 0.25}  # cut off at either end
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A statistic of many runs and how far it can be trusted.
+
+    Attributes:
+        value: The statistic.
+        interval: Its bootstrap interval; None where nothing could be resampled.
+        resampled: What was drawn anew. With one seed a track it is the test samples at best: the
+            interval does not tell then how another training run would have turned out.
+    """
+
+    value: float
+    interval: Interval | None
+    resampled: Resampled
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An adversary's place in a table.
+
+    Attributes:
+        name: The adversary.
+        value: Its figure.
+        interval: The figure's interval; None where it is unknown.
+        rank: 1 is best; None for a control.
+        shared: Whether another adversary has the same rank.
+    """
+
+    name: str
+    value: float
+    interval: Interval | None
+    rank: int | None
+    shared: bool
+
+    @property
+    def label(self) -> str:
+        """The rank as tables show it: `1`, shared `1=`, of a control `-`."""
+        return "-" if self.rank is None else f"{self.rank}{'=' if self.shared else ''}"
+
+
+def interquartile_mean(values: npt.ArrayLike) -> float:
+    """Average the middle half of all values (Agarwal et al., NeurIPS 2021).
+
+    A quarter, rounded down, is cut off at either end; of three values or fewer it is the mean.
+
+    Args:
+        values: Of any shape, taken together: all tracks' runs.
+
+    Raises:
+        ValueError: If there are none, or one is not finite.
+    """
+    flat = np.asarray(values, np.float64).ravel()
+    if not len(flat) or not np.isfinite(flat).all():
+        raise ValueError(f"Expected at least one value and all of them finite, got {flat}.")
+    return float(trim_mean(flat, _TRIMMED["iqm"]))
+
+
+def estimate(
+    values: npt.ArrayLike,
+    *,
+    statistic: Statistic = "mean",
+    samples: int | npt.ArrayLike | None = None,
+    seed: int = 0,
+    resamples: int = 10_000,
+    level: float = 0.95,
+) -> Estimate:
+    """Estimate a statistic over tracks and seeds with its stratified bootstrap interval.
+
+    The seeds are resampled within each track (Agarwal et al., NeurIPS 2021, section 4), with two
+    corrections without which the interval is too narrow for few seeds. n - 1 of a track's n seeds
+    are drawn, which makes the variance unbiased (McCarthy and Snowden 1985; Rao and Wu 1988). And
+    the percentiles are those of Student's t with as many degrees of freedom as the seeds leave
+    (the expanded percentile interval, Hesterberg 2015). No percentile interval reaches beyond
+    the runs themselves: simulated at 95 %, it holds the truth 94 to 98 % of the time for 3 seeds or
+    more on each of 6 tracks or more, but on one track 76 % for 3 seeds, 91 % for 5, 94 % for 10.
+
+    A fooling rate varies for two reasons: training, and the M test samples that it is measured by.
+    Differences between seeds hold both. But where a track has one seed, or seeds that differ
+    no more than test samples alone would make them (all of them at 100 %, say), the test samples
+    are resampled instead: the track's rate is drawn from its Jeffreys posterior, the
+    Beta(x + 1/2, N - x + 1/2) of x fooled among the N samples of all its seeds.
+
+    Args:
+        values: (tracks, seeds), one figure for each run.
+        statistic: The mean or the interquartile mean of all runs.
+        samples: M where the values are rates among M test samples, as AFR is: one number, or one
+            for each track. None where they are anything else, such as coverage.
+        seed: Fixes the resampling.
+        resamples: How often to resample.
+        level: The interval's nominal coverage.
+
+    Raises:
+        ValueError: If an argument is not as described.
+    """
+    runs = np.asarray(values, np.float64)
+    _check(runs, statistic, resamples, level)
+    seeds = runs.shape[1]
+    value = float(trim_mean(runs.ravel(), _TRIMMED[statistic]))
+    if samples is None and seeds == 1:
+        return Estimate(value, None, "nothing")
+    counts = None if samples is None else _checked_counts(samples, runs)
+    tested = _varies_as_samples_do(runs, counts)
+    drawn = _resample(runs, counts, tested, resamples, np.random.default_rng(seed))
+
+    freedom = (seeds - 1) * int((~tested).sum())
+    tail = (1.0 - level) / 2
+    if freedom:
+        tail = float(norm.cdf(t.ppf(tail, freedom)))
+    replicates = trim_mean(drawn.reshape(resamples, -1), _TRIMMED[statistic], axis=1)
+    low, high = np.quantile(replicates, [tail, 1.0 - tail])
+    kinds: tuple[Resampled, ...] = ("seeds", "seeds and test samples", "test samples")
+    kind = kinds[int(tested.any()) + int(tested.all())]
+    return Estimate(value, (min(float(low), value), max(float(high), value)), kind)
+
+
+def shared_ranks(
+    values: Mapping[str, float],
+    intervals: Mapping[str, Interval | None],
+    *,
+    controls: Collection[str] = (),
+) -> tuple[Standing, ...]:
+    """Rank adversaries so that those which the data cannot tell apart share a rank.
+
+    An adversary's rank is 1 + the number of adversaries whose interval lies entirely above its
+    own, but never better than that of an adversary with a higher value: a wide interval
+    wins no rank. Overlapping does not pass on: with A over B over C, where only A and C are apart,
+    A and B share rank 1 and C has rank 2.
+
+    Args:
+        values: A figure for each adversary; higher is better.
+        intervals: Their intervals, (low, high); None where one is unknown, which overlaps with all.
+        controls: Names that stand in the table without a rank and count for nobody's.
+
+    Returns:
+        All of them, highest value first.
+
+    Raises:
+        ValueError: If the names differ, a value is not finite or an interval is upside down.
+    """
+    if values.keys() != intervals.keys():
+        raise ValueError(
+            f"Expected an interval, or None, for each of {sorted(values)}, got some for "
+            f"{sorted(intervals)}."
+        )
+    bounds = {name: interval or (-np.inf, np.inf) for name, interval in intervals.items()}
+    for name, (low, high) in bounds.items():
+        if not (np.isfinite(values[name]) and low <= high):
+            raise ValueError(
+                f"Expected a finite value and low <= high for {name}, got {values[name]} and "
+                f"({low}, {high})."
+            )
+    ranked = [name for name in values if name not in controls]
+    above = {name: sum(bounds[o][0] > bounds[name][1] for o in ranked) for name in ranked}
+    ranks = {
+        name: 1 + max(above[o] for o in ranked if values[o] >= values[name]) for name in ranked
+    }
+    shares = list(ranks.values())
+    return tuple(
+        Standing(
+            name,
+            values[name],
+            intervals[name],
+            rank=ranks.get(name),
+            shared=name in ranks and shares.count(ranks[name]) > 1,
+        )
+        for name in sorted(values, key=lambda name: -values[name])
+    )
+
+
+def _varies_as_samples_do(runs: Values, counts: Values | None) -> npt.NDArray[np.bool_]:
+    """Tell in which tracks the test samples explain all differences between seeds, (tracks,)."""
+    tracks, seeds = runs.shape
+    if counts is None:
+        return np.zeros(tracks, np.bool_)
+    rate = runs.mean(axis=1)
+    spread = runs.var(axis=1, ddof=1) if seeds > 1 else np.zeros(tracks)
+    return np.asarray(spread <= rate * (1.0 - rate) / counts)
+
+
+def _resample(
+    runs: Values,
+    counts: Values | None,
+    tested: npt.NDArray[np.bool_],
+    resamples: int,
+    rng: np.random.Generator,
+) -> Values:
+    """Draw seeds, or rates from their posterior: (resamples, tracks, max(seeds - 1, 1))."""
+    tracks, seeds = runs.shape
+    chosen = rng.integers(seeds, size=(resamples, tracks, max(seeds - 1, 1)))
+    drawn = np.take_along_axis(runs[None], chosen, axis=2)
+    if counts is not None:
+        fooled, trials = np.round(runs.sum(axis=1) * counts)[tested], (counts * seeds)[tested]
+        rates = rng.beta(fooled + 0.5, trials - fooled + 0.5, size=(resamples, len(fooled)))
+        drawn[:, tested] = rates[:, :, None]
+    return drawn
+
+
+def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
+    if runs.ndim != 2 or not runs.size or not np.isfinite(runs).all():
+        raise ValueError(
+            f"Expected finite values of shape (tracks, seeds), got shape {runs.shape}: {runs}. "
+            "Every track needs the same number of seeds."
+        )
+    if statistic not in get_args(Statistic):
+        raise ValueError(f"Expected the statistic to be mean or iqm, got {statistic!r}.")
+    if resamples < 1 or not 0.0 < level < 1.0:
+        raise ValueError(
+            "Expected at least 1 resample and a level within (0, 1), got "
+            f"resamples={resamples}, level={level}."
+        )
+
+
+def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
+    """Give M of each track, (tracks,)."""
+    given = np.asarray(samples, np.float64)
+    if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
+        raise ValueError(
+            f"Expected samples to be a number of at least 1, or {len(runs)} of them, one for each "
+            f"track; got {samples!r}."
+        )
+    counts = np.broadcast_to(given, len(runs))
+    fooled = runs * counts[:, None]
+    if (np.abs(fooled - np.round(fooled)) > 1e-6).any() or (runs < 0).any() or (runs > 1).any():
+        raise ValueError(
+            f"Expected rates among {counts} samples, got {runs}, which are not. Leave samples out "
+            "for a figure that is no rate."
+        )
+    return counts

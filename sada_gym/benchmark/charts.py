@@ -1,0 +1,312 @@
+"""The charts of a benchmark: AFR against coverage, anytime curves, marginals, novelty."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.benchmark.figures import Figure as Estimated
+from sada_gym.benchmark.labels import label_ends, place_labels
+from sada_gym.benchmark.results import Row
+from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.plots import _ACCENT, _GRID, _INK, _MUTED, _figure, _label, _tidy
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_PARAMETERS = 16
+"""Parameters in a picture of marginals."""
+
+_BINS = 18
+_CEILING = 4.0  # times uniform, where the marginals' colours end
+
+_CONTROL, _BASELINE, _GAN, _LATER = "#6b7785", "#2b6cb0", "#c2410c", "#0f766e"
+_DENSITY = ((0.0, "#4a7ab5"), (0.5, "#f7f7f7"), (0.75, "#d1622a"), (1.0, "#5c1a04"))
+_FAMILIES = {
+    _CONTROL: ("controls", {"ideal", "archive"}),
+    _BASELINE: (
+        "the paper's baselines",
+        {"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"},
+    ),
+    _GAN: ("BBGAN", {"bbgan", "bbgan (paper)", "bbgan-boost", "bbgan-boost (paper)"}),
+    _LATER: ("other methods", set[str]()),
+}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """An anytime curve.
+
+    Attributes:
+        labels: The contenders whose queries were these.
+        queries: (n,) queries spent.
+        found: (n,) distinct fooling points among them.
+        coverage: (n,) share of the fooling set that these cover; None without a reference set.
+    """
+
+    labels: tuple[str, ...]
+    queries: npt.NDArray[np.float64]
+    found: npt.NDArray[np.float64]
+    coverage: npt.NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class NoveltyRatios:
+    """A contender's novelty over that of ideal samples, one figure a run.
+
+    Attributes:
+        label: The contender.
+        median: Ratios of the median distances in mu.
+        fifth: Ratios of the fifth percentiles.
+        image: Ratios of the images' median distances.
+    """
+
+    label: str
+    median: Sequence[float]
+    fifth: Sequence[float]
+    image: Sequence[float]
+
+
+def tradeoff(rows: Sequence[Row], title: str) -> Figure:
+    """Draw AFR against relative coverage, one point a contender, with 95 % intervals.
+
+    Args:
+        rows: Those that have both figures.
+        title: A line above it.
+    """
+    figure = _figure(8.6, 6.4)
+    axes = figure.subplots()
+    points = []
+    for row in rows:
+        assert row.afr is not None
+        assert row.relative_coverage is not None
+        x, y, colour = row.relative_coverage, row.afr, _colour(row.label)
+        points.append((100 * x.value, 100 * y.value))
+        axes.errorbar(*points[-1], xerr=_bars(x), yerr=_bars(y), fmt="none", ecolor=(colour, 0.28))
+        axes.plot(
+            *points[-1], "o", color=colour, markersize=7, mec="white", zorder=4, clip_on=False
+        )
+    axes.set_xlim(*_limits([x for x, _ in points], 110))
+    axes.set_ylim(*_limits([y for _, y in points], 104))
+    axes.set_xlabel("coverage of the fooling set, % of the ideal samples'")
+    axes.set_ylabel("attack fooling rate, %")
+    _tidy(axes)
+    axes.grid(color=_GRID, linewidth=0.8)
+    _families(figure, [row.label for row in rows])
+    _title(figure, title)
+    names, colours = zip(*((row.label, _colour(row.label)) for row in rows), strict=True)
+    place_labels(axes, np.array(points), names, colours)
+    return figure
+
+
+def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
+    """Draw what the queries found, and how much of the fooling set that covers.
+
+    Args:
+        curves: One for each set of queries.
+        title: A line above it.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    covered = all(curve.coverage is not None for curve in curves)
+    figure = _figure(12.5 if covered else 7.0, 5.2)
+    panels = figure.subplots(1, 2 if covered else 1, squeeze=False)[0]
+    names, notes = _short_names(curves)
+    colours = [_INK if _is_shared(curve) else _colour(curve.labels[0]) for curve in curves]
+    last = max(float(curve.queries[-1]) for curve in curves)
+    ends = []
+    for axes, what in zip(panels, ("found", "coverage"), strict=False):
+        ends.append(np.zeros((len(curves), 2)))
+        for i, (curve, style) in enumerate(zip(curves, _styles(colours), strict=True)):
+            values = curve.found if curve.coverage is None or what == "found" else curve.coverage
+            axes.plot(
+                curve.queries,
+                values,
+                color=colours[i],
+                linestyle=style,
+                linewidth=1.5,
+                marker="o",
+                markersize=2.5,
+            )
+            ends[-1][i] = curve.queries[-1], values[-1]
+        axes.set_xlim(0, 1.03 * last)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("queries")
+        axes.xaxis.set_major_formatter(_thousands)
+        _tidy(axes)
+        axes.grid(color=_GRID, linewidth=0.8)
+    panels[0].set_ylabel("distinct fooling points found")
+    panels[0].yaxis.set_major_formatter(_thousands)
+    panels[0].yaxis.get_major_locator().set_params(integer=True)
+    if covered:
+        panels[1].set_ylim(0, min(1.15 * panels[1].dataLim.y1, 1.03))
+        panels[1].yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+        panels[1].set_ylabel("coverage of the fooling set by these points")
+    _families(figure, [curve.labels[0] for curve in curves if not _is_shared(curve)])
+    _title(figure, title, "\n".join(notes))
+    engine = figure.get_layout_engine()
+    assert isinstance(engine, ConstrainedLayoutEngine)
+    engine.set(rect=(0, 0, 0.88, 1), wspace=0.24)  # room for the names
+    for axes, of_panel in zip(panels, ends, strict=True):
+        label_ends(axes, of_panel, names, colours)
+    return figure
+
+
+def marginal_strips(
+    space: ParameterSpace, samples: Mapping[str, Mu], fooling_set: Mu | None, title: str
+) -> Figure:
+    """Draw how each contender's samples spread over each parameter, as strips of colour.
+
+    Args:
+        space: The parameters, d of them; the first 16 are drawn.
+        samples: (n, d) by contender.
+        fooling_set: (m, d) points known to fool, drawn as the first strip; None for none.
+        title: A line above it.
+    """
+    from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
+
+    strips = {} if fooling_set is None else {"the fooling set": fooling_set}
+    strips |= dict(samples)
+    count = min(len(space), MAX_PARAMETERS)
+    columns = min(4, count)
+    rows = -(-count // columns)
+    figure = _figure(1.9 + 2.6 * columns, (0.19 * len(strips) + 0.75) * rows + 1.0)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    edges = np.linspace(-1.0, 1.0, _BINS + 1)
+    colours = LinearSegmentedColormap.from_list("density", _DENSITY)
+    for i, axes in enumerate(grid.flat):
+        if i >= count:
+            axes.set_visible(False)
+            continue
+        parameter = space.parameters[i]
+        counts = np.array([np.histogram(mu[:, i], edges)[0] / len(mu) for mu in strips.values()])
+        image = axes.imshow(
+            counts * _BINS,
+            aspect="auto",
+            cmap=colours,
+            norm=TwoSlopeNorm(1.0, 0.0, _CEILING),
+            extent=(parameter.low, parameter.high, len(strips), 0),
+            interpolation="nearest",
+        )
+        for line in range(1, len(strips)):
+            under = line == 1 and fooling_set is not None
+            axes.axhline(line, color=_INK if under else "white", linewidth=1.0)
+        axes.set_xlabel(_label(parameter))
+        axes.set_yticks(np.arange(len(strips)) + 0.5, list(strips))
+        _tidy(axes)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+    bar = figure.colorbar(image, ax=grid, shrink=0.7, aspect=30, extend="max", pad=0.01)
+    bar.set_label("density, times uniform", color=_INK, fontsize=9)
+    bar.set_ticks([0, 0.5, 1, 2, 3, 4])
+    bar.ax.tick_params(colors=_MUTED, labelsize=8)
+    bar.outline.set_visible(False)
+    if count < len(space):
+        title += f" (the first {count} of {len(space)} parameters)"
+    _title(figure, title)
+    return figure
+
+
+def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
+    """Draw each contender's novelty over that of ideal samples: a dot a run, a bar the mean.
+
+    Args:
+        contenders: At least one.
+        title: A line above it.
+    """
+    panels = [
+        ("median distance in μ / ideal's", [one.median for one in contenders]),
+        ("fifth percentile in μ / ideal's", [one.fifth for one in contenders]),
+        ("median distance between images / ideal's", [one.image for one in contenders]),
+    ]
+    panels = [(name, values) for name, values in panels if any(values)]
+    figure = _figure(2.0 + 3.2 * len(panels), 0.27 * len(contenders) + 1.3)
+    grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    for axes, (name, values) in zip(grid, panels, strict=True):
+        for row, (one, ratios) in enumerate(zip(contenders, values, strict=True)):
+            if not ratios:  # nothing drawn unclipped would spoil the layout
+                continue
+            colour, rows = _colour(one.label), [row] * len(ratios)
+            axes.plot(ratios, rows, "o", color=(colour, 0.35), markersize=5, clip_on=False)
+            mean = float(np.mean(ratios))
+            axes.plot(mean, row, "|", color=colour, markersize=11, mew=2.2, clip_on=False)
+        axes.axvline(1.0, color=_ACCENT, linewidth=1, linestyle=(0, (4, 3)))
+        axes.set_xlim(0, max(1.1, 1.05 * max(ratio for ratios in values for ratio in ratios)))
+        axes.set_xlabel(name)
+        axes.set_yticks(range(len(contenders)), [one.label for one in contenders])
+        axes.set_ylim(len(contenders) - 0.4, -0.6)
+        _tidy(axes, grid="y")
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+    _title(figure, title)
+    return figure
+
+
+def _limits(values: Sequence[float], most: float) -> tuple[float, float]:
+    """Give an axis the room that the values need, in percent."""
+    low, high = min(values), max(values)
+    pad = max(0.12 * (high - low), 5.0)
+    return max(low - pad, 0.0), min(high + pad, max(most, high + 2.0))
+
+
+def _bars(figure: Estimated) -> list[list[float]] | None:
+    """Give the distances from a figure to the ends of its interval, in percent."""
+    if figure.interval_95 is None:
+        return None
+    low, high = figure.interval_95
+    return [[100 * (figure.value - low)], [100 * (high - figure.value)]]
+
+
+def _colour(label: str) -> str:
+    known = [colour for colour, (_, members) in _FAMILIES.items() if label in members]
+    return known[0] if known else _LATER
+
+
+def _styles(colours: Sequence[str]) -> list[object]:
+    """Tell lines of one colour apart by their dashes."""
+    dashes: list[object] = ["-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)), (0, (9, 3))]
+    return [dashes[colours[:i].count(c) % len(dashes)] for i, c in enumerate(colours)]
+
+
+def _short_names(curves: Sequence[Curve]) -> tuple[list[str], list[str]]:
+    """Name curves; one that many contenders share gets a mark, explained in a note."""
+    names, notes = [], list[str]()
+    for curve in curves:
+        if not _is_shared(curve):
+            names.append(", ".join(curve.labels))
+            continue
+        mark = "*" * (len(notes) + 1)
+        names.append(f"shared Ω{mark}")
+        notes.append(textwrap.fill(f"{mark} {', '.join(curve.labels)}", 120))
+    return names, notes
+
+
+def _thousands(value: float, _: int | None = None) -> str:
+    return f"{value:,.0f}"
+
+
+def _is_shared(curve: Curve) -> bool:
+    return len(curve.labels) > 2
+
+
+def _families(figure: Figure, labels: Sequence[str]) -> None:
+    """Explain the colours that occur."""
+    from matplotlib.lines import Line2D
+
+    there = {_colour(label) for label in labels}
+    handles = [
+        Line2D([], [], color=colour, marker="o", linestyle="", markersize=6, label=name)
+        for colour, (name, _) in _FAMILIES.items()
+        if colour in there
+    ]
+    figure.legend(handles=handles, loc="outside lower right", ncols=4, frameon=False, fontsize=8.5)
+
+
+def _title(figure: Figure, title: str, below: str = "") -> None:
+    text = f"{title}\n{below}" if below else title
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11, color=_INK)

@@ -1,0 +1,133 @@
+"""The paper's own attack fooling rates, to stand beside ours; its agents and worlds were others.
+
+Hamdi, Mueller, Ghanem 2020, `sada.tex`: Table `tbl:all` (lines 269-281) and the appendix's
+Table `detector-table` (lines 671-683), as printed there, contradictions included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+AVERAGE = "12-class avg"
+FULL_SET = "full set"
+
+TABLE_1_COLUMNS: dict[str, str | None] = {
+    "Bicycle": "SADA-Detection-Bicycle-v0",
+    "Motorbike": "SADA-Detection-Motorbike-v0",
+    "Truck": "SADA-Detection-Truck-v0",
+    AVERAGE: None,
+    "Straight": "SADA-Driving-Straight-v0",
+    "One Curve": "SADA-Driving-OneCurve-v0",
+    "Navigation": "SADA-Driving-Navigation-v0",
+    "3 anchors": "SADA-UAV-3Anchors-v0",
+    "4 anchors": "SADA-UAV-4Anchors-v0",
+    "5 anchors": "SADA-UAV-5Anchors-v0",
+}
+"""The columns of the paper's Table 1 and our tracks; the average's are the twelve classes."""
+
+TABLE_1: dict[str, tuple[float | None, ...]] = {
+    "Full Set": (14.6, 32.5, 56.8, 37.1, 10.6, 19.5, 46.3, 17.0, 23.5, 15.8),
+    "Random": (13.3, 38.8, 73.8, 45.7, 8.0, 18.0, 48.0, 22.0, 30.0, 16.0),
+    "Multi-Class SVM": (20.0, 45.6, 70.8, 45.8, 96.0, 100.0, 100.0, 24.0, 30.0, 14.0),
+    "GP Regression": (17.6, 43.6, 83.6, 45.26, 100.0, 100.0, 100.0, 74.0, 94.0, 44.0),
+    "Gaussian": (19.6, 40.4, 72.4, 47.0, 54.0, 30.0, 64.0, 49.3, 56.0, 28.7),
+    "GMM10%": (26.0, 48.4, 75.2, 49.0, 90.0, 72.0, 98.0, 57.0, 63.0, 33.0),
+    "GMM50%": (16.4, 46.8, 72.0, 47.8, 92.0, 68.0, 100.0, 54.0, 60.0, 40.0),
+    "Bayesian": (48.0, 52.0, 75.6, 56.1, None, None, None, None, None, None),
+    "BBGAN (vanilla)": (44.0, 45.2, 90.8, 74.5, 100.0, 98.0, 98.0, 42.0, 94.0, 86.0),
+    "BBGAN (boost)": (65.8, 82.0, 100.0, 80.5, 100.0, 100.0, 100.0, 86.0, 98.0, 92.0),
+}
+"""AFR in percent by row, in the order of `TABLE_1_COLUMNS`; None where the paper has a dash."""
+
+CLASS_COLUMNS: dict[str, str] = {
+    "aeroplane": "SADA-Detection-Aeroplane-v0",
+    "bench": "SADA-Detection-Bench-v0",
+    "bicycle": "SADA-Detection-Bicycle-v0",
+    "boat": "SADA-Detection-Boat-v0",
+    "bottle": "SADA-Detection-Bottle-v0",
+    "bus": "SADA-Detection-Bus-v0",
+    "car": "SADA-Detection-Car-v0",
+    "chair": "SADA-Detection-Chair-v0",
+    "diningtable": "SADA-Detection-DiningTable-v0",
+    "motorbike": "SADA-Detection-Motorbike-v0",
+    "train": "SADA-Detection-Train-v0",
+    "truck": "SADA-Detection-Truck-v0",
+}
+"""The classes of the appendix's table and our tracks."""
+
+
+@dataclass(frozen=True)
+class ClassRow:
+    """A row of the appendix's table.
+
+    Attributes:
+        afr: AFR in percent, in the order of `CLASS_COLUMNS`.
+        average: Their average as printed, in percent.
+        mu_std: The samples' spread.
+    """
+
+    afr: tuple[float, ...]
+    average: float
+    mu_std: float
+
+
+CLASS_TABLE: dict[str, ClassRow] = {
+    "Full Set": ClassRow(
+        (8.64, 35.2, 14.6, 33.4, 22.5, 53.1, 39.8, 44.1, 46.1, 32.5, 58.1, 56.8), 37.1, 0.577
+    ),
+    "Random": ClassRow(
+        (11.3, 42.7, 18.6, 41.8, 28.4, 65.7, 49.9, 55.3, 56.4, 40.3, 72.8, 70.8), 46.2, 0.584
+    ),
+    "Multi-Class SVM": ClassRow(
+        (12.0, 45.6, 20.0, 39.6, 26.0, 64.4, 49.6, 50.4, 53.6, 45.6, 72.0, 70.8), 45.8, 0.576
+    ),
+    "GP Regression": ClassRow(
+        (13.6, 15.6, 17.6, 41.2, 31.6, 71.6, 51.6, 48.0, 56.0, 43.6, 69.2, 83.6), 45.26, 0.492
+    ),
+    "Gaussian": ClassRow(
+        (11.2, 45.6, 19.6, 41.6, 31.2, 70.4, 48.0, 56.8, 55.6, 40.4, 71.2, 72.4), 47.0, 0.548
+    ),
+    "GMM10%": ClassRow(
+        (14.8, 45.2, 26.0, 42.8, 34.0, 67.2, 53.2, 56.4, 54.8, 48.4, 70.4, 75.2), 49.0, 0.567
+    ),
+    "GMM50%": ClassRow(
+        (12.0, 44.0, 16.4, 46.4, 33.2, 66.4, 51.6, 53.2, 58.4, 46.8, 73.6, 72.0), 47.8, 0.573
+    ),
+    "Bayesian": ClassRow(
+        (9.2, 42.0, 48.0, 68.8, 32.4, 91.6, 42.0, 75.6, 58.4, 52.0, 77.2, 75.6), 56.1, 0.540
+    ),
+    "BBGAN (vanilla)": ClassRow(
+        (13.2, 91.6, 44.0, 90.0, 54.4, 91.6, 81.6, 93.2, 99.2, 45.2, 99.2, 90.8), 74.5, 0.119
+    ),
+    "BBGAN (boost)": ClassRow(
+        (33.0, 82.4, 65.8, 78.8, 67.4, 100.0, 67.4, 100.0, 90.2, 82.0, 98.4, 100.0), 80.5, 0.100
+    ),
+}
+
+ROWS: dict[str, str] = {
+    FULL_SET: "Full Set",
+    "random": "Random",
+    "svm": "Multi-Class SVM",
+    "gp": "GP Regression",
+    "gaussian": "Gaussian",
+    "gmm10": "GMM10%",
+    "gmm50": "GMM50%",
+    "bayesian": "Bayesian",
+    "bbgan": "BBGAN (vanilla)",
+    "bbgan (paper)": "BBGAN (vanilla)",
+    "bbgan-boost": "BBGAN (boost)",
+    "bbgan-boost (paper)": "BBGAN (boost)",
+}
+"""The paper's row that a contender of ours, by its label, stands beside."""
+
+
+def table_1(label: str, column: str) -> float | None:
+    """The AFR, in percent, that the paper's Table 1 gives; None where it gives none."""
+    if label not in ROWS:
+        return None
+    return TABLE_1[ROWS[label]][list(TABLE_1_COLUMNS).index(column)]
+
+
+def class_row(label: str) -> ClassRow | None:
+    """The row of the appendix's table; None where there is none."""
+    return CLASS_TABLE[ROWS[label]] if label in ROWS else None

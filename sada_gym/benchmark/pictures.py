@@ -1,0 +1,152 @@
+"""Which pictures a benchmark's folder gets, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sada_gym.benchmark.charts import (
+    Curve,
+    NoveltyRatios,
+    anytime_curves,
+    marginal_strips,
+    novelty_ratios,
+    tradeoff,
+)
+from sada_gym.benchmark.folder import cell_folder
+from sada_gym.benchmark.plan import open_application
+from sada_gym.benchmark.results import CellResult, Results
+from sada_gym.benchmark.suite import IDEAL
+from sada_gym.benchmark.tables import short_name
+from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.plots import _png
+from sada_gym.reference import FOLDER, load_reference
+from sada_gym.results import SAMPLES_FILE, read_samples, write_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PICTURES = "pictures"
+
+_Mark = tuple[int, float, float | None]  # queries, found, coverage
+
+
+def draw_pictures(out: Path, results: Results, references: Path = FOLDER) -> tuple[Path, ...]:
+    """Draw the pictures of every table and agent into OUT/pictures.
+
+    What needs a reference set, or training queries, is left out where there are none.
+
+    Args:
+        out: The benchmark's folder.
+        results: What it holds.
+        references: Where the reference sets lie.
+
+    Returns:
+        The files written.
+    """
+    written = []
+    for name, figure in _figures(out, results, references):
+        path = out / PICTURES / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, _png(figure))
+        written.append(path)
+    return tuple(written)
+
+
+def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[str, Figure]]:
+    titles = {table.name: table.title for table in results.settings.tables}
+    worlds = _worlds(results, references)
+    for table, agent in results.comparisons():
+        folder = f"{table}.{agent}" if agent else table
+        title = f"{titles[table]}, {agent}" if agent else titles[table]
+        cells = [cell for cell in results.cells if (cell.table, cell.agent) == (table, agent)]
+        tracks = list(dict.fromkeys(cell.track for cell in cells))
+        over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
+        rows = results.rows_of(table, agent, None)
+        if placed := [row for row in rows if row.afr and row.relative_coverage]:
+            yield f"{folder}/afr-coverage", tradeoff(placed, f"{title}: {over}")
+        if curves := _curves(cells):
+            yield f"{folder}/anytime", anytime_curves(curves, f"{title}: search, {over}")
+        if ratios := _ratios(cells):
+            yield f"{folder}/novelty", novelty_ratios(ratios, f"{title}: novelty of the samples")
+        for track in tracks:
+            space, fooling_set = worlds[track, agent]
+            samples = _samples(out, [cell for cell in cells if cell.track == track])
+            if samples:
+                figure = marginal_strips(
+                    space, samples, fooling_set, f"{title}: where samples lie, {short_name(track)}"
+                )
+                yield f"{folder}/marginals-{short_name(track)}", figure
+
+
+def _worlds(
+    results: Results, references: Path
+) -> dict[tuple[str, str], tuple[ParameterSpace, Mu | None]]:
+    """Give the parameters and the fooling set of everything that was attacked."""
+    worlds = {}
+    for target in results.targets:
+        application = open_application(target.track, target.agent)
+        mark = target.reference
+        usable = mark is not None and mark.usable
+        reference = load_reference(target.track, application, references) if usable else None
+        fooling_set = None if reference is None else reference.fooling_set
+        worlds[target.track, target.agent] = (application.parameters, fooling_set)
+        application.close()
+    return worlds
+
+
+def _curves(cells: Sequence[CellResult]) -> list[Curve]:
+    """Average the searches of each contender; equal curves become one."""
+    found: dict[tuple[_Mark, ...], list[str]] = {}
+    for label in dict.fromkeys(cell.label for cell in cells):
+        runs = [cell for cell in cells if cell.label == label and cell.search]
+        marks = [{mark.queries: mark for mark in cell.search.curve} for cell in runs if cell.search]
+        common = sorted(set.intersection(*map(set, marks))) if marks else []
+        if not common:
+            continue
+        tracks = [cell.track for cell in runs]
+        shares = np.array([1 / tracks.count(track) for track in tracks]) / len(set(tracks))
+        values = []
+        for queries in common:
+            points = [of_run[queries] for of_run in marks]
+            known = [p.coverage for p in points if p.coverage is not None]
+            coverage = float(shares @ known) if len(known) == len(points) else None
+            values.append((queries, float(shares @ [p.found for p in points]), coverage))
+        found.setdefault(tuple(values), []).append(label)
+    return [_curve(tuple(labels), values) for values, labels in found.items()]
+
+
+def _curve(labels: tuple[str, ...], marks: Sequence[_Mark]) -> Curve:
+    queries, found, covered = zip(*marks, strict=True)
+    coverage = None if None in covered else np.array(covered, np.float64)
+    return Curve(labels, np.array(queries, np.float64), np.array(found), coverage)
+
+
+def _ratios(cells: Sequence[CellResult]) -> list[NoveltyRatios]:
+    there = []
+    for label in dict.fromkeys(cell.label for cell in cells):
+        measured = [cell.measures for cell in cells if cell.label == label and cell.measures]
+        in_mu = [m.novelty for m in measured if m.novelty]
+        images = [m.image_novelty for m in measured if m.image_novelty]
+        one = NoveltyRatios(
+            label,
+            [novelty.ratio for novelty in in_mu if novelty.ratio is not None],
+            [novelty.fifth_ratio for novelty in in_mu if novelty.fifth_ratio is not None],
+            [novelty.ratio for novelty in images if novelty.ratio is not None],
+        )
+        if one.median and label != IDEAL:
+            there.append(one)
+    return there
+
+
+def _samples(out: Path, cells: Sequence[CellResult]) -> dict[str, Mu]:
+    """Read the test samples of all seeds by contender."""
+    parts: dict[str, list[Mu]] = {}
+    for cell in cells:
+        if cell.measures is not None:
+            samples = read_samples(cell_folder(out, cell) / SAMPLES_FILE)
+            parts.setdefault(cell.label, []).append(samples.mu)
+    return {label: np.concatenate(mu) for label, mu in parts.items()}

@@ -1,0 +1,311 @@
+"""The results of a benchmark: all cells, and the rows that sum them up; results.json."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sada_gym.agents import AGENTS
+from sada_gym.aggregate import interquartile_mean
+from sada_gym.benchmark.figures import Figure, figure, ranked
+from sada_gym.benchmark.folder import (
+    SETTINGS_FILE,
+    TIMING_FILE,
+    BenchmarkSettings,
+    CellReport,
+    Timing,
+    read_cells,
+)
+from sada_gym.benchmark.measure import Measures, Search
+from sada_gym.benchmark.plan import CellKey, CellSettings, ReferenceMark
+from sada_gym.benchmark.suite import CONTENDERS
+from sada_gym.registration import env_ids
+from sada_gym.results import Strict, read_model, write_model
+
+RESULTS_FILE = "results.json"
+TIMINGS_FILE = "timings.json"
+FORMAT = 1
+
+
+class Target(Strict):
+    """What was attacked.
+
+    Attributes:
+        track: The environment's id.
+        agent: The agent's name.
+        application: The application's name.
+        version: Its version.
+        application_settings: Its resolved keywords.
+        fingerprint: The agent's SHA-256.
+        fooling_threshold: The agent is fooled where Q <= this.
+        reference: The reference set; None where there is none.
+        seeds: The seeds that any cell has.
+    """
+
+    track: str
+    agent: str
+    application: str
+    version: int
+    application_settings: dict[str, Any]
+    fingerprint: str
+    fooling_threshold: float
+    reference: ReferenceMark | None
+    seeds: tuple[int, ...]
+
+
+class CellResult(CellKey):
+    """One run: what cell.json holds, less what its target and the settings say."""
+
+    adversary: str
+    preset: str | None
+    options: dict[str, Any]
+    budget: int
+    samples: int
+    error: str | None
+    measures: Measures | None
+    search: Search | None
+    flags: tuple[str, ...]
+
+
+class Row(Strict):
+    """A contender's figures in a table: on one track, or over all.
+
+    Attributes:
+        table: The table's name.
+        agent: The agent's name.
+        track: The environment's id; None for all.
+        label: The contender.
+        tracks: Number of tracks that it has runs on.
+        runs: Number of runs that it has.
+        failed: Number of further runs that ended with an error.
+        complete: Whether it has all runs that any contender has; only then it is ranked.
+        budget: Queries that it might spend; the mean, as of all that follow.
+        queries: Queries that it spent.
+        afr: The attack fooling rate.
+        afr_iqm: Its interquartile mean over all runs.
+        coverage: See `Measures`, as all that follow.
+        relative_coverage: Coverage over that of the ideal samples.
+        density: Density.
+        mu_std: Spread.
+        mean_score: Mean Q.
+        novelty: The median distance to the nearest training query.
+        novelty_ratio: That over the ideal samples'.
+        novelty_fifth_ratio: The fifth percentiles' ratio.
+        image_novelty_ratio: The images' median distance over that of ideal samples.
+    """
+
+    table: str
+    agent: str
+    track: str | None
+    label: str
+    tracks: int
+    runs: int
+    failed: int
+    complete: bool
+    budget: float
+    queries: float | None
+    afr: Figure | None
+    afr_iqm: float | None
+    coverage: Figure | None
+    relative_coverage: Figure | None
+    density: float | None
+    mu_std: float | None
+    mean_score: float | None
+    novelty: float | None
+    novelty_ratio: float | None
+    novelty_fifth_ratio: float | None
+    image_novelty_ratio: float | None
+
+
+class Results(Strict):
+    """The contents of results.json. No wall-clock times: a resumed benchmark's file is the same.
+
+    Attributes:
+        format: Of this file.
+        settings: What all cells have in common.
+        targets: What was attacked.
+        rows: The figures over all tracks, then those of each.
+        cells: The runs.
+    """
+
+    format: int
+    settings: BenchmarkSettings
+    targets: tuple[Target, ...]
+    rows: tuple[Row, ...]
+    cells: tuple[CellResult, ...]
+
+    def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
+        """The rows of one table and agent, over all tracks or on one."""
+        key = (table, agent, track)
+        return [row for row in self.rows if (row.table, row.agent, row.track) == key]
+
+    def comparisons(self) -> list[tuple[str, str]]:
+        """Each table with each agent that it attacks."""
+        return list(dict.fromkeys((cell.table, cell.agent) for cell in self.cells))
+
+
+class CellTiming(CellKey, Timing):
+    """What a cell cost, see `Timing`."""
+
+
+class Timings(Strict):
+    """The contents of timings.json: what the cells cost. It differs from run to run."""
+
+    cells: tuple[CellTiming, ...]
+
+
+def write_results(out: Path) -> Results:
+    """Sum up all cells that a folder holds, in results.json, and their costs in timings.json.
+
+    Raises:
+        ValueError: If it is no benchmark's folder, or holds no finished cell.
+    """
+    if not (out / SETTINGS_FILE).exists():
+        raise ValueError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
+    settings = read_model(out / SETTINGS_FILE, BenchmarkSettings)
+    there = read_cells(out)
+    if not there:
+        raise ValueError(f"Expected finished cells in {out}, got none yet. Run the benchmark.")
+    tables = [table.name for table in settings.tables]
+    there.sort(key=lambda one: _order(one[0].settings, tables))
+    cells = tuple(_cell_result(report) for report, _ in there)
+    results = Results(
+        format=FORMAT,
+        settings=settings,
+        targets=_targets([report for report, _ in there]),
+        rows=tuple(_rows(cells)),
+        cells=cells,
+    )
+    write_model(out / RESULTS_FILE, results)
+    timings = [_cell_timing(report.settings, folder) for report, folder in there]
+    write_model(out / TIMINGS_FILE, Timings(cells=tuple(timings)))
+    return results
+
+
+def _order(cell: CellSettings, tables: Sequence[str]) -> tuple[Any, ...]:
+    """Sort by what is known first, then by name, so that it does not matter what came when."""
+
+    def place(name: str, known: Sequence[str]) -> tuple[int, str]:
+        return (known.index(name) if name in known else len(known), name)
+
+    return (
+        place(cell.table, tables),
+        place(cell.agent, [agent.name for agent in AGENTS]),
+        place(cell.track, env_ids()),
+        place(cell.label, [contender.label for contender in CONTENDERS]),
+        cell.seed,
+    )
+
+
+def _cell_result(report: CellReport) -> CellResult:
+    settings = report.settings.model_dump(include=set(CellResult.model_fields))
+    return CellResult(
+        **settings,
+        error=report.error,
+        measures=report.measures,
+        search=report.search,
+        flags=report.flags,
+    )
+
+
+def _cell_timing(settings: CellSettings, folder: Path) -> CellTiming:
+    costs = read_model(folder / TIMING_FILE, Timing)
+    return CellTiming(
+        **settings.model_dump(include=set(CellKey.model_fields)), **costs.model_dump()
+    )
+
+
+def _targets(reports: Sequence[CellReport]) -> tuple[Target, ...]:
+    found: dict[tuple[str, str], Target] = {}
+    for report in reports:
+        settings = report.settings
+        key = (settings.track, settings.agent)
+        seeds = {settings.seed, *(found[key].seeds if key in found else ())}
+        found[key] = Target(
+            track=settings.track,
+            agent=settings.agent,
+            application=settings.application,
+            version=settings.version,
+            application_settings=settings.application_settings,
+            fingerprint=settings.fingerprint,
+            fooling_threshold=report.fooling_threshold,
+            reference=settings.reference,
+            seeds=tuple(sorted(seeds)),
+        )
+    return tuple(found.values())
+
+
+def _rows(cells: Sequence[CellResult]) -> Iterator[Row]:
+    """Give the rows of each table and agent: over all tracks, then of each track."""
+    for table, agent in dict.fromkeys((cell.table, cell.agent) for cell in cells):
+        of_both = [cell for cell in cells if (cell.table, cell.agent) == (table, agent)]
+        for track in (None, *dict.fromkeys(cell.track for cell in of_both)):
+            chosen = [cell for cell in of_both if track in (None, cell.track)]
+            every = {(cell.track, cell.seed) for cell in chosen}
+            labels = dict.fromkeys(cell.label for cell in chosen)
+            rows = [
+                _row(track, [cell for cell in chosen if cell.label == label], every)
+                for label in labels
+            ]
+            yield from _with_ranks(rows)
+
+
+def _row(track: str | None, cells: Sequence[CellResult], every: set[tuple[str, int]]) -> Row:
+    first, good = cells[0], [cell for cell in cells if cell.measures is not None]
+
+    def runs(get: Callable[[Measures], float | None]) -> list[list[float]]:
+        """Give a measure of all runs by track, less what has none."""
+        by_track: dict[str, list[float]] = {}
+        for cell in good:
+            assert cell.measures is not None
+            value = get(cell.measures)
+            if value is not None:
+                by_track.setdefault(cell.track, []).append(value)
+        return list(by_track.values())
+
+    def mean(values: Sequence[Sequence[float]]) -> float | None:
+        return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
+
+    rates = runs(lambda m: m.afr)
+    samples = {cell.track: cell.samples for cell in good}
+    images = runs(lambda m: m.image_novelty.ratio if m.image_novelty else None)
+    coverage, relative = runs(lambda m: m.coverage), runs(lambda m: m.relative_coverage)
+    spent = [[cell.search.queries] for cell in good if cell.search is not None]
+    return Row(
+        table=first.table,
+        agent=first.agent,
+        track=track,
+        label=first.label,
+        tracks=len(rates),
+        runs=len(good),
+        failed=len(cells) - len(good),
+        complete={(cell.track, cell.seed) for cell in good} == every,
+        budget=float(np.mean([cell.budget for cell in cells])),
+        queries=mean(spent),
+        afr=figure(rates, list(samples.values())) if rates else None,
+        afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
+        coverage=figure(coverage) if coverage else None,
+        relative_coverage=figure(relative) if relative else None,
+        density=mean(runs(lambda m: m.density)),
+        mu_std=mean(runs(lambda m: m.mu_std)),
+        mean_score=mean(runs(lambda m: m.mean_score)),
+        novelty=mean(runs(lambda m: m.novelty.median if m.novelty else None)),
+        novelty_ratio=mean(runs(lambda m: m.novelty.ratio if m.novelty else None)),
+        novelty_fifth_ratio=mean(runs(lambda m: m.novelty.fifth_ratio if m.novelty else None)),
+        image_novelty_ratio=mean(images),
+    )
+
+
+def _with_ranks(rows: Sequence[Row]) -> list[Row]:
+    """Rank the contenders of one table, agent and track by AFR and by coverage."""
+    controls = {contender.label for contender in CONTENDERS if not contender.ranked}
+    unranked = [row.label for row in rows if row.label in controls or not row.complete]
+    changes: dict[str, dict[str, Figure]] = {row.label: {} for row in rows}
+    for name in ("afr", "coverage", "relative_coverage"):
+        there = {row.label: one for row in rows if (one := getattr(row, name)) is not None}
+        for label, one in ranked(there, unranked).items():
+            changes[label][name] = one
+    return [row.model_copy(update=changes[row.label]) for row in rows]

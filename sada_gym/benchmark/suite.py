@@ -1,0 +1,278 @@
+"""What a benchmark compares: contenders, tables with their budgets, tracks and seeds."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from pydantic import Field
+
+from sada_gym import adversaries
+from sada_gym.adversaries import refuse_unknown
+from sada_gym.adversaries.base import Adversary
+from sada_gym.benchmark.paper import CLASS_COLUMNS
+from sada_gym.results import Strict
+
+IDEAL = "ideal"
+"""The control that draws from a track's reference fooling set."""
+
+
+class Contender(Strict):
+    """An adversary with its options, as a row of the tables.
+
+    Attributes:
+        label: The row's name.
+        adversary: A registered name, `module:Class`, or `ideal`.
+        preset: The named set of options it starts from.
+        options: Its other options.
+        ranked: Whether it takes part in the ranking; controls do not.
+        requires: A package that it cannot do without; where that is missing it is left out.
+    """
+
+    label: str
+    adversary: str
+    preset: str | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+    ranked: bool = True
+    requires: str | None = None
+
+    @property
+    def missing(self) -> bool:
+        """Whether the package that it requires is not installed."""
+        return self.requires is not None and importlib.util.find_spec(self.requires) is None
+
+    def make(self, dimension: int, seed: int) -> Adversary:
+        """Make the adversary; `ideal` has none, see `draw_ideal`.
+
+        Raises:
+            ValueError: If its name, its preset or an option is unknown.
+        """
+        preset = {} if self.preset is None else {"preset": self.preset}
+        return adversaries.make(self.adversary, dimension, seed=seed, **preset, **self.options)
+
+
+class Budget(Strict):
+    """How many training queries a contender may spend.
+
+    Attributes:
+        queries: N.
+        of_adversary: Another number for some, by registered name.
+        boosting_on_top: Whether boosting's samples come on top of N, as in the paper, or out of it.
+    """
+
+    queries: int = Field(ge=1)
+    of_adversary: dict[str, int] = Field(default_factory=dict)
+    boosting_on_top: bool = False
+
+    def of(self, contender: Contender, dimension: int) -> int:
+        """The budget of one contender."""
+        count = self.of_adversary.get(contender.adversary, self.queries)
+        if not self.boosting_on_top or contender.adversary == IDEAL:
+            return count
+        from sada_gym.adversaries.bbgan_boost import BoostedBBGAN, BoostOptions
+
+        adversary = contender.make(dimension, seed=0)
+        if not isinstance(adversary, BoostedBBGAN):
+            return count
+        assert isinstance(adversary.options, BoostOptions)
+        return count + adversary.options.stages * round(count * adversary.options.share)
+
+
+class Table(Strict):
+    """One comparison: every contender on every track under one rule for the budget.
+
+    Attributes:
+        name: As on the command line.
+        title: As in the report.
+        note: A sentence on what is compared.
+        budget: The rule.
+        budget_of: Another rule for some applications, by name.
+        samples: M; None takes each application's own.
+        agents: Whether to attack the default agent alone or all that are shipped.
+    """
+
+    name: str
+    title: str
+    note: str
+    budget: Budget
+    budget_of: dict[str, Budget] = Field(default_factory=dict)
+    samples: int | None = Field(default=None, ge=1)
+    agents: Literal["default", "all"] = "default"
+
+
+class Suite(Strict):
+    """All that one benchmark runs.
+
+    Attributes:
+        name: As on the command line.
+        tracks: Environment ids.
+        tables: The comparisons.
+        contenders: The rows.
+        agents: The agents to attack instead of those that the tables name.
+        seeds: Number of seeds on each track.
+        seeds_of: Another number for some tracks.
+        images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
+    """
+
+    name: str
+    tracks: tuple[str, ...]
+    tables: tuple[Table, ...]
+    contenders: tuple[Contender, ...]
+    agents: tuple[str, ...] | None = None
+    seeds: int = Field(default=1, ge=1)
+    seeds_of: dict[str, int] = Field(default_factory=dict)
+    images: int = Field(default=4, ge=0)
+
+    def seeds_on(self, track: str) -> range:
+        """The seeds of a track."""
+        return range(self.seeds_of.get(track, self.seeds))
+
+
+CONTENDERS: tuple[Contender, ...] = (
+    Contender(label=IDEAL, adversary=IDEAL, ranked=False),
+    Contender(label="random", adversary="random"),
+    Contender(label="archive", adversary="archive", ranked=False),
+    Contender(label="svm", adversary="svm"),
+    Contender(label="gp", adversary="gp"),
+    Contender(label="gaussian", adversary="gaussian"),
+    Contender(label="gmm10", adversary="gmm10"),
+    Contender(label="gmm50", adversary="gmm50"),
+    Contender(label="bayesian", adversary="bayesian"),
+    Contender(label="bbgan (paper)", adversary="bbgan", preset="paper"),
+    Contender(label="bbgan-boost (paper)", adversary="bbgan-boost", preset="paper"),
+    Contender(label="bbgan", adversary="bbgan"),
+    Contender(label="bbgan-boost", adversary="bbgan-boost"),
+    Contender(label="cross-entropy", adversary="cross-entropy"),
+    Contender(label="smc", adversary="smc"),
+    Contender(label="cma-mae", adversary="cma-mae", requires="ribs"),
+    Contender(label="sada", adversary="sada"),
+)
+"""The rows of the suites: controls, the paper's baselines in its order, BBGAN, later methods."""
+
+_PAPER_BUDGETS = Table(
+    name="paper-budgets",
+    title="The paper's budgets",
+    note="As in the paper: N queries for every adversary, another number for the Bayesian one; "
+    "boosting's samples come on top of N.",
+    budget=Budget(queries=1_000, boosting_on_top=True),
+    budget_of={
+        "SADA-Detection": Budget(
+            queries=20_000, of_adversary={"bayesian": 10_000}, boosting_on_top=True
+        )
+    },
+)
+_EQUAL_QUERIES = Table(
+    name="equal-queries",
+    title="Equal queries",
+    note="The same number of queries for every adversary, boosting and Bayesian included.",
+    budget=Budget(queries=2_000),
+    agents="all",
+)
+_MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
+
+SUITES: tuple[Suite, ...] = (
+    Suite(
+        name="paper",
+        tracks=tuple(CLASS_COLUMNS.values()),
+        tables=(_PAPER_BUDGETS, _EQUAL_QUERIES),
+        contenders=CONTENDERS,
+        seeds_of=dict.fromkeys(_MAIN_TRACKS, 3),
+    ),
+    Suite(
+        name="quick",
+        tracks=_MAIN_TRACKS,
+        tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
+        contenders=CONTENDERS,
+    ),
+)
+
+
+def find_suite(name: str) -> Suite:
+    """A suite by its name.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    refuse_unknown("suite", [name], [suite.name for suite in SUITES])
+    return next(suite for suite in SUITES if suite.name == name)
+
+
+def find_contender(text: str) -> Contender:
+    """A contender by its label, its registered name, `name:preset`, or `module:Class`.
+
+    Raises:
+        ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
+    """
+    for contender in CONTENDERS:
+        if text == contender.label:
+            return contender
+    name, colon, rest = text.partition(":")
+    if not colon:
+        refuse_unknown("adversary", [text], [*(c.label for c in CONTENDERS), "module:Class"])
+    if name not in adversaries.names():
+        return Contender(label=text, adversary=text)
+    if rest == "default":
+        return find_contender(name)
+    label = f"{name} ({rest})"
+    known = [contender for contender in CONTENDERS if contender.label == label]
+    return known[0] if known else Contender(label=label, adversary=name, preset=rest)
+
+
+def choose(
+    suite: Suite,
+    *,
+    tracks: Sequence[str] = (),
+    tables: Sequence[str] = (),
+    contenders: Sequence[str] = (),
+    agents: Sequence[str] = (),
+    seeds: int | None = None,
+    budget: int | None = None,
+    samples: int | None = None,
+    images: int | None = None,
+) -> Suite:
+    """Narrow or change a suite as the command line does; what is not given stays.
+
+    Args:
+        suite: What to start from.
+        tracks: Environment ids.
+        tables: Names of the suite's tables.
+        contenders: See `find_contender`.
+        agents: The agents to attack.
+        seeds: Number of seeds on every track.
+        budget: N of every table and adversary; where boosting comes on top it still does.
+        samples: M.
+        images: Samples whose neighbours are compared as images.
+
+    Raises:
+        ValueError: If a table or a contender is unknown, or a number is out of range.
+    """
+    numbers = {"seeds": seeds, "budget": budget, "samples": samples}
+    for name, value in numbers.items():
+        if value is not None and value < 1:
+            raise ValueError(f"Expected {name} of at least 1, got {value}.")
+    refuse_unknown("table", tables, [table.name for table in suite.tables])
+    changes: dict[str, Any] = {
+        "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,
+        "agents": tuple(dict.fromkeys(agents)) or suite.agents,
+        "tables": tuple(
+            _changed(table, budget, samples)
+            for table in suite.tables
+            if not tables or table.name in tables
+        ),
+    }
+    if contenders:
+        changes["contenders"] = tuple(map(find_contender, dict.fromkeys(contenders)))
+    if seeds is not None:
+        changes |= {"seeds": seeds, "seeds_of": {}}
+    if images is not None:
+        changes["images"] = images
+    return suite.model_copy(update=changes)
+
+
+def _changed(table: Table, budget: int | None, samples: int | None) -> Table:
+    changes: dict[str, Any] = {} if samples is None else {"samples": samples}
+    if budget is not None:
+        rule = Budget(queries=budget, boosting_on_top=table.budget.boosting_on_top)
+        changes |= {"budget": rule, "budget_of": {}}
+    return table.model_copy(update=changes)

@@ -1,0 +1,225 @@
+"""How much of the true fooling set the samples cover: density and coverage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.distance import cdist
+
+NEAREST = 5
+"""k, the neighbour that sets the radius around a reference point."""
+
+DRAWS = 20
+"""How often the reference points are drawn anew."""
+
+Points = npt.NDArray[np.float64]
+
+_BLOCK = 2**22  # distances held at once: 32 MiB
+
+
+@dataclass(frozen=True)
+class DensityCoverage:
+    """How samples lie among reference points.
+
+    Attributes:
+        density: Mean number of reference points' neighbourhoods that a sample lies in, over k;
+            about 1 where both have one distribution, above 1 where samples crowd dense places.
+        coverage: Share of the reference points with a sample in their neighbourhood.
+    """
+
+    density: float
+    coverage: float
+
+
+@dataclass(frozen=True)
+class FoolingCoverage:
+    """How the samples that fool lie in the fooling set; means over draws of reference points.
+
+    Attributes:
+        density: See `DensityCoverage`.
+        coverage: See `DensityCoverage`.
+        points: Reference points in each draw.
+        draws: Number of draws.
+    """
+
+    density: float
+    coverage: float
+    points: int
+    draws: int
+
+
+def density_and_coverage(
+    real: npt.ArrayLike, fake: npt.ArrayLike, k: int = NEAREST
+) -> DensityCoverage:
+    """Measure density and coverage (Naeem et al., ICML 2020, section 3.2).
+
+    The neighbourhood of a real point is the open ball that reaches to its k-th nearest other real
+    point. Where more than k real points coincide it is empty: they are never covered.
+
+    Args:
+        real: (n, d) reference points, n > k.
+        fake: (m, d) samples; none give zeros.
+        k: Which neighbour sets the radius.
+
+    Raises:
+        ValueError: If the shapes do not fit, or there are too few reference points.
+    """
+    reference, samples = checked_points(real, fake, k)
+    radii = neighbourhood_radii(reference, k)
+    inside = covered = 0
+    for rows in _blocks(len(reference), len(samples)):
+        hits = cdist(reference[rows], samples) < radii[rows, None]
+        inside += int(hits.sum())
+        covered += int(hits.any(axis=1).sum())
+    return DensityCoverage(inside / (k * max(len(samples), 1)), covered / len(reference))
+
+
+def fooling_coverage(
+    samples: npt.ArrayLike,
+    fooled: npt.ArrayLike,
+    fooling_set: npt.ArrayLike,
+    *,
+    seed: int = 0,
+    draws: int = DRAWS,
+    k: int = NEAREST,
+) -> FoolingCoverage:
+    """Measure how much of the fooling set an adversary's samples cover.
+
+    In each draw as many points of the fooling set as there are samples, without replacement,
+    stand against those samples that fool. So a sample that does not fool covers nothing. The draws
+    depend on the seed and on both sizes alone: adversaries with equally many samples are
+    compared on the same points.
+
+    A fooling set of fewer than M points is taken whole: copies would shrink the neighbourhoods to
+    nothing. Its coverage is then higher by nature, since more samples stand against each point;
+    divided by the coverage of ideal samples it is comparable again.
+
+    Args:
+        samples: (M, d) test samples.
+        fooled: (M,) bool, which of them fooled the agent.
+        fooling_set: (R, d) points known to fool, R > k, uniform in the true fooling set.
+        seed: Fixes the draws.
+        draws: How many.
+        k: Which neighbour sets a point's radius.
+
+    Raises:
+        ValueError: If the shapes do not fit, there are no samples, or too few points.
+    """
+    reference, mu = checked_points(fooling_set, samples, k)
+    mask = np.asarray(fooled)
+    if mask.shape != (len(mu),) or mask.dtype != np.bool_ or not len(mu):
+        raise ValueError(
+            f"Expected fooled of shape ({len(mu)},) with bools, one for each of at least one "
+            f"sample, got shape {mask.shape} of {mask.dtype}."
+        )
+    chosen = reference_draws(len(reference), len(mu), draws=draws, seed=seed)
+    measured = [density_and_coverage(reference[rows], mu[mask], k) for rows in chosen]
+    return FoolingCoverage(
+        density=float(np.mean([one.density for one in measured])),
+        coverage=float(np.mean([one.coverage for one in measured])),
+        points=chosen.shape[1],
+        draws=draws,
+    )
+
+
+def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
+    """Give the mean coverage of samples that come from the reference points' own distribution.
+
+    1 - (n-1)...(n-k) / ((m+n-1)...(m+n-k)) for n real and m fake points, whatever the distribution,
+    as long as it has no ties (Naeem et al. 2020, lemma 2): a point is uncovered where its k nearest
+    among all others are all real.
+
+    Args:
+        real: n, more than k.
+        fake: m.
+        k: Which neighbour sets the radius.
+
+    Raises:
+        ValueError: If there are too few reference points, or a negative number of samples.
+    """
+    _check_k(real, k)
+    if fake < 0:
+        raise ValueError(f"Expected at least 0 samples, got {fake}.")
+    return 1.0 - math.prod((real - i) / (real + fake - i) for i in range(1, k + 1))
+
+
+def relative_coverage(coverage: float, ideal: float) -> float:
+    """Give coverage in units of that of ideal samples: 1 is as good as the truth itself.
+
+    Args:
+        coverage: The adversary's, of M samples.
+        ideal: That of M samples of the true fooling set: measured by `fooling_coverage`, or
+            `expected_coverage` where all of them fool.
+
+    Raises:
+        ValueError: If the ideal coverage is not within (0, 1].
+    """
+    if not 0.0 < ideal <= 1.0:
+        raise ValueError(f"Expected an ideal coverage within (0, 1], got {ideal}.")
+    return coverage / ideal
+
+
+def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> npt.NDArray[np.intp]:
+    """Draw rows of a fooling set without replacement: (draws, min(wanted, available)).
+
+    Raises:
+        ValueError: If there is no draw.
+    """
+    if draws < 1:
+        raise ValueError(f"Expected at least 1 draw, got {draws}.")
+    rng, size = np.random.default_rng(seed), min(wanted, available)
+    return np.array([rng.choice(available, size, replace=False) for _ in range(draws)], np.intp)
+
+
+def neighbourhood_radii(points: Points, k: int) -> Points:
+    """Measure each point's distance to its k-th nearest other point: (n,)."""
+    parts = [
+        # the point itself is the nearest, at distance 0
+        np.partition(cdist(points[rows], points), k, axis=1)[:, k]
+        for rows in _blocks(len(points), len(points))
+    ]
+    return np.concatenate(parts)
+
+
+def nearest_distances(points: Points, others: Points) -> Points:
+    """Measure each point's distance to the nearest of others: (n,), infinite without any."""
+    parts = [
+        cdist(points[rows], others).min(axis=1, initial=np.inf)
+        for rows in _blocks(len(points), len(others))
+    ]
+    return np.concatenate(parts)
+
+
+def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Points, Points]:
+    """Check reference points (n, d), n > k, and samples (m, d), and give them as float64.
+
+    Raises:
+        ValueError: If they are not as described.
+    """
+    reference, samples = np.asarray(real, np.float64), np.asarray(fake, np.float64)
+    if reference.ndim != 2 or samples.ndim != 2 or reference.shape[1] != samples.shape[1]:
+        raise ValueError(
+            "Expected reference points of shape (n, d) and samples of shape (m, d), got "
+            f"{reference.shape} and {samples.shape}."
+        )
+    if not (np.isfinite(reference).all() and np.isfinite(samples).all()):
+        raise ValueError("Expected finite points, got NaN or infinite values among them.")
+    _check_k(len(reference), k)
+    return reference, samples
+
+
+def _check_k(points: int, k: int) -> None:
+    if not 1 <= k < points:
+        raise ValueError(
+            f"Expected at least k + 1 = {k + 1} reference points with k >= 1, got {points}. "
+            "Take a larger reference set, or a smaller k."
+        )
+
+
+def _blocks(rows: int, columns: int) -> Iterator[slice]:
+    size = max(1, _BLOCK // max(columns, 1))
+    return (slice(start, start + size) for start in range(0, rows, size))

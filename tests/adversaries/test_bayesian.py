@@ -1,0 +1,130 @@
+import numpy as np
+import pytest
+from landscape import FunctionOracle, Landscape
+
+from sada_gym.adversaries import make
+from sada_gym.adversaries.bayesian import Bayesian
+from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.testing import AdversaryContract, RecordingOracle
+
+QUICK = {"candidates": 512, "components": (1, 4)}
+
+
+class TestBayesian(AdversaryContract):
+    def make(self, dimension, seed):
+        return Bayesian(dimension, seed=seed, **QUICK)
+
+
+class TestBatchedBayesian(AdversaryContract):
+    def make(self, dimension, seed):
+        return Bayesian(dimension, seed=seed, batch=16, initial=30, **QUICK)
+
+
+@pytest.mark.parametrize(("dimension", "found", "afr"), [(2, 0.7, 0.9), (8, 0.17, 0.5)])
+def test_beats_uniform_on_boxes(dimension, found, afr):
+    """A uniform search finds fooling points, and fools, 10 % of the time."""
+    application = AnalyticApplication(dimension=dimension)
+    oracle = RecordingOracle(application, budget=500)
+    adversary = Bayesian(dimension, seed=0, candidates=4096)
+    adversary.train(oracle)
+    assert oracle.remaining == 0
+    assert (application.fooling_region(oracle.queries) >= 0).mean() > found
+    region = application.fooling_region(adversary.sample(1000))
+    assert (region >= 0).mean() > afr
+    if dimension == 2:
+        assert np.bincount(region[region >= 0], minlength=4).min() > 50
+
+
+def test_leads_random_where_the_world_is_random():
+    landscape = Landscape(0)
+    adversary = Bayesian(8, seed=0, candidates=4096)
+    adversary.train(FunctionOracle(landscape, 400))
+    assert landscape.fooling_rate(adversary.sample(1000)).mean() > 0.35 + 0.3
+
+
+def test_omega_comes_first():
+    oracle = RecordingOracle(AnalyticApplication(), budget=100)
+    Bayesian(2, seed=7, **QUICK).train(oracle)
+    uniform = np.random.default_rng(7).uniform(-1, 1, (20, 2)).astype(np.float32)
+    assert (oracle.queries[:20] == uniform).all()
+
+
+@pytest.mark.parametrize(
+    ("budget", "initial", "expected"), [(100, None, 20), (40, None, 10), (100, 50, 50), (9, 50, 9)]
+)
+def test_number_of_uniform_points(budget, initial, expected):
+    oracle = FunctionOracle(lambda mu: np.abs(mu[:, 0]), budget)
+    Bayesian(2, seed=0, initial=initial, **QUICK).train(oracle)
+    assert len(oracle.queries[0]) == expected
+    assert {len(query) for query in oracle.queries[1:]} <= {1}
+
+
+def test_learns_from_the_last_evaluations_alone():
+    """Only the first point, uniform, fools: S is all that is left, and lies where Q is low."""
+    asked = []
+
+    def score(mu):
+        asked.append(mu)
+        return (
+            np.full(len(mu), 0.1) if len(asked) == 1 else 0.5 + 0.2 * np.abs(mu - 0.5).max(axis=1)
+        )
+
+    for last, flagged in ((40, True), (60, False)):
+        asked.clear()
+        adversary = Bayesian(2, seed=0, last=last, initial=1, **QUICK)
+        adversary.train(FunctionOracle(score, 60))
+        assert bool(adversary.flags) == flagged
+    assert np.abs(adversary.sample(50) - asked[0]).max() < 0.1
+
+
+def test_size_of_the_induced_set():
+    spread = []
+    for size in (5, 100):
+        adversary = Bayesian(2, seed=0, induced_size=size, initial=200, components=(1,))
+        adversary.train(FunctionOracle(lambda mu: np.abs(mu).max(axis=1), 200, threshold=0.9))
+        spread.append(adversary.sample(1000).std())
+    assert spread[0] < 0.5 * spread[1]
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 64])
+@pytest.mark.parametrize("value", [0.1, 0.9])
+def test_constant_scores(dimension, value):
+    adversary = Bayesian(dimension, seed=0, **QUICK)
+    adversary.train(FunctionOracle(lambda mu: np.full(len(mu), value), 60))
+    assert adversary.sample(50).shape == (50, dimension)
+    flag = "none of the last 60 points fooled: learnt from the lowest scores instead"
+    assert adversary.flags == ([flag] if value > 0.3 else [])
+
+
+def test_no_budget_is_refused():
+    with pytest.raises(ValueError, match="budget of at least 1"):
+        Bayesian(2).train(FunctionOracle(lambda mu: np.zeros(len(mu)), 0))
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"candidates": 1000}, "power of two of at least 256, as .* got 1000"),
+        ({"candidates": 128}, "power of two of at least 256, as .* got 128"),
+        ({"last": 0}, "Expected last to be at least 1, got 0"),
+        ({"initial": 0}, "Expected initial to be at least 1, got 0"),
+        ({"induced_size": 0}, "Expected induced_size to be at least 1, got 0"),
+        ({"batch": -1}, "Expected batch to be at least 1, got -1"),
+        ({"components": ()}, r"Expected components of at least 1 each, got \(\)"),
+        ({"components": (4, 0)}, r"Expected components of at least 1 each, got \(4, 0\)"),
+    ],
+)
+def test_bad_options_are_refused(option, message):
+    with pytest.raises(ValueError, match=message):
+        make("bayesian", 2, **option)
+
+
+def test_options_and_flags_survive_saving(tmp_path):
+    options = {"initial": 5, "last": 20, "induced_size": 10, "batch": 4, **QUICK}
+    adversary = Bayesian(2, seed=0, **options)
+    adversary.train(FunctionOracle(lambda mu: np.ones(len(mu)), 40))
+    adversary.save(tmp_path)
+    loaded = Bayesian.load(tmp_path)
+    assert loaded.options == adversary.options
+    assert loaded.flags == adversary.flags
+    assert len(loaded.flags) == 1

@@ -1,0 +1,92 @@
+"""Cheap tracks and adversaries for the benchmark's tests, which any process can import."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from toy import Greedy, Toy
+
+from sada_gym.adversaries.base import Query
+from sada_gym.application import Application
+from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
+from sada_gym.envs.adversary import AdversaryEnv
+from sada_gym.reference import reference_mu, reference_seeds, write_reference
+from sada_gym.registration import make_application
+
+ANALYTIC = "SADA-Analytic-v0"
+LOGGED = "bench_toys:Logged-v0"
+
+
+class LoggedEnv(AdversaryEnv):
+    """`Toy`, slowed down and logged as environment variables say."""
+
+    def __init__(self) -> None:
+        pause = float(os.environ.get("TOY_PAUSE_S", "0"))
+        super().__init__(Toy(pause_s=pause, log=os.environ.get("TOY_LOG")))
+
+
+if "Logged-v0" not in gym.registry:
+    gym.register("Logged-v0", entry_point="bench_toys:LoggedEnv")
+
+
+class Picky(Greedy):
+    """It refuses budgets below 100."""
+
+    def train(self, oracle: Query) -> None:
+        if oracle.remaining < 100:
+            raise ValueError(f"Expected a budget of at least 100, got {oracle.remaining}.")
+        super().train(oracle)
+
+
+class Buggy(Greedy):
+    """It fails for no good reason."""
+
+    def train(self, oracle: Query) -> None:
+        raise KeyError("bug")
+
+
+class Deadly(Greedy):
+    """Its process is killed, as the system does where memory is short."""
+
+    def train(self, oracle: Query) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Short(Greedy):
+    """It gives a sample too few."""
+
+    def sample(self, n: int) -> np.ndarray:
+        return super().sample(n)[: max(n - 1, 1)]
+
+
+def make_reference(folder: Path, track: str, points: int = 600, seeds: int = 2) -> Application:
+    """Write a small reference set of a track."""
+    application = make_application(track)
+    mu = reference_mu(len(application.parameters), points, 0)
+    asked = [seed for point in range(points) for seed in reference_seeds(point, seeds)]
+    scores = application.evaluate(np.repeat(mu, seeds, axis=0), asked).score
+    write_reference(folder, track, application, scores.reshape(points, seeds), sobol_seed=0)
+    return application
+
+
+def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes) -> Suite:
+    """A small suite, a table for each budget."""
+    controls = ("ideal", "archive")
+    tables = tuple(
+        Table(name=f"n{budget}", title=f"Budget {budget}", note="", budget=Budget(queries=budget))
+        for budget in budgets
+    )
+    return Suite(
+        name="small",
+        tracks=(track,),
+        tables=tuple(table.model_copy(update={"samples": 30}) for table in tables),
+        contenders=tuple(
+            Contender(label=name, adversary=name, ranked=name not in controls)
+            for name in adversaries
+        ),
+        **{"images": 0, **changes},
+    )

@@ -1,0 +1,171 @@
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from rich.console import Console
+from rich.text import Text
+from typer.testing import CliRunner
+
+from sada_gym.benchmark.cell import Told
+from sada_gym.benchmark.plan import make_plan
+from sada_gym.cli import app
+from sada_gym.cli.benchmark import _spread
+from sada_gym.cli.benchmark_progress import BenchmarkBars
+
+SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
+
+
+def run(*args):
+    return CliRunner().invoke(app, ["benchmark", *map(str, args)], env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def references(tmp_path_factory):
+    there = tmp_path_factory.mktemp("references")
+    make_reference(there, ANALYTIC)
+    return there
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, references):
+    out = tmp_path_factory.mktemp("cli") / "out"
+    chosen = ["-a", "ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky"]
+    result = run(*SMALL, *chosen, "--workers", 1, "--out", out, "--references", references)
+    assert result.exit_code == 0, result.output
+    return out, result
+
+
+def test_it_tells_of_every_cell_and_ends_with_the_table(done):
+    out, result = done
+    lines = re.findall(r"^\d/5 cells: .*", result.stdout, re.MULTILINE)
+    assert len(lines) == 5
+    assert "queries/s" in lines[2]
+    assert "left" in lines[2]
+    table = result.stdout.partition("Equal queries")[2]
+    assert re.search(r"toy:Greedy +│ +\d+\.\d │ +1", table)
+    assert re.search(r"Picky +│ +- │ +│ +- │ +│ +0 \(1 failed\)", table)
+    assert f"Results: {out}/" in table
+
+
+def test_its_files_tell_the_same(done):
+    out, _ = done
+    results = json.loads((out / "results.json").read_text())
+    assert [cell["label"] for cell in results["cells"]] == [
+        "ideal",
+        "random",
+        "archive",
+        "bench_toys:Picky",
+        "toy:Greedy",
+    ]
+    afr = {row["label"]: row["afr"] for row in results["rows"] if row["track"] is None}
+    text = (out / "table.md").read_text()
+    assert f"| random | {100 * afr['random']['value']:.1f} (" in text
+    assert "| bench_toys:Picky | - |" in text
+    assert "0, 1 failed (incomplete)" in text
+    assert "- bench_toys:Picky (equal-queries, one run): failed: Expected a budget of" in text
+    assert "| full set | " in text
+    assert "Training queries: 60; ideal none; random none." in text
+
+
+def test_report_alone_runs_nothing(done, references):
+    out, _ = done
+    (out / "results.json").unlink()
+    result = run("--report", "--out", out, "--references", references)
+    assert result.exit_code == 0, result.output
+    assert "cells:" not in result.stdout
+    assert (out / "results.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--suite", "papers"], "Expected the suite to be one of paper, quick; got 'papers'"),
+        (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
+        (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
+        ([*SMALL, "-a", "randm"], "Did you mean random"),
+        ([*SMALL, "-a", "random", "nowhere:Nothing"], "Install the module, or set PYTHONPATH"),
+        ([*SMALL, "-a", "bbgan:papr"], "Expected the preset to be one of default, paper"),
+        ([*SMALL, "-a", "random", "--agents", "surveyor"], "got 'agent'"),
+        (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
+        ([*SMALL, "--seeds", "0"], "seeds"),
+        (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
+        ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
+        ([*SMALL, "-a", "random", "--out", "."], "which holds something else"),
+    ],
+)
+def test_bad_input_gets_a_sentence(args, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    result = run(*args)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert "Traceback" not in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_other_settings_are_refused(done, references):
+    out, _ = done
+    chosen = ["-a", "random", "--out", out, "--references", references]
+    result = run("--tracks", ANALYTIC, "--budget", 61, "--samples", 20, "--images", 0, *chosen)
+    assert result.exit_code == 2
+    assert "equal-queries: budget.queries was 60 and is 61" in result.stderr
+
+
+def test_lists_spread_until_something_else_comes():
+    args = ["--tracks", "A", "B", "--seeds", "2", "-a", "x", "y", "--out", "o", "z"]
+    assert list(_spread(args)) == [
+        *["--tracks", "A", "--tracks", "B", "--seeds", "2"],
+        *["-a", "x", "-a", "y", "--out", "o", "z"],
+    ]
+
+
+def test_a_terminal_shows_cells_rate_time_left_and_each_process(tmp_path):
+    plan = make_plan(suite("random", "toy:Greedy", budgets=(60,), seeds=2), tmp_path)
+    first, second = plan.groups[0].cells
+    console = Console(force_terminal=True, width=120, file=io.StringIO())
+    with BenchmarkBars(console) as bars:
+        bars.begin(plan, list(plan.cells))
+        bars.hear(Told(first, "testing", 10, 30, new=10))
+        bars.hear(Told(first, "finished", new=20, wall_s=65.0))
+        bars.hear(Told(plan.groups[1].cells[0], "training", 0, 60))
+        bars.hear(Told(second, "training", 5, 60, new=5))
+        bars._bars.refresh()
+        shown = Text.from_ansi(console.file.getvalue()).plain
+        bars.hear(Told(second, "finished", wall_s=65.0))
+        bars.finish()
+    assert re.search(r"Cells.* 1/4  35 queries/s, about 1:37 left", shown)
+    assert re.search(r"Analytic seed 0.* 1/2  toy:Greedy \(n60\): training 5/60", shown)
+    assert re.search(r"Analytic seed 1.* 0/2  random \(n60\): training 0/60", shown)
+    assert "writing the report" in Text.from_ansi(console.file.getvalue()).plain
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
+    out, log = tmp_path / "an out", tmp_path / "log"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
+    environment |= {"TOY_LOG": str(log), "TOY_PAUSE_S": "0.01"}
+    command = [sys.executable, "-m", "sada_gym", "benchmark", "--tracks", LOGGED, "--seeds", "1"]
+    command += ["-a", "random", "toy:Greedy", "--budget", "900", "--images", "0", "--out", str(out)]
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 100):
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in told
+    assert f"Stopped. 1 finished cells and all evaluations are kept in {out}" in told
+    assert told.strip().endswith(f"--budget 900 --images 0 --out '{out}'")

@@ -1,0 +1,211 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+
+from sada_gym.benchmark import folder
+from sada_gym.benchmark.folder import claim, read_cells, sole_user
+from sada_gym.benchmark.results import Results
+from sada_gym.benchmark.run import run_benchmark
+from sada_gym.benchmark.suite import choose
+from sada_gym.benchmark.work import CellError
+from sada_gym.results import read_model
+from sada_gym.store import EvaluationStore
+from sada_gym.workers import WorkerError
+
+WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
+
+
+@pytest.fixture(scope="module")
+def references(tmp_path_factory):
+    there = tmp_path_factory.mktemp("references")
+    for track in (ANALYTIC, LOGGED):
+        make_reference(there, track)
+    return there
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, references):
+    out = tmp_path_factory.mktemp("done")
+    return run_benchmark(WHOLE, out, workers=2, references=references)
+
+
+def contents(out):
+    """Give all that does not depend on time: of the stores, the order of rows does."""
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.suffix != ".sqlite" and not path.name.startswith("timing")
+    }
+
+
+def test_it_ends_with_results_tables_and_pictures(done):
+    assert sorted(path.name for path in done.folder.iterdir()) == [
+        ".lock",
+        "benchmark.json",
+        "cells",
+        "pictures",
+        "results.json",
+        "stores",
+        "table.md",
+        "timings.json",
+    ]
+    results = read_model(done.folder / "results.json", Results)
+    assert results == done.results
+    assert len(results.cells) == 2 * 2 * 3
+    assert [target.seeds for target in results.targets] == [(0, 1)]
+    assert results.targets[0].reference.points == 600
+    assert "wall" not in (done.folder / "results.json").read_text()
+    timings = json.loads((done.folder / "timings.json").read_text())["cells"]
+    assert len(timings) == 12
+    assert all(timing["wall_s"] >= 0 for timing in timings)
+    pictures = {path.name for path in (done.folder / "pictures" / "n90").iterdir()}
+    assert pictures == {"afr-coverage.png", "anytime.png", "marginals-Analytic.png", "novelty.png"}
+
+
+def test_workers_are_no_part_of_the_result(done, tmp_path, references):
+    run_benchmark(WHOLE, tmp_path, workers=5, references=references)  # two a group
+    assert contents(tmp_path) == contents(done.folder)
+
+
+def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch):
+    run_benchmark(suite("archive", budgets=(90,)), tmp_path, references=references)
+    before = {there: (there / "cell.json").stat() for _, there in read_cells(tmp_path)}
+    run_benchmark(WHOLE, tmp_path, workers=1, references=references)
+    now = {there: (there / "cell.json").stat() for there in before}
+    assert now == before  # neither written again nor touched
+    assert contents(tmp_path) == contents(done.folder)
+
+    def refuse(*args):
+        raise AssertionError("nothing is left to do")
+
+    monkeypatch.setattr("sada_gym.benchmark.run.WorkerPool", refuse)
+    run_benchmark(WHOLE, tmp_path, workers=2, references=references)
+    assert contents(tmp_path) == contents(done.folder)
+
+
+def test_other_settings_are_refused(done, references, monkeypatch):
+    before = contents(done.folder)
+    for changed, message in (
+        (choose(WHOLE, budget=70), r"n60: budget.queries was 60 and is 70"),
+        (choose(WHOLE, samples=20), r"n90: samples was 30 and is 20"),
+    ):
+        with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another"):
+            run_benchmark(changed, done.folder, references=references)
+    monkeypatch.setattr(folder, "packages", lambda: {"numpy": "1.0"})
+    with pytest.raises(ValueError, match=r"packages.numpy was '\S+' and is '1.0'"):
+        run_benchmark(WHOLE, done.folder, references=references)
+    assert contents(done.folder) == before
+
+
+def test_other_folders_are_refused(tmp_path, references):
+    chosen = suite("random", budgets=(60,))
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ValueError, match=r"got the file"):
+        run_benchmark(chosen, tmp_path / "file", references=references)
+    with pytest.raises(ValueError, match=r"which holds something else. Name another"):
+        run_benchmark(chosen, tmp_path, references=references)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_two_at_once_are_refused(tmp_path, references):
+    chosen = suite("random", budgets=(60,))
+    out = tmp_path / "out"
+    claim(out, chosen.tables)
+    with sole_user(out), pytest.raises(ValueError, match="another is at work there"):
+        run_benchmark(chosen, out, references=references)
+
+
+def test_a_bug_stops_it_and_names_the_cell(tmp_path, references):
+    chosen = suite("random", "bench_toys:Buggy", budgets=(60,))
+    with pytest.raises(CellError, match=r"KeyError in bench_toys:Buggy on SADA-Analytic-v0"):
+        run_benchmark(chosen, tmp_path, references=references)
+    assert len(read_cells(tmp_path)) == 1
+    assert not (tmp_path / "results.json").exists()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_a_killed_process_is_told(tmp_path, references):
+    chosen = suite("random", "bench_toys:Deadly", budgets=(60,))
+    with pytest.raises(WorkerError, match="They were at: bench_toys:Deadly on SADA-Analytic-v0"):
+        run_benchmark(chosen, tmp_path, references=references)
+    assert len(read_cells(tmp_path)) == 1
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from bench_toys import LOGGED, suite
+from sada_gym.benchmark.run import run_benchmark
+chosen = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
+run_benchmark(chosen, sys.argv[1], workers=2, references=Path(sys.argv[2]))
+"""
+
+
+def start(out, log, references, pause_s="0.004"):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment |= {"TOY_LOG": str(log), "TOY_PAUSE_S": pause_s}
+    command = [sys.executable, "-c", SCRIPT, str(out), str(references)]
+    return subprocess.Popen(command, env=environment)
+
+
+def logged(log):
+    """Give the (process, seed) pairs of a log; its last line may be incomplete."""
+    if not log.exists():
+        return []
+    return [
+        tuple(map(int, line.split()))
+        for line in log.read_text().splitlines(keepends=True)
+        if line.endswith("\n") and len(line.split()) == 2
+    ]
+
+
+def is_alive(process):
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def wait_for(condition, limit_s=120.0):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
+def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references):
+    assert start(tmp_path / "whole", tmp_path / "whole.log", references, "0").wait() == 0
+    out = tmp_path / "out"
+    for attempt, evaluations in enumerate((30, 80, 130)):
+        log = tmp_path / f"{attempt}.log"
+        process = start(out, log, references)
+        wait_for(lambda: len(logged(log)) > evaluations)  # noqa: B023
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        workers = {worker for worker, _ in logged(log)}
+        wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)  # noqa: B023
+        if attempt < 2:
+            assert not (out / "results.json").exists()
+    committed, last = stored(out), tmp_path / "last.log"
+    assert start(out, last, references, "0").wait() == 0
+    assert len(logged(last)) == stored(out) - committed > 0
+    assert committed > 60
+    assert contents(out) == contents(tmp_path / "whole")
+
+
+def stored(out):
+    """Count the evaluations in all stores."""
+    total = 0
+    for path in (out / "stores").glob("*.sqlite"):
+        with EvaluationStore(path) as store:
+            total += len(store)
+    return total

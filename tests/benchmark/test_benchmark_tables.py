@@ -1,0 +1,150 @@
+import pytest
+
+from sada_gym.benchmark.folder import BenchmarkSettings
+from sada_gym.benchmark.measure import Measures, Search
+from sada_gym.benchmark.paper import CLASS_COLUMNS
+from sada_gym.benchmark.plan import ReferenceMark
+from sada_gym.benchmark.results import CellResult, Results, Target, _rows
+from sada_gym.benchmark.suite import Budget, Table
+from sada_gym.benchmark.tables import short_name, write_tables
+
+TRACKS = tuple(CLASS_COLUMNS.values())
+TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
+
+
+def cell(track, label, fooled, *, seed=0, flags=(), error=None):
+    measures = Measures(
+        afr=fooled / 250,
+        afr_interval_95=(0.0, 1.0),
+        fooled=fooled,
+        mean_score=0.5,
+        mu_std=0.3,
+        density=0.9,
+        coverage=0.6,
+        relative_coverage=0.75,
+        novelty=None,
+        image_novelty=None,
+    )
+    return CellResult(
+        table="t",
+        track=track,
+        agent="photographer",
+        label=label,
+        seed=seed,
+        adversary=label,
+        preset=None,
+        options={},
+        budget=2000,
+        samples=250,
+        error=error,
+        measures=None if error else measures,
+        search=None if error else Search(queries=2000, fooled=700, curve=()),
+        flags=flags,
+    )
+
+
+def report(tmp_path, cells, notes=()):
+    mark = ReferenceMark(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
+    targets = tuple(
+        Target(
+            track=track,
+            agent="photographer",
+            application="SADA-Detection",
+            version=0,
+            application_settings={},
+            fingerprint="abc",
+            fooling_threshold=0.3,
+            reference=mark,
+            seeds=(0,),
+        )
+        for track in dict.fromkeys(c.track for c in cells)
+    )
+    settings = BenchmarkSettings(tables=(TABLE,), packages={"numpy": "2.0"})
+    results = Results(
+        format=1, settings=settings, targets=targets, rows=tuple(_rows(cells)), cells=tuple(cells)
+    )
+    return write_tables(tmp_path, results, notes).read_text(), results
+
+
+@pytest.fixture
+def whole(tmp_path):
+    rates = {"random": 100, "bbgan": 200, "sada": 240}
+    cells = [cell(track, label, n) for label, n in rates.items() for track in TRACKS]
+    return report(tmp_path, cells)
+
+
+def line(text, section, label):
+    rest = text.partition(section)[2].partition("\n#")[0]
+    [found] = [row for row in rest.splitlines() if row.startswith(f"| {label} |")]
+    return [part.strip() for part in found.strip("|").split("|")]
+
+
+def test_it_is_laid_out_like_the_papers_table(whole):
+    text, _ = whole
+    section = "Beside the paper's Table 1"
+    header = ["adversary", "Bicycle", "Motorbike", "Truck", "12-class avg"]
+    assert line(text, section, "adversary") == header
+    assert line(text, section, "full set") == [
+        "full set",
+        *("37.0 / 14.6", "37.0 / 32.5", "37.0 / 56.8", "37.0 / 37.1"),
+    ]
+    bbgan = ["bbgan", "80.0 / 44.0", "80.0 / 45.2", "80.0 / 90.8", "80.0 / 74.5"]
+    assert line(text, section, "bbgan") == bbgan
+    assert line(text, section, "sada") == ["sada", "**96.0**", "**96.0**", "**96.0**", "96.0"]
+
+
+def test_all_classes_stand_beside_the_appendix(whole):
+    text, _ = whole
+    header = line(text, "### By class", "adversary")
+    assert header == ["adversary", *CLASS_COLUMNS, "12-class avg", "μ_std"]
+    random = line(text, "### By class", "random")
+    assert random[1] == "40.0 / 11.3"
+    assert random[-2:] == ["40.0 / 46.2", "0.300 / 0.584"]
+
+
+def test_the_measures_stand_with_intervals_and_ranks(whole):
+    text, results = whole
+    assert "mean over 12 tracks" in text
+    sada = line(text, "### All measures", "sada")
+    [row] = [r for r in results.rows_of("t", "photographer", None) if r.label == "sada"]
+    low, high = (100 * end for end in row.afr.interval_95)
+    assert sada[1:3] == [f"96.0 ({low:.1f} to {high:.1f})", "1"]
+    assert sada[4:6] == ["75.0", ""]  # one seed a track tells of no interval
+    assert sada[-1] == "12"
+
+
+def test_fewer_classes_are_no_12_class_average(tmp_path):
+    text, _ = report(tmp_path, [cell(track, "random", 100) for track in TRACKS[:11]])
+    assert "12-class avg" not in text
+    assert line(text, "### By class", "adversary")[-2] == "mean of 11 tracks"
+    assert line(text, "### By class", "random")[-2:] == ["40.0", "0.300"]
+
+
+def test_errors_flags_and_notes_are_told(tmp_path):
+    cells = [
+        cell(TRACKS[0], "random", 100),
+        cell(TRACKS[0], "smc", 0, error="Expected a budget of 99 | more."),
+        cell(TRACKS[0], "bbgan", 100, flags=("nothing fooled",)),
+        cell(TRACKS[1], "random", 100),
+        cell(TRACKS[1], "bbgan", 100, flags=("nothing fooled",)),
+    ]
+    text, _ = report(tmp_path, cells, ["ribs is missing."])
+    assert "- ribs is missing." in text
+    assert "- smc (t, one run): failed: Expected a budget of 99 | more." in text
+    assert "- bbgan (t, 2 runs): nothing fooled" in text
+    smc = line(text, "### All measures", "smc")
+    assert (smc[1], smc[-1]) == ("-", "0, 1 failed (incomplete)")
+    assert line(text, "### By class", "smc")[1:3] == ["-", "-"]
+
+
+@pytest.mark.parametrize(
+    ("track", "name"),
+    [
+        ("SADA-Detection-DiningTable-v0", "diningtable"),
+        ("SADA-UAV-3Anchors-v1", "UAV-3Anchors"),
+        ("mine:Own-v0", "mine:Own"),
+        ("Own", "Own"),
+    ],
+)
+def test_short_names(track, name):
+    assert short_name(track) == name
