@@ -61,7 +61,7 @@ class BBGANOptions:
     induced_size: int = 0
     rest: float = 3.0
     average: float = 0.99
-    tether: float = 0.3
+    tether: float = 1.0
     acceptance: float = 0.9
 
     def __post_init__(self) -> None:

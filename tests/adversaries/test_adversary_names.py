@@ -7,7 +7,10 @@ from sada_gym import adversaries
 
 
 def test_names_and_descriptions():
-    assert adversaries.names()[:3] == ["random", "bbgan", "bbgan-boost"]
+    assert adversaries.names() == [
+        *("random", "archive", "gaussian", "gmm10", "gmm50", "svm", "gp", "bayesian"),
+        *("bbgan", "bbgan-boost", "cross-entropy", "smc", "cma-mae", "sada"),
+    ]
     rows = {row.name: row for row in adversaries.describe()}
     assert list(rows) == adversaries.names()
     assert all(row.summary.endswith(".") for row in rows.values())
