@@ -117,7 +117,7 @@ def reference_seeds(point: int, seeds: int) -> list[int]:
 
 
 def write_reference(
-    folder: Path,
+    folder: str | Path,
     track: str,
     application: Application,
     scores: npt.NDArray[np.float64],
@@ -157,6 +157,7 @@ def write_reference(
         mu_sha256=_mu_sha256(reference_mu(len(application.parameters), points, sobol_seed)),
         sha256=hashlib.sha256(buffer.getvalue()).hexdigest(),
     )
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / entry.file, buffer.getvalue())
     others = [e for e in read_index(folder).references if e.file != entry.file]
@@ -165,15 +166,17 @@ def write_reference(
     return entry
 
 
-def read_index(folder: Path = FOLDER) -> ReferenceIndex:
+def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
     """List the reference sets that a folder holds."""
-    path = folder / INDEX
+    path = Path(folder) / INDEX
     if not path.exists():
         return ReferenceIndex(references=())
     return ReferenceIndex.model_validate_json(path.read_bytes())
 
 
-def load_reference(track: str, application: Application, folder: Path = FOLDER) -> Reference | None:
+def load_reference(
+    track: str, application: Application, folder: str | Path = FOLDER
+) -> Reference | None:
     """Load the reference set of a track and its agent; None where there is none.
 
     Args:
@@ -193,7 +196,7 @@ def load_reference(track: str, application: Application, folder: Path = FOLDER) 
     if not found:
         return None
     entry = found[0]
-    path = folder / entry.file
+    path = Path(folder) / entry.file
     content = path.read_bytes()
     mu = reference_mu(len(application.parameters), entry.points, entry.sobol_seed)
     for what, expected, got in (

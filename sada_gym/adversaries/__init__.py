@@ -5,12 +5,13 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary, Query
 
-__all__ = ["Adversary", "Description", "Query", "describe", "make", "names"]
+__all__ = ["Adversary", "Description", "Query", "describe", "make", "names", "resolve"]
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",
@@ -71,6 +72,24 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
     return kind(dimension, seed=seed, **options)
 
 
+def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Give all options that `make` would use: those given, the preset's, the defaults.
+
+    Args:
+        name: As of `make`.
+        options: The adversary's own, `preset` among them where it has presets.
+
+    Raises:
+        ValueError: If the name or the preset is unknown.
+    """
+    kind = _class(name)
+    presets = getattr(kind, "presets", {})
+    chosen = options.get("preset", "default")
+    if presets:
+        refuse_unknown("preset", [chosen], list(presets))
+    return {**_options(kind, chosen), **options}
+
+
 def describe() -> list[Description]:
     """Describe every adversary. It loads them all, torch included."""
     rows = []
@@ -107,15 +126,15 @@ def _class(name: str) -> type[Adversary]:
     return kind
 
 
-def _options(kind: type[Adversary]) -> dict[str, Any]:
-    """Give an adversary's options and their defaults: keywords, and the fields of its presets."""
+def _options(kind: type[Adversary], preset: str = "default") -> dict[str, Any]:
+    """Give an adversary's options and their defaults: keywords, and the fields of its preset."""
     options = {
-        p.name: p.default
+        p.name: None if p.default is p.empty else p.default
         for p in inspect.signature(kind).parameters.values()
         if p.kind is p.KEYWORD_ONLY and p.name != "seed"
     }
     presets = getattr(kind, "presets", {})
     if presets:
-        default = presets["default"]
+        default = presets[preset]
         options |= {field.name: getattr(default, field.name) for field in fields(default)}
     return options

@@ -29,7 +29,7 @@ class Bayesian(Learner):
         initial: Uniform points that the search starts from, at most the budget. None takes 10 d
             (Jones, Schonlau & Welch 1998), but at most a quarter of the budget.
         last: Evaluations at the end that S is induced from.
-        induced_size: s, the most points of S.
+        induced_size: s, the most points of S; 0 for all that fool.
         components: Sizes of mixtures to try.
         candidates: Points among which each step chooses, a power of two.
         batch: Points evaluated at once, for parallel workers; see `minimise`.
@@ -53,18 +53,22 @@ class Bayesian(Learner):
         batch: int = 1,
     ) -> None:
         super().__init__(dimension, seed=seed)
-        counts = {"last": last, "induced_size": induced_size, "batch": batch}
+        counts = {"last": (last, 1), "induced_size": (induced_size, 0), "batch": (batch, 1)}
+        counts |= {f"components[{i}]": (size, 1) for i, size in enumerate(components)}
         if initial is not None:
-            counts["initial"] = initial
-        for what, count in counts.items():
-            if count < 1:
-                raise ValueError(f"Expected {what} to be at least 1, got {count}.")
-        if not components or min(components) < 1:
-            raise ValueError(f"Expected components of at least 1 each, got {components}.")
-        if candidates < LEAST_CANDIDATES or candidates & (candidates - 1):
+            counts["initial"] = (initial, 1)
+        for what, (count, least) in counts.items():
+            if type(count) is not int or count < least:
+                raise ValueError(
+                    f"Expected {what} to be an int of at least {least}, got {count!r}."
+                )
+        if not components:
+            raise ValueError("Expected at least one size among the components, got none.")
+        fits = type(candidates) is int and candidates >= LEAST_CANDIDATES
+        if not fits or candidates & (candidates - 1):
             raise ValueError(
                 f"Expected candidates to be a power of two of at least {LEAST_CANDIDATES}, as a "
-                f"Sobol sequence wants it, got {candidates}."
+                f"Sobol sequence wants it, got {candidates!r}."
             )
         self.initial = initial
         self.last = last
@@ -72,7 +76,6 @@ class Bayesian(Learner):
         self.components = tuple(components)
         self.candidates = candidates
         self.batch = batch
-        self._mixture: Mixture | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -92,7 +95,7 @@ class Bayesian(Learner):
         omega = evaluate_uniform(min(initial, budget), self.dimension, oracle, self.rng)
         omega = minimise(oracle, omega, self.rng, candidates=self.candidates, batch=self.batch)
         late = Omega(omega.mu[-self.last :], omega.score[-self.last :])
-        induced = induce(late, oracle.threshold, self.rng, size=self.induced_size)
+        induced = induce(late, oracle.threshold, self.rng, size=self.induced_size or None)
         if induced.fallback:
             self.flags.append(
                 f"none of the last {len(late)} points fooled: learnt from the lowest scores instead"
@@ -101,11 +104,9 @@ class Bayesian(Learner):
         return omega
 
     def _draw(self, n: int) -> npt.NDArray[np.float64]:
-        assert self._mixture is not None
         return self._mixture.sample(n, self.rng)
 
     def _arrays(self) -> Arrays:
-        assert self._mixture is not None
         return self._mixture.to_arrays()
 
     def _restore(self, arrays: Arrays) -> None:

@@ -22,6 +22,7 @@ from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
+from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.adversaries.omega import Induced, Omega, evaluate_uniform, induce
 from sada_gym.adversaries.tensorboard import TrainingLog
 from sada_gym.threads import one_thread
@@ -178,8 +179,7 @@ class BBGAN(Adversary):
     def _learn(self, omega: Omega, threshold: float) -> None:
         """Train G and D afresh on the set induced from omega."""
         induced = induce(omega, threshold, self.rng, size=self.options.induced_size or None)
-        flag = "no point of Omega fooled: learnt from the lowest scores instead"
-        self.flags = [flag] if induced.fallback else []
+        self.flags = [NONE_FOOLED] if induced.fallback else []
         with one_thread():
             self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
             self._know(omega)

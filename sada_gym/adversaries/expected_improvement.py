@@ -13,12 +13,12 @@ from sada_gym.adversaries.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate
 from sada_gym.adversaries.pool_posterior import Array, Matern, PoolPosterior, fit_matern
 
-LEAST_CANDIDATES = 256
+LEAST_CANDIDATES = 512
 
 _FIT_POINTS = 1024
 _ROUND, _CENTRES, _NEIGHBOURS = 8, 8, 4
 _NEAREST, _FARTHEST = -2.0, -0.5
-_WATCHED = 64
+_WATCHED = 256
 _LEAST_GROWTH = 1.5
 
 
@@ -52,7 +52,8 @@ def minimise(
     Each step asks for the candidate of the largest expected improvement under a Gaussian process
     fitted to all evaluations. Q is noisy, so the incumbent is not the lowest score but the lowest
     posterior mean at an evaluated point (Picheny, Wagner & Ginsbourger 2013, "A benchmark of
-    kriging-based infill criteria for noisy optimization": expected improvement with plug-in).
+    kriging-based infill criteria for noisy optimization": expected improvement with plug-in). Of
+    the evaluated points, those of the 256 lowest means stay among the candidates to be watched.
 
     The candidates are a scrambled Sobol sequence. Every 8 steps those of the least expected
     improvement give way to neighbours of the best ones, which refines the search where it is worth

@@ -84,12 +84,19 @@ class SADA(Learner):
             ("explore", explore, 0.0, 1.0),
             ("coverage", coverage, 0.0, 1.0),
         ):
-            if not low <= value <= high:
-                raise ValueError(f"Expected {name} within [{low:g}, {high:g}], got {value}.")
+            whole = isinstance(low, int)
+            fits = isinstance(value, int if whole else (int, float)) and value is not True
+            if not fits or not low <= value <= high:
+                what = "a whole number" if whole else "a number"
+                raise ValueError(
+                    f"Expected {name} to be {what} within [{low:g}, {high:g}], got {value!r}."
+                )
         self.uniform, self.rounds, self.explore = uniform, rounds, explore
         self.coverage = coverage
-        if not models:
-            raise ValueError(f"Expected models among {', '.join(MODELS)}, got none.")
+        if not models or isinstance(models, str):
+            raise ValueError(
+                f"Expected a list of models among {', '.join(MODELS)}, got {models!r}."
+            )
         refuse_unknown("models", models, list(MODELS))
         self.models = tuple(models)
         self.level = 0.5

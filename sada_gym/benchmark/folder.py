@@ -74,7 +74,7 @@ class Timing(Strict):
 def cell_folder(out: Path, cell: CellKey) -> Path:
     """Where a cell lies."""
     place = _place(cell.track, cell.agent)
-    return out / CELLS / _slug(cell.table) / place / f"{_slug(cell.label)}-{cell.seed}"
+    return out / CELLS / slug(cell.table) / place / f"{slug(cell.label)}-{cell.seed}"
 
 
 def store_file(out: Path, group: Group) -> Path:
@@ -196,9 +196,9 @@ def _changes(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
 
 
 def _place(track: str, agent: str) -> str:
-    return _slug(f"{track}.{agent}" if agent else track)
+    return slug(f"{track}.{agent}" if agent else track)
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
     """Make a name that any file system takes."""
     return re.sub(r"[^A-Za-z0-9._+]+", "-", text).strip("-")

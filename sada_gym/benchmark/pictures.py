@@ -16,7 +16,7 @@ from sada_gym.benchmark.charts import (
     novelty_ratios,
     tradeoff,
 )
-from sada_gym.benchmark.folder import cell_folder
+from sada_gym.benchmark.folder import cell_folder, slug
 from sada_gym.benchmark.plan import open_application
 from sada_gym.benchmark.results import CellResult, Results
 from sada_gym.benchmark.suite import IDEAL
@@ -60,7 +60,7 @@ def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[st
     titles = {table.name: table.title for table in results.settings.tables}
     worlds = _worlds(results, references)
     for table, agent in results.comparisons():
-        folder = f"{table}.{agent}" if agent else table
+        folder = slug(f"{table}.{agent}" if agent else table)
         title = f"{titles[table]}, {agent}" if agent else titles[table]
         cells = [cell for cell in results.cells if (cell.table, cell.agent) == (table, agent)]
         tracks = list(dict.fromkeys(cell.track for cell in cells))
@@ -79,7 +79,7 @@ def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[st
                 figure = marginal_strips(
                     space, samples, fooling_set, f"{title}: where samples lie, {short_name(track)}"
                 )
-                yield f"{folder}/marginals-{short_name(track)}", figure
+                yield f"{folder}/marginals-{slug(short_name(track))}", figure
 
 
 def _worlds(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sada_gym import agents
+from sada_gym import adversaries, agents
 from sada_gym.application import Application
 from sada_gym.benchmark.suite import IDEAL, Contender, Suite, Table
 from sada_gym.coverage import NEAREST
@@ -69,6 +69,7 @@ class CellSettings(CellKey):
         adversary: The contender's registered name, `module:Class`, or `ideal`.
         preset: The named set of options it starts from.
         options: Its other options.
+        resolved: All its options, defaults too: a cell made with other defaults is another cell.
         budget: Training queries that it may spend.
         samples: Test samples.
         images: Samples whose neighbours are compared as images.
@@ -83,6 +84,7 @@ class CellSettings(CellKey):
     adversary: str
     preset: str | None
     options: dict[str, Any]
+    resolved: dict[str, Any]
     budget: int
     samples: int
     images: int
@@ -256,6 +258,7 @@ def _cell(
         adversary=contender.adversary,
         preset=contender.preset,
         options=json_compatible(contender.options),
+        resolved={} if ideal else _resolved(contender),
         budget=0 if ideal else rule.of(contender, len(application.parameters)),
         samples=table.samples or application.sample_size,
         seed=seed,
@@ -267,6 +270,11 @@ def _cell(
         reference=target.reference,
         packages=target.packages,
     )
+
+
+def _resolved(contender: Contender) -> dict[str, Any]:
+    preset = {} if contender.preset is None else {"preset": contender.preset}
+    return json_compatible(adversaries.resolve(contender.adversary, preset | contender.options))
 
 
 def _no_reference(target: _Target) -> str:

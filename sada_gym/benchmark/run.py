@@ -58,7 +58,7 @@ def run_benchmark(
     out: str | Path,
     *,
     workers: int = 1,
-    references: Path = FOLDER,
+    references: str | Path = FOLDER,
     listener: Listener | None = None,
 ) -> BenchmarkResult:
     """Run a suite: every table, track, agent, contender and seed; then report.
@@ -81,7 +81,7 @@ def run_benchmark(
         WorkerError: If a process died.
         CellError: If an adversary raised anything but a ValueError.
     """
-    folder, heard = Path(out), listener or _Deaf()
+    folder, references, heard = Path(out), Path(references), listener or _Deaf()
     if workers < 1:
         raise ValueError(f"Expected workers of at least 1, got {workers}.")
     plan = make_plan(suite, references)
@@ -96,7 +96,7 @@ def run_benchmark(
 
 
 def report_benchmark(
-    out: str | Path, references: Path = FOLDER, *, notes: Sequence[str] = ()
+    out: str | Path, references: str | Path = FOLDER, *, notes: Sequence[str] = ()
 ) -> BenchmarkResult:
     """Write the results, the tables and the pictures of all cells that a folder holds by now.
 
@@ -111,7 +111,7 @@ def report_benchmark(
     folder = Path(out)
     results = write_results(folder)
     write_tables(folder, results, notes)
-    draw_pictures(folder, results, references)
+    draw_pictures(folder, results, Path(references))
     return BenchmarkResult(results, folder, tuple(notes))
 
 

@@ -20,6 +20,18 @@ def test_names_and_descriptions():
     assert rows["random"].options == {}
 
 
+def test_options_are_resolved_from_what_is_given_the_preset_and_the_defaults():
+    default, paper = (
+        adversaries.resolve("bbgan", {"preset": preset, "batch": 7})
+        for preset in ("default", "paper")
+    )
+    assert default["batch"] == paper["batch"] == 7
+    assert (default["induced_size"], paper["induced_size"]) == (0, 100)
+    assert adversaries.resolve("sada", {})["rounds"] == 4
+    with pytest.raises(ValueError, match="preset to be one of default, paper"):
+        adversaries.resolve("bbgan", {"preset": "papers"})
+
+
 @pytest.mark.parametrize("name", adversaries.names())
 def test_made_by_name(name):
     made = adversaries.make(name, dimension=3, seed=0)

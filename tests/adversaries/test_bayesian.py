@@ -28,11 +28,11 @@ def test_beats_uniform_on_boxes(dimension, found, afr):
     adversary = Bayesian(dimension, seed=0, candidates=4096)
     adversary.train(oracle)
     assert oracle.remaining == 0
-    assert (application.fooling_region(oracle.queries) >= 0).mean() > found
-    region = application.fooling_region(adversary.sample(1000))
-    assert (region >= 0).mean() > afr
+    region = application.fooling_region(oracle.queries)
+    assert (region >= 0).mean() > found
     if dimension == 2:
-        assert np.bincount(region[region >= 0], minlength=4).min() > 50
+        assert np.bincount(region[region >= 0], minlength=4).min() > 20
+    assert (application.fooling_region(adversary.sample(1000)) >= 0).mean() > afr
 
 
 def test_leads_random_where_the_world_is_random():
@@ -104,14 +104,15 @@ def test_no_budget_is_refused():
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"candidates": 1000}, "power of two of at least 256, as .* got 1000"),
-        ({"candidates": 128}, "power of two of at least 256, as .* got 128"),
-        ({"last": 0}, "Expected last to be at least 1, got 0"),
-        ({"initial": 0}, "Expected initial to be at least 1, got 0"),
-        ({"induced_size": 0}, "Expected induced_size to be at least 1, got 0"),
-        ({"batch": -1}, "Expected batch to be at least 1, got -1"),
-        ({"components": ()}, r"Expected components of at least 1 each, got \(\)"),
-        ({"components": (4, 0)}, r"Expected components of at least 1 each, got \(4, 0\)"),
+        ({"candidates": 1000}, "power of two of at least 512, as .* got 1000"),
+        ({"candidates": 256}, "power of two of at least 512, as .* got 256"),
+        ({"candidates": 512.0}, "power of two of at least 512, as .* got 512.0"),
+        ({"last": 0}, "Expected last to be an int of at least 1, got 0"),
+        ({"initial": 0}, "Expected initial to be an int of at least 1, got 0"),
+        ({"induced_size": -1}, "Expected induced_size to be an int of at least 0, got -1"),
+        ({"batch": -1}, "Expected batch to be an int of at least 1, got -1"),
+        ({"components": ()}, "Expected at least one size among the components, got none"),
+        ({"components": (4, 0)}, r"Expected components\[1\] to be an int of at least 1, got 0"),
     ],
 )
 def test_bad_options_are_refused(option, message):

@@ -70,14 +70,14 @@ def test_finds_the_minimum_and_spends_all():
 
 @pytest.mark.parametrize("dimension", [1, 2, 64])
 def test_never_asks_twice_and_stays_in_the_box(dimension):
-    omega, _ = search(bowl, 300 if dimension == 1 else 100, dimension=dimension, candidates=256)
+    omega, _ = search(bowl, 300 if dimension == 1 else 100, dimension=dimension)
     assert len(np.unique(omega.mu, axis=0)) == len(omega)
     assert (np.abs(omega.mu) <= 1).all()
 
 
 def test_more_steps_than_candidates():
-    omega, _ = search(lambda mu: np.abs(mu[:, 0]), 400, dimension=1, candidates=256)
-    assert len(np.unique(omega.mu)) == 400
+    omega, _ = search(lambda mu: np.abs(mu[:, 0]), 700, dimension=1)
+    assert len(np.unique(omega.mu)) == 700
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])

@@ -101,8 +101,8 @@ def test_float32_holds_where_the_noise_is_least_and_points_crowd():
         PoolPosterior(kernel, POOL, x, y, capacity=1000, dtype=dtype)
         for dtype in (np.float32, np.float64)
     )
-    assert_allclose(np.sqrt(single.variance), np.sqrt(double.variance), rtol=0.02)
-    assert (np.abs(single.mean - double.mean) < 0.02 * np.sqrt(double.variance)).all()
+    assert_allclose(np.sqrt(single.variance), np.sqrt(double.variance), rtol=0.03)
+    assert (np.abs(single.mean - double.mean) < 0.1 * np.sqrt(double.variance)).all()
 
 
 def test_loss_is_the_likelihood_and_the_prior_and_its_gradient_fits():

@@ -115,8 +115,20 @@ def test_scores_that_are_no_numbers_are_refused():
 
 
 @pytest.mark.parametrize(
-    "bad", [{"uniform": 0.0}, {"rounds": -1}, {"explore": 1.5}, {"coverage": np.nan}]
+    ("bad", "message"),
+    [
+        ({"uniform": 0.0}, r"Expected uniform to be a number within \[0.05, 1\], got 0.0"),
+        ({"uniform": "x"}, "Expected uniform to be a number"),
+        ({"rounds": -1}, r"Expected rounds to be a whole number within \[0, 100\], got -1"),
+        ({"rounds": 2.5}, "Expected rounds to be a whole number"),
+        ({"rounds": True}, "Expected rounds to be a whole number"),
+        ({"explore": 1.5}, "Expected explore to be a number within"),
+        ({"coverage": np.nan}, "Expected coverage to be a number within"),
+        ({"models": ["forest"]}, "Expected the models to be one of trees, process; got 'forest'"),
+        ({"models": "trees"}, "Expected a list of models among trees, process, got 'trees'"),
+        ({"models": []}, "Expected a list of models"),
+    ],
 )
-def test_a_bad_option_is_refused(bad):
-    with pytest.raises(ValueError, match=f"Expected {next(iter(bad))} within"):
+def test_a_bad_option_is_refused(bad, message):
+    with pytest.raises(ValueError, match=message):
         SADA(2, **bad)
