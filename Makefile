@@ -15,10 +15,10 @@ attack: $(VENV)/.installed  ## attack the shipped detector with BBGAN
 	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
 
 test: $(VENV)/.installed  ## the fast tests
-	$(BIN)/pytest -m 'not slow'
+	$(BIN)/pytest -m 'not slow' -n auto --maxprocesses 4 --dist worksteal
 
 test-all: $(VENV)/.installed  ## every test
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
 lint: $(VENV)/.installed  ## format, lint, types
 	$(BIN)/ruff format --check .

@@ -2,11 +2,19 @@ import numpy as np
 import pytest
 from landscape import Landscape
 from sklearn.gaussian_process import GaussianProcessRegressor
+from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.exact_gp import fit_weights, predict_mean
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.sparse_gp import SparseGP
 from sada_gym.adversaries.surrogate import CrossFittedTrees, Surrogate
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As in `Surrogate`: threads that wait for each other take far longer than one."""
+    with threadpool_limits(1):
+        yield
 
 
 def noisy(n, d, seed=0):
