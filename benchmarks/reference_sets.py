@@ -32,6 +32,7 @@ BLOCK = 500
 CHUNK = 112
 SOBOL_SEED = 0
 SIZES = {"SADA-Detection": (20_000, 8)}
+OTHER_SIZE = (4_000, 8)
 
 
 class SharedRenderer:
@@ -72,7 +73,7 @@ def application(track: str, agent: str) -> Application:
 def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> None:
     """Write the scores of a block of points, (agents, points, seeds)."""
     applications = [application(track, name) for name in names]
-    points, seeds = SIZES[applications[0].name]
+    points, seeds = SIZES.get(applications[0].name, OTHER_SIZE)
     rows = range(block * BLOCK, min((block + 1) * BLOCK, points))
     mu = reference_mu(len(applications[0].parameters), points, SOBOL_SEED)
     pairs = [(row, seed) for row in rows for seed in reference_seeds(row, seeds)]
@@ -100,7 +101,7 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for track in arguments.tracks:
             name = make_application(track).name
-            names, (points, _) = agents.names(name), SIZES[name]
+            names, (points, _) = agents.names(name), SIZES.get(name, OTHER_SIZE)
             paths = [arguments.work / f"{track}-{i}.npy" for i in range(-(-points // BLOCK))]
             missing = [i for i, path in enumerate(paths) if not path.exists()]
             started = time.monotonic()
