@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 MAX_FRAMES = 24
 
-_INK, _MUTED, _GRID = "#1f2933", "#6b7785", "#e4e8ec"
-_FOOLED, _SAMPLES, _OMEGA, _ACCENT = "#c2410c", "#f2b48c", "#a9b4c0", "#1f2933"
+INK, MUTED, GRID = "#1f2933", "#6b7785", "#e4e8ec"
+_FOOLED, _SAMPLES, _OMEGA, ACCENT = "#c2410c", "#f2b48c", "#a9b4c0", "#1f2933"
 _BINS = 20
 _COLUMNS = 6
 
@@ -58,7 +58,7 @@ def draw_pictures(
         title = f"Samples that fool the agent (Q ≤ {threshold:g}): {shown}"
         figures["fooled.png"] = contact_sheet(frames, captions, title)
     for name, figure in figures.items():
-        write_file(folder / name, _png(figure))
+        write_file(folder / name, png(figure))
     return tuple(folder / name for name in figures)
 
 
@@ -72,7 +72,7 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
     """
     columns = min(4, len(space))
     rows = -(-len(space) // columns)
-    figure = _figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
+    figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     values, fooled = space.physical(samples.mu), samples.score <= threshold
     for i, axes in enumerate(grid.flat):
@@ -89,18 +89,16 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
             color=[_FOOLED, _SAMPLES],
             label=["fool the agent", "do not fool it"],
         )
-        axes.axhline(
-            100 / _BINS, color=_ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform"
-        )
+        axes.axhline(100 / _BINS, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
         axes.set_xlim(parameter.low, parameter.high)
-        axes.set_xlabel(_label(parameter))
-        _tidy(axes, grid="y")
+        axes.set_xlabel(axis_label(parameter))
+        tidy(axes, grid="y")
     for axes in grid[:, 0]:
         axes.set_ylabel("samples (%)")
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
-    figure.suptitle(f"Where {len(samples)} samples lie", x=0.01, ha="left", fontsize=12, color=_INK)
+    figure.suptitle(f"Where {len(samples)} samples lie", x=0.01, ha="left", fontsize=12, color=INK)
     return figure
 
 
@@ -112,7 +110,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
         queries: The training queries; may be empty.
         threshold: The fooling threshold, drawn as a line.
     """
-    figure = _figure(6.4, 3.8)
+    figure = new_figure(6.4, 3.8)
     axes = figure.subplots()
     top = max(1.0, float(samples.score.max()), float(queries.score.max(initial=0.0)))
     low = min(0.0, float(samples.score.min()), float(queries.score.min(initial=0.0)))
@@ -133,7 +131,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
                 linewidth=1.2,
                 label=name,
             )
-    axes.axvline(threshold, color=_ACCENT, linewidth=1.2, linestyle=(0, (4, 3)))
+    axes.axvline(threshold, color=ACCENT, linewidth=1.2, linestyle=(0, (4, 3)))
     axes.annotate(
         f"fooled: Q ≤ {threshold:g}",
         (threshold, 1.0),
@@ -141,12 +139,12 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
         xytext=(5, -4),
         textcoords="offset points",
         va="top",
-        color=_INK,
+        color=INK,
     )
     axes.set_xlim(low, top)
     axes.set_xlabel("score Q (low: the agent fails)")
     axes.set_ylabel("share (%)")
-    _tidy(axes, grid="y")
+    tidy(axes, grid="y")
     figure.legend(loc="outside upper right", ncols=2, frameon=False)
     return figure
 
@@ -162,23 +160,23 @@ def scatter(
         queries: The training queries.
         threshold: The fooling threshold; queries that fooled the agent stand out.
     """
-    figure = _figure(5.4, 5.4)
+    figure = new_figure(5.4, 5.4)
     axes = figure.subplots()
     fooled = queries.score <= threshold
     for mu, colour, size, name in (
         (queries.mu[~fooled], "#d5dbe1", 7, "training query"),
         (queries.mu[fooled], _SAMPLES, 9, "training query that fooled the agent"),
-        (samples.mu, _ACCENT, 11, "sample of the adversary"),
+        (samples.mu, ACCENT, 11, "sample of the adversary"),
     ):
         x, y = space.physical(mu).T
         axes.scatter(x, y, s=size, color=colour, linewidths=0, label=name, clip_on=False)
     across, up = space.parameters
     axes.set_xlim(across.low, across.high)
     axes.set_ylim(up.low, up.high)
-    axes.set_xlabel(_label(across))
-    axes.set_ylabel(_label(up))
+    axes.set_xlabel(axis_label(across))
+    axes.set_ylabel(axis_label(up))
     axes.set_box_aspect(1)
-    _tidy(axes)
+    tidy(axes)
     figure.legend(loc="outside upper left", ncols=1, frameon=False, markerscale=1.8)
     return figure
 
@@ -195,14 +193,14 @@ def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) 
     rows = -(-len(frames) // columns)
     height, width = frames[0].shape[:2]
     cell = 1.75
-    figure = _figure(cell * columns + 0.1, (cell * height / width + 0.3) * rows + 0.35)
+    figure = new_figure(cell * columns + 0.1, (cell * height / width + 0.3) * rows + 0.35)
     grid = figure.subplots(rows, columns, squeeze=False)
     for i, axes in enumerate(grid.flat):
         axes.axis("off")
         if i < len(frames):
             axes.imshow(frames[i])
-            axes.set_title(captions[i], fontsize=8.5, color=_MUTED, pad=3)
-    figure.suptitle(title, x=0.008, ha="left", fontsize=10, color=_INK)
+            axes.set_title(captions[i], fontsize=8.5, color=MUTED, pad=3)
+    figure.suptitle(title, x=0.008, ha="left", fontsize=10, color=INK)
     return figure
 
 
@@ -215,14 +213,15 @@ def _frames(
         return []
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     """Make a figure without pyplot, which would keep it in a global list."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """Give a figure as the bytes of a PNG file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
@@ -232,20 +231,22 @@ def _percent(count: int, total: int) -> npt.NDArray[np.float64]:
     return np.full(int(count), 100.0 / total)
 
 
-def _label(parameter: Parameter) -> str:
+def axis_label(parameter: Parameter) -> str:
+    """Write a parameter as people read it: its name, and its unit in brackets."""
     name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
     unit = "°" if parameter.unit == "deg" else parameter.unit
     return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
 
 
-def _tidy(axes: Axes, *, grid: str | None = None) -> None:
+def tidy(axes: Axes, *, grid: str | None = None) -> None:
+    """Give axes the house look: two thin spines, quiet ticks, grid lines for y if asked."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
-        axes.spines[side].set_color(_MUTED)
-    axes.tick_params(colors=_MUTED, labelsize=8)
-    axes.xaxis.label.set_color(_INK)
-    axes.yaxis.label.set_color(_INK)
+        axes.spines[side].set_color(MUTED)
+    axes.tick_params(colors=MUTED, labelsize=8)
+    axes.xaxis.label.set_color(INK)
+    axes.yaxis.label.set_color(INK)
     if grid == "y":
-        axes.grid(axis="y", color=_GRID, linewidth=0.8)
+        axes.grid(axis="y", color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)

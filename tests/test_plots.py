@@ -6,7 +6,7 @@ from toy import Blind, Toy
 
 from sada_gym.oracle import Evaluations
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.plots import _label, contact_sheet, draw_pictures, marginals, score_histogram
+from sada_gym.plots import axis_label, contact_sheet, draw_pictures, marginals, score_histogram
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -79,4 +79,4 @@ def test_a_contact_sheet_of_one():
     ],
 )
 def test_labels(parameter, label):
-    assert _label(parameter) == label
+    assert axis_label(parameter) == label

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.expected_improvement import LEAST_CANDIDATES, minimise
-from sada_gym.adversaries.learner import Arrays, Learner
-from sada_gym.adversaries.mixture import Mixture, fit_best_mixture
+from sada_gym.adversaries.gaussian_mixture import MixtureLearner
+from sada_gym.adversaries.mixture import fit_best_mixture
 from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
 
 
-class Bayesian(Learner):
+class Bayesian(MixtureLearner):
     """Minimises Q by expected improvement, and fits a Gaussian mixture to the lowest late points.
 
     The Bayesian baseline of the paper (section "Baselines"): its 10^4 steps are whatever budget the
@@ -102,12 +99,3 @@ class Bayesian(Learner):
             )
         self._mixture = fit_best_mixture(induced.chosen, self.components, self.rng)
         return omega
-
-    def _draw(self, n: int) -> npt.NDArray[np.float64]:
-        return self._mixture.sample(n, self.rng)
-
-    def _arrays(self) -> Arrays:
-        return self._mixture.to_arrays()
-
-    def _restore(self, arrays: Arrays) -> None:
-        self._mixture = Mixture.from_arrays(arrays)

@@ -22,13 +22,13 @@ from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.learner import NONE_FOOLED, fresh_rows, row_keys
 from sada_gym.adversaries.omega import Induced, Omega, evaluate_uniform, induce
 from sada_gym.adversaries.tensorboard import TrainingLog
 from sada_gym.threads import one_thread
 
 _TENSORS, _SETTINGS = "bbgan.safetensors", "bbgan.json"
-_CALIBRATION_DRAWS, _MAX_ROUNDS = 4096, 100
+_CALIBRATION_DRAWS = 4096
 _LOG_EVERY = 25
 
 
@@ -199,18 +199,12 @@ class BBGAN(Adversary):
         """
         if self._g is None or self._d is None:
             raise RuntimeError("Expected a trained adversary; call train or load first.")
-        chosen: dict[bytes, npt.NDArray[np.float32]] = {}
-        rounds = 0
-        while len(chosen) < n:
-            missing = n - len(chosen)
-            # a generator that collapsed to few points may have nothing fresh left: stir those
-            stir = 1e-4 if rounds > _MAX_ROUNDS else 0.0
-            for row in self._propose(self._g, self._d, 2 * missing + 64, stir):
-                key = row.tobytes()
-                if key not in self._known and len(chosen) < n:
-                    chosen.setdefault(key, row)
-            rounds += 1
-        return np.array(list(chosen.values()), np.float32).reshape(n, self.dimension)
+        g, d = self._g, self._d
+
+        def propose(missing: int, stir: float) -> npt.NDArray[np.float32]:
+            return self._propose(g, d, 2 * missing + 64, stir)
+
+        return fresh_rows(propose, (n, self.dimension), self._known)
 
     def _propose(
         self, g: Generator, d: Discriminator, n: int, stir: float
@@ -223,13 +217,11 @@ class BBGAN(Adversary):
             elif self.options.acceptance:
                 odds = (d(mu) - self._ceiling).exp()
                 mu = mu[torch.rand(n, generator=self._generator) < odds]
-        # adding 0 turns -0 into 0: equal rows have equal bytes
-        rows: npt.NDArray[np.float32] = mu.clamp(-1.0, 1.0).numpy() + np.float32(0.0)
+        rows: npt.NDArray[np.float32] = mu.numpy()
         return rows
 
     def _know(self, omega: Omega) -> None:
-        self.omega = omega
-        self._known = {row.tobytes() for row in omega.mu + np.float32(0.0)}
+        self.omega, self._known = omega, row_keys(omega.mu)
 
     def save(self, folder: Path) -> None:
         """Write networks, Omega and the generator's state (safetensors), and settings (JSON).

@@ -13,7 +13,22 @@ from sada_gym.adversaries.mixture import Mixture, fit_mixture
 from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
 
 
-class Gaussian(Learner):
+class MixtureLearner(Learner):
+    """A learner whose distribution is a mixture, `_mixture`, which `_train` sets."""
+
+    _mixture: Mixture
+
+    def _draw(self, n: int) -> npt.NDArray[np.float64]:
+        return self._mixture.sample(n, self.rng)
+
+    def _arrays(self) -> Arrays:
+        return self._mixture.to_arrays()
+
+    def _restore(self, arrays: Arrays) -> None:
+        self._mixture = Mixture.from_arrays(arrays)
+
+
+class Gaussian(MixtureLearner):
     """A Gaussian with full covariance, fitted on the induced set of a uniform pool.
 
     All of the budget goes into Omega (Hamdi, Mueller, Ghanem 2020, "Baselines", Gaussian Mixture
@@ -54,15 +69,6 @@ class Gaussian(Learner):
         components = max(1, round(self.components_share * len(induced.chosen)))
         self._mixture = fit_mixture(induced.chosen, components, self.rng)
         return omega
-
-    def _draw(self, n: int) -> npt.NDArray[np.float64]:
-        return self._mixture.sample(n, self.rng)
-
-    def _arrays(self) -> Arrays:
-        return self._mixture.to_arrays()
-
-    def _restore(self, arrays: Arrays) -> None:
-        self._mixture = Mixture.from_arrays(arrays)
 
 
 class GMM10(Gaussian):

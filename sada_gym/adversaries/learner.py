@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -87,19 +87,12 @@ class Learner(Adversary):
         """
         if not self._trained:
             raise RuntimeError("Expected a trained adversary; call train or load first.")
-        chosen: dict[bytes, npt.NDArray[np.float32]] = {}
-        rounds = 0
-        while len(chosen) < n:
-            drawn = self._draw(n - len(chosen))
-            if rounds >= _ROUNDS_BEFORE_STIRRING:  # few distinct points are left to draw
-                drawn = drawn + _STIR * self.rng.normal(size=drawn.shape)
-            # adding 0 turns -0 into 0: equal rows have equal bytes
-            for row in np.clip(drawn, -1.0, 1.0).astype(np.float32) + np.float32(0.0):
-                key = row.tobytes()
-                if key not in self._known and len(chosen) < n:
-                    chosen.setdefault(key, row)
-            rounds += 1
-        return np.array(list(chosen.values()), np.float32).reshape(n, self.dimension)
+
+        def propose(missing: int, stir: float) -> npt.NDArray[np.floating[Any]]:
+            drawn = self._draw(missing)
+            return drawn + stir * self.rng.normal(size=drawn.shape) if stir else drawn
+
+        return fresh_rows(propose, (n, self.dimension), self._known)
 
     def save(self, folder: Path) -> None:
         """Write arrays and Omega (NPZ), options and the generator's state (JSON).
@@ -147,5 +140,36 @@ class Learner(Adversary):
         return adversary
 
     def _know(self, omega: Omega) -> None:
-        self.omega = omega
-        self._known = {row.tobytes() for row in omega.mu + np.float32(0.0)}
+        self.omega, self._known = omega, row_keys(omega.mu)
+
+
+def row_keys(mu: npt.NDArray[np.float32]) -> set[bytes]:
+    """Give what tells the rows of mu (n, d) apart."""
+    # adding 0 turns -0 into 0: equal rows have equal bytes
+    return {row.tobytes() for row in mu + np.float32(0.0)}
+
+
+def fresh_rows(
+    propose: Callable[[int, float], npt.NDArray[np.floating[Any]]],
+    shape: tuple[int, int],
+    known: set[bytes],
+) -> npt.NDArray[np.float32]:
+    """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
+
+    Args:
+        propose: Called as propose(missing, stir), gives some rows. Its stir is 0 until few distinct
+            ones seem to be left to draw, then a standard deviation to disturb them by.
+        shape: n and d.
+        known: The `row_keys` of what must not come again.
+    """
+    chosen: dict[bytes, npt.NDArray[np.float32]] = {}
+    rounds = 0
+    while len(chosen) < shape[0]:
+        stir = _STIR if rounds > _ROUNDS_BEFORE_STIRRING else 0.0
+        drawn = np.clip(propose(shape[0] - len(chosen), stir), -1.0, 1.0).astype(np.float32)
+        for row in drawn + np.float32(0.0):
+            key = row.tobytes()
+            if key not in known and len(chosen) < shape[0]:
+                chosen.setdefault(key, row)
+        rounds += 1
+    return np.array(list(chosen.values()), np.float32).reshape(shape)

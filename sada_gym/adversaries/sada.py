@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
+from sada_gym.adversaries.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.surrogate import MODELS, Surrogate
 from sada_gym.coverage import density_and_coverage
@@ -214,8 +215,7 @@ class SADA(Learner):
             pair = self._starts[self.rng.integers(len(self._starts), size=(2, n))]
             size = self.rng.choice([0.1, 0.3, 1.0], size=(n, 1))
             step = size * (pair[0] - pair[1]) + 0.01 * self.rng.normal(size=mu.shape)
-            # folded at the faces, which keeps the proposal symmetric
-            proposed = 1.0 - np.abs((mu + step + 1.0) % 4.0 - 2.0)
+            proposed = reflect(mu + step)  # which keeps the proposal symmetric
             accepted = self._surrogate(proposed) >= self.level
             mu[accepted] = proposed[accepted]
         return mu

@@ -89,7 +89,6 @@ class Surrogate:
 
     Attributes:
         raised: Whether the threshold was raised.
-        held_out: (n,) the probability of each point, from models that did not see it.
     """
 
     def __init__(
@@ -106,7 +105,6 @@ class Surrogate:
         fooled = omega.score <= level
         self._stack: LogisticRegression | None = None
         if fooled.all():
-            self.held_out: Array = np.ones(len(omega))
             return
         # more threads would give other last bits
         with threadpool_limits(1):
@@ -115,7 +113,6 @@ class Surrogate:
             self._centre, self._scale = predicted.mean(axis=0), predicted.std(axis=0) + 1e-12
             standard = (predicted - self._centre) / self._scale
             self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
-            self.held_out = self._stack.predict_proba(standard)[:, 1]
 
     def __call__(self, mu: npt.NDArray[np.floating]) -> Array:
         """Give the probability of fooling at mu (m, d): (m,)."""

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +24,7 @@ from sada_gym.novelty import image_neighbours
 from sada_gym.novelty_plots import novelty_sheet
 from sada_gym.oracle import Evaluations, Oracle, Stream
 from sada_gym.parameters import Mu
-from sada_gym.plots import _png as png
+from sada_gym.plots import png
 from sada_gym.results import SAMPLES_FILE, write_file, write_folder, write_model, write_samples
 from sada_gym.store import StoreError
 
@@ -202,6 +203,7 @@ class CellWork:
         assert self._bench.ideal_set is not None
         return draw_ideal(self._bench.ideal_set, self._cell.samples, self._cell.seed)
 
+    @cached_property
     def _ideal(self) -> Evaluations | None:
         """The ideal samples, evaluated as this cell's are; the store knows them but once."""
         if self._bench.ideal_set is None:
@@ -226,7 +228,7 @@ class CellWork:
                 outcome.queries,
                 self._threshold,
                 fooling_set=known,
-                ideal=self._ideal(),
+                ideal=self._ideal,
                 images=images,
                 seed=self._cell.seed,
             )
@@ -242,7 +244,7 @@ class CellWork:
 
     def _compare_images(self, outcome: _Outcome) -> tuple[ImageNovelty | None, bytes | None]:
         """Look at the first samples that fool, ours and ideal ones, beside the nearest queries."""
-        ideal = self._ideal()
+        ideal = self._ideal
         pools = [outcome.samples] if ideal is None else [outcome.samples, ideal]
         rows = [np.flatnonzero(pool.score <= self._threshold) for pool in pools]
         count = min(self._cell.images, *map(len, rows))

@@ -14,7 +14,7 @@ from sada_gym.benchmark.figures import Figure as Estimated
 from sada_gym.benchmark.labels import label_ends, place_labels
 from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots import _ACCENT, _GRID, _INK, _MUTED, _figure, _label, _tidy
+from sada_gym.plots import ACCENT, GRID, INK, MUTED, axis_label, new_figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +79,7 @@ def tradeoff(rows: Sequence[Row], title: str) -> Figure:
         rows: Those that have both figures.
         title: A line above it.
     """
-    figure = _figure(8.6, 6.4)
+    figure = new_figure(8.6, 6.4)
     axes = figure.subplots()
     points = []
     for row in rows:
@@ -95,8 +95,8 @@ def tradeoff(rows: Sequence[Row], title: str) -> Figure:
     axes.set_ylim(*_limits([y for _, y in points], 104))
     axes.set_xlabel("coverage of the fooling set, % of the ideal samples'")
     axes.set_ylabel("attack fooling rate, %")
-    _tidy(axes)
-    axes.grid(color=_GRID, linewidth=0.8)
+    tidy(axes)
+    axes.grid(color=GRID, linewidth=0.8)
     _families(figure, [row.label for row in rows])
     _title(figure, title)
     names, colours = zip(*((row.label, _colour(row.label)) for row in rows), strict=True)
@@ -114,10 +114,10 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     covered = all(curve.coverage is not None for curve in curves)
-    figure = _figure(12.5 if covered else 7.0, 5.2)
+    figure = new_figure(12.5 if covered else 7.0, 5.2)
     panels = figure.subplots(1, 2 if covered else 1, squeeze=False)[0]
     names, notes = _short_names(curves)
-    colours = [_INK if _is_shared(curve) else _colour(curve.labels[0]) for curve in curves]
+    colours = [INK if _is_shared(curve) else _colour(curve.labels[0]) for curve in curves]
     last = max(float(curve.queries[-1]) for curve in curves)
     ends = []
     for axes, what in zip(panels, ("found", "coverage"), strict=False):
@@ -138,8 +138,8 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
         axes.set_ylim(bottom=0)
         axes.set_xlabel("queries")
         axes.xaxis.set_major_formatter(_thousands)
-        _tidy(axes)
-        axes.grid(color=_GRID, linewidth=0.8)
+        tidy(axes)
+        axes.grid(color=GRID, linewidth=0.8)
     panels[0].set_ylabel("distinct fooling points found")
     panels[0].yaxis.set_major_formatter(_thousands)
     panels[0].yaxis.get_major_locator().set_params(integer=True)
@@ -175,7 +175,7 @@ def marginal_strips(
     count = min(len(space), MAX_PARAMETERS)
     columns = min(4, count)
     rows = -(-count // columns)
-    figure = _figure(1.9 + 2.6 * columns, (0.19 * len(strips) + 0.75) * rows + 1.0)
+    figure = new_figure(1.9 + 2.6 * columns, (0.19 * len(strips) + 0.75) * rows + 1.0)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     edges = np.linspace(-1.0, 1.0, _BINS + 1)
     colours = LinearSegmentedColormap.from_list("density", _DENSITY)
@@ -195,16 +195,16 @@ def marginal_strips(
         )
         for line in range(1, len(strips)):
             under = line == 1 and fooling_set is not None
-            axes.axhline(line, color=_INK if under else "white", linewidth=1.0)
-        axes.set_xlabel(_label(parameter))
+            axes.axhline(line, color=INK if under else "white", linewidth=1.0)
+        axes.set_xlabel(axis_label(parameter))
         axes.set_yticks(np.arange(len(strips)) + 0.5, list(strips))
-        _tidy(axes)
+        tidy(axes)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
     bar = figure.colorbar(image, ax=grid, shrink=0.7, aspect=30, extend="max", pad=0.01)
-    bar.set_label("density, times uniform", color=_INK, fontsize=9)
+    bar.set_label("density, times uniform", color=INK, fontsize=9)
     bar.set_ticks([0, 0.5, 1, 2, 3, 4])
-    bar.ax.tick_params(colors=_MUTED, labelsize=8)
+    bar.ax.tick_params(colors=MUTED, labelsize=8)
     bar.outline.set_visible(False)
     if count < len(space):
         title += f" (the first {count} of {len(space)} parameters)"
@@ -225,7 +225,7 @@ def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
         ("median distance between images / ideal's", [one.image for one in contenders]),
     ]
     panels = [(name, values) for name, values in panels if any(values)]
-    figure = _figure(2.0 + 3.2 * len(panels), 0.27 * len(contenders) + 1.3)
+    figure = new_figure(2.0 + 3.2 * len(panels), 0.27 * len(contenders) + 1.3)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for axes, (name, values) in zip(grid, panels, strict=True):
         for row, (one, ratios) in enumerate(zip(contenders, values, strict=True)):
@@ -235,12 +235,12 @@ def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
             axes.plot(ratios, rows, "o", color=(colour, 0.35), markersize=5, clip_on=False)
             mean = float(np.mean(ratios))
             axes.plot(mean, row, "|", color=colour, markersize=11, mew=2.2, clip_on=False)
-        axes.axvline(1.0, color=_ACCENT, linewidth=1, linestyle=(0, (4, 3)))
+        axes.axvline(1.0, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)))
         axes.set_xlim(0, max(1.1, 1.05 * max(ratio for ratios in values for ratio in ratios)))
         axes.set_xlabel(name)
         axes.set_yticks(range(len(contenders)), [one.label for one in contenders])
         axes.set_ylim(len(contenders) - 0.4, -0.6)
-        _tidy(axes, grid="y")
+        tidy(axes, grid="y")
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
     _title(figure, title)
@@ -309,4 +309,4 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
 
 def _title(figure: Figure, title: str, below: str = "") -> None:
     text = f"{title}\n{below}" if below else title
-    figure.suptitle(text, x=0.01, ha="left", fontsize=11, color=_INK)
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11, color=INK)

@@ -41,11 +41,7 @@ def place_labels(
     Returns:
         The names, in the order of the points.
     """
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    pixel = figure.dpi / 72
+    pixel = _freeze(axes)
     anchors = axes.transData.transform(points)
     frame = np.array(axes.get_window_extent().extents)
     dots = np.concatenate([anchors - 4 * pixel, anchors + 4 * pixel], axis=1)
@@ -160,11 +156,7 @@ def label_ends(
     Returns:
         The names, in the order of the lines.
     """
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    pixel = figure.dpi / 72
+    pixel = _freeze(axes)
     anchors, frame = axes.transData.transform(ends), axes.get_window_extent()
     heights = _spread(anchors[:, 1], 1.35 * size * pixel, frame.y0, frame.y1)
     to_data = axes.transData.inverted()
@@ -175,6 +167,15 @@ def label_ends(
         x, y = to_data.transform(place)
         texts.append(axes.text(x, y, name, fontsize=size, color=colour, va="center"))
     return texts
+
+
+def _freeze(axes: Axes) -> float:
+    """Lay the figure out for good, and give the pixels of a point."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure.dpi / 72
 
 
 def _spread(

@@ -22,7 +22,7 @@ from sada_gym.benchmark.results import CellResult, Results
 from sada_gym.benchmark.suite import IDEAL
 from sada_gym.benchmark.tables import short_name
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots import _png
+from sada_gym.plots import png
 from sada_gym.reference import FOLDER, load_reference
 from sada_gym.results import SAMPLES_FILE, read_samples, write_file
 
@@ -51,7 +51,7 @@ def draw_pictures(out: Path, results: Results, references: Path = FOLDER) -> tup
     for name, figure in _figures(out, results, references):
         path = out / PICTURES / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, _png(figure))
+        write_file(path, png(figure))
         written.append(path)
     return tuple(written)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,7 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 
-from sada_gym.cli.console import err, key_values, out, told_in_a_sentence
+from sada_gym.cli.console import cores, err, key_values, out, told_in_a_sentence
 
 _MANY = 8  # more workers than this seldom help and each holds its own simulator
 
@@ -70,7 +69,7 @@ def attack(
     a run that was stopped at any moment goes on with --resume and ends with the same result.
     """
     folder = out_folder or Path("runs") / f"{env_id}-{adversary}-{seed}".replace(":", "-")
-    count = workers or min(_cores(), _MANY)
+    count = workers or min(cores(), _MANY)
     with told_in_a_sentence():
         keywords = key_values(env_kwargs or [], "--env-kwargs")
         if agent is not None:
@@ -105,12 +104,6 @@ def attack(
             command += ["--seed", str(seed), "--workers", str(count), "--out", str(folder)]
             _tell_how_to_resume(folder, [*command, "--resume"])
             raise typer.Exit(130) from None
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):  # what a container or a queue grants, not what there is
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _run(env_id: str, adversary: str, **settings: Any) -> None:

@@ -13,8 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 from typer.core import TyperCommand
 
-from sada_gym.cli.attack import _cores
-from sada_gym.cli.console import err, out, told_in_a_sentence
+from sada_gym.cli.console import cores, err, out, spread, told_in_a_sentence
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.run import BenchmarkResult
@@ -31,15 +30,7 @@ class ListingCommand(TyperCommand):
 
 
 def _spread(args: Sequence[str]) -> Iterator[str]:
-    current, fresh = "", False
-    for arg in args:
-        if arg.startswith("-"):
-            current, fresh = arg if arg in _LISTS else "", True
-        elif current and not fresh:
-            yield current
-        else:
-            fresh = False
-        yield arg
+    return spread(args, _LISTS, lambda arg: True)  # noqa: ARG005 - any word is a value
 
 
 def benchmark(
@@ -143,7 +134,7 @@ def benchmark(
                 result = run_benchmark(
                     chosen,
                     folder,
-                    workers=workers or _cores(),
+                    workers=workers or cores(),
                     references=known,
                     listener=bars,
                 )

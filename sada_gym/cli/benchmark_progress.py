@@ -5,23 +5,21 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
-from typing_extensions import Self
 
 from sada_gym.benchmark.cell import Told
 from sada_gym.benchmark.plan import CellKey, CellSettings, Plan
 from sada_gym.benchmark.tables import short_name
-from sada_gym.cli.progress import _clock
+from sada_gym.cli.progress import Bars, clock
 
 _WINDOW_S = 30.0
 
 _Group = tuple[str, str, int]
 
 
-class BenchmarkBars:
+class BenchmarkBars(Bars):
     """A context manager that shows a benchmark's progress; pass it on as `listener`.
 
     Where the output is no terminal, each finished cell gets a line instead.
@@ -83,7 +81,7 @@ class BenchmarkBars:
             del self._tasks[_group(told.cell)]
         if not self._console.is_terminal:
             outlook = self._outlook()
-            line = f"{self._done}/{self._total} cells: {told.cell}, {_clock(wall_s)}; {outlook}"
+            line = f"{self._done}/{self._total} cells: {told.cell}, {clock(wall_s)}; {outlook}"
             self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     def _outlook(self) -> str:
@@ -100,27 +98,13 @@ class BenchmarkBars:
             means = {key: sum(took) / len(took) for key, took in self._took.items()}
             usual = sum(means.values()) / len(means)
             left = sum(means.get((cell.table, cell.label), usual) for cell in self._left)
-            parts.append(f"about {_clock(left / max(1, side_by_side))} left")
+            parts.append(f"about {clock(left / max(1, side_by_side))} left")
         return ", ".join(parts)
 
     def finish(self) -> None:
         """Show that the report is being written."""
         if self._all is not None:
             self._bars.update(self._all, completed=self._total, detail="writing the report")
-
-    def __enter__(self) -> Self:
-        """Start showing."""
-        self._bars.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop showing."""
-        self._bars.stop()
 
 
 def _group(cell: CellKey) -> _Group:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -63,6 +64,13 @@ def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
     return parsed
 
 
+def cores() -> int:
+    """Count the cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # what a container or a queue grants, not what there is
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class SpreadingCommand(TyperCommand):
     """A command that takes `--set a=1 b=2` for `--set a=1 --set b=2`."""
 
@@ -72,14 +80,27 @@ class SpreadingCommand(TyperCommand):
 
 
 def _spread(args: Sequence[str]) -> Iterator[str]:
+    return spread(args, _SPREADING, lambda arg: "=" in arg)
+
+
+def spread(
+    args: Sequence[str], options: Sequence[str], belongs: Callable[[str], bool]
+) -> Iterator[str]:
+    """Repeat an option before each further value of it.
+
+    Args:
+        args: The command line.
+        options: Those that take several values.
+        belongs: Whether a word that is no option is such a value.
+    """
     current: str | None = None
     fresh = False
     for arg in args:
-        if arg in _SPREADING:
+        if arg in options:
             current, fresh = arg, True
-        elif current and not fresh and "=" in arg and not arg.startswith("-"):
+        elif current and not fresh and belongs(arg) and not arg.startswith("-"):
             yield current
         else:
-            current = current if fresh else None
+            current = current if fresh and not arg.startswith("-") else None
             fresh = False
         yield arg

@@ -20,7 +20,27 @@ from typing_extensions import Self
 from sada_gym.attack import Stage
 
 
-class AttackBars:
+class Bars:
+    """A context manager that shows bars while it is open."""
+
+    _bars: Progress
+
+    def __enter__(self) -> Self:
+        """Start showing."""
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop showing."""
+        self._bars.stop()
+
+
+class AttackBars(Bars):
     """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
 
     Args:
@@ -54,20 +74,6 @@ class AttackBars:
         if stage == "train":
             self._learning = self._bars.add_task(f"Training {self._adversary}", total=None)
 
-    def __enter__(self) -> Self:
-        """Start showing."""
-        self._bars.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop showing."""
-        self._bars.stop()
-
 
 class _Detail(ProgressColumn):
     """Counts, rate and time left; for what cannot be counted, the time spent."""
@@ -75,18 +81,19 @@ class _Detail(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Write one task's detail."""
         if task.total is None or task.total == 1:
-            return Text(f"{_clock(task.elapsed)} spent" if task.elapsed else "", style="dim")
+            return Text(f"{clock(task.elapsed)} spent" if task.elapsed else "", style="dim")
         parts = [f"{task.completed:,.0f}/{task.total:,.0f}"]
         if speed := task.finished_speed or task.speed:
             parts.append(f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s")
         if not task.finished and task.time_remaining is not None:
-            parts.append(f"{_clock(task.time_remaining)} left")
+            parts.append(f"{clock(task.time_remaining)} left")
         if task.fields["known"]:
             parts.append(f"{task.fields['known']:,} known from the store")
         return Text("  ".join(parts))
 
 
-def _clock(seconds: float | None) -> str:
+def clock(seconds: float | None) -> str:
+    """Write a time span as h:mm:ss, or m:ss where it is shorter than an hour."""
     whole = int(seconds or 0)
     hours, minutes = whole // 3600, whole // 60 % 60
     return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"

@@ -11,7 +11,7 @@ from sada_gym.benchmark.charts import (
 )
 from sada_gym.benchmark.labels import _spread, label_ends, place_labels
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.plots import _png
+from sada_gym.plots import png
 
 
 def crowd(count, spread, seed=0):
@@ -99,7 +99,7 @@ def test_the_charts_draw_without_a_warning(recwarn):
         ),
     ]
     for figure in figures:
-        assert _png(figure).startswith(b"\x89PNG")
+        assert png(figure).startswith(b"\x89PNG")
     assert [str(warning.message) for warning in recwarn] == []
     shown = [text.get_text() for text in figures[0].texts] + [figures[0].get_suptitle()]
     assert any("* a, b, c" in text for text in shown)
