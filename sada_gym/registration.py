@@ -65,10 +65,19 @@ TABLE: tuple[Registration, ...] = (
     _detection("-Truck", object_class="truck"),
 )
 
+INNER_TASKS: tuple[Registration, ...] = (
+    Registration(
+        id="SADA-DrivingTask-v0",
+        entry_point="sada_gym.envs.driving:DrivingTaskEnv",
+        vector_entry_point="sada_gym.envs.driving:DrivingTaskVectorEnv",
+    ),
+)
+"""What the agents under attack are trained on: no adversary environments."""
+
 
 def register_environments() -> None:
     """Register the whole table with Gymnasium; doing it again changes nothing."""
-    for row in TABLE:
+    for row in (*TABLE, *INNER_TASKS):
         if row.id not in gym.registry:
             gym.register(
                 id=row.id,

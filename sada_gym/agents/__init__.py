@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
     from sada_gym.agents.detector.model import Detector
 
 
@@ -89,6 +91,21 @@ def load_detector(agent: str | Path) -> Detector:
     if not Path(agent).is_file():
         raise ValueError(f"Expected a file with a detector's weights, got {agent}: no such file.")
     return load(Path(agent), CLASSES)
+
+
+def load_driver(agent: str) -> BaseAlgorithm:
+    """Load a shipped driver by name.
+
+    SB3's files hold pickles, so only those whose SHA-256 is known are opened.
+
+    Raises:
+        ValueError: If there is no such agent, or the shipped file's SHA-256 is off.
+    """
+    from stable_baselines3 import PPO
+
+    shipped = card(agent)
+    verify(shipped)
+    return PPO.load(shipped.path, device="cpu")
 
 
 def verify(agent: AgentCard) -> None:

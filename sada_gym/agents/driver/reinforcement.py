@@ -1,0 +1,55 @@
+"""Reinforcement by SB3's PPO on the driving task, from scratch."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import safe_mean
+from stable_baselines3.common.vec_env import VecMonitor
+
+from sada_gym.agents.driver.network import new_model
+from sada_gym.agents.driver.recipe import Reinforcement
+from sada_gym.envs.driving.task import DrivingTaskVectorEnv
+from sada_gym.sb3 import SB3VecEnv
+
+
+class _Report(BaseCallback):
+    """Says now and then how the last drives went."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._started = time.monotonic()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
+        print(
+            f"{self.num_timesteps:,} steps: reward {safe_mean([e['r'] for e in episodes]):.1f}, "
+            f"arrived {safe_mean(list(self.model.ep_success_buffer or [])):.2f}, "
+            f"{time.monotonic() - self._started:.0f} s",
+            flush=True,
+        )
+
+
+def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
+    """Train a driver from nothing."""
+    env = VecMonitor(SB3VecEnv(DrivingTaskVectorEnv(settings.course, num_envs=settings.cars)))
+    env.seed(seed)
+    model = new_model(
+        seed,
+        env,
+        n_steps=settings.rollout,
+        batch_size=settings.batch,
+        n_epochs=settings.epochs,
+        learning_rate=lambda left: settings.rate * left,
+        gamma=settings.discount,
+        ent_coef=0.0,
+        target_kl=0.03,
+    )
+    model.learn(settings.steps, callback=_Report())
+    return model

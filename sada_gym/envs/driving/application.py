@@ -1,0 +1,116 @@
+"""Self-driving under attack: a camera's mount and the weather; Q is the share of arrivals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym import agents
+from sada_gym.application import Application, Frame, Scored
+from sada_gym.envs.driving.camera import Mount, camera
+from sada_gym.envs.driving.driver import Driver, DriverLike
+from sada_gym.envs.driving.drives import Drives, Ending, Start
+from sada_gym.envs.driving.tasks import LAYOUT, task_routes
+from sada_gym.envs.driving.weather import NAMES
+from sada_gym.parameters import Mu, Parameter, ParameterSpace
+
+
+class DrivingApplication(Application):
+    """A frozen driver on five routes of the benchmark's town.
+
+    Args:
+        task: `straight`, `one_curve` or `navigation`.
+        agent: A shipped driver's name, or an SB3 model.
+        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
+
+    Raises:
+        ValueError: If task or agent is unknown, or the agent's spaces are not the task's.
+    """
+
+    name = "SADA-Driving"
+    fooling_threshold = 0.6
+    sample_size = 100
+    parameters = ParameterSpace(
+        Parameter("camera_height_m", 1.0, 2.0, "m"),
+        Parameter("camera_pitch_deg", -20.0, -10.0, "deg"),
+        Parameter("weather", 0.0, float(len(NAMES))),
+    )
+
+    def __init__(
+        self,
+        task: str = "navigation",
+        *,
+        agent: str | DriverLike = "cil",
+        agent_id: str | None = None,
+    ) -> None:
+        self.task, self.routes = task, task_routes(task)
+        if isinstance(agent, str):
+            self.agent_name, self.agent = agent, agents.load_driver(agent)
+        else:
+            self.agent_name, self.agent = agent_id or type(agent).__name__, agent
+        self._driver = Driver(self.agent)
+        self._agent_id = agent_id
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The resolved keywords that a score depends on."""
+        return {"task": self.task}
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the driver's weights, or the name that its owner gave it."""
+        return self._agent_id or self._driver.fingerprint
+
+    def world(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
+        """The camera's mount, and the weather's index, of one mu, (3,)."""
+        height, pitch, place = self.parameters.physical(mu).tolist()
+        return Mount(height, pitch), min(int(place), len(NAMES) - 1)
+
+    def drives(self, mu: Mu, seeds: Sequence[int]) -> Drives:
+        """Cars at the starts of all routes in the worlds of mu, (5 n) of them."""
+        starts = []
+        for row, seed in zip(mu, seeds, strict=True):
+            mount, weather = self.world(row)
+            starts += [Start(route, mount, weather, seed) for route in self.routes]
+        return Drives(camera(LAYOUT), starts)
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        drives = self.drives(mu, seeds)
+        self.drive(drives)
+        routes = len(self.routes)
+        ending = drives.ending.reshape(-1, routes)
+        progress = drives.progress_m.reshape(-1, routes)
+        lengths = [route.length_m for route in self.routes]
+        extras = [
+            {
+                "weather": NAMES[self.world(row)[1]],
+                "endings": [Ending(code).name.lower() for code in codes],
+                "progress": np.clip(made / lengths, 0.0, 1.0),
+            }
+            for row, codes, made in zip(mu, ending, progress, strict=True)
+        ]
+        return Scored((ending == Ending.ARRIVED).mean(axis=1), extras)
+
+    def drive(self, drives: Drives, watch: Callable[[Drives], None] | None = None) -> None:
+        """Let the driver drive all cars to their ends; `watch` looks on before every step."""
+        self._driver.start(len(drives))
+        while len(which := drives.under_way()):
+            if watch is not None:
+                watch(drives)
+            drives.step(which, self._driver.act(drives, which))
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """What the camera sees where the driver first fails, above a map of all five drives."""
+        from sada_gym.envs.driving.pictures import Film
+
+        return Film.of(self, mu, seed).summary()
+
+    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+        """All five drives, one after another: what the camera sees, beside a map."""
+        from sada_gym.envs.driving.pictures import Film
+
+        film = Film.of(self, mu, seed)
+        return film.frames(), film.score

@@ -1,0 +1,58 @@
+"""What a driver is trained on: random routes, weathers, camera mounts and ways to set off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sada_gym.envs.driving.camera import Mount
+from sada_gym.envs.driving.drives import Start
+from sada_gym.envs.driving.route import random_route
+from sada_gym.envs.driving.town import town
+from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS, weather_index
+
+
+@dataclass(frozen=True)
+class Course:
+    """A distribution of drives.
+
+    Attributes:
+        layout: The town, `training` or `benchmark`.
+        weathers: Names of those that occur.
+        height_m: Least and greatest height of the camera.
+        pitch_deg: Least and greatest pitch of it.
+        corners: Least and greatest number of corners and bends that a route passes.
+        lateral_m: How far from its lane's middle a car starts at most.
+        turned_deg: How far it is turned at most.
+        speed_m_s: How fast it starts at most.
+    """
+
+    layout: str = "training"
+    weathers: tuple[str, ...] = NAMES[:TRAINING_WEATHERS]
+    height_m: tuple[float, float] = (1.4, 1.4)
+    pitch_deg: tuple[float, float] = (-15.0, -15.0)
+    corners: tuple[int, int] = (1, 4)
+    lateral_m: float = 0.0
+    turned_deg: float = 0.0
+    speed_m_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Reject weathers that there are not."""
+        for name in self.weathers:
+            weather_index(name)
+
+    def draw(self, rng: np.random.Generator) -> Start:
+        """Draw one drive."""
+        corners = int(rng.integers(self.corners[0], self.corners[1] + 1))
+        route = random_route(town(self.layout), rng, corners)
+        mount = Mount(float(rng.uniform(*self.height_m)), float(rng.uniform(*self.pitch_deg)))
+        return Start(
+            route=route,
+            mount=mount,
+            weather=weather_index(self.weathers[rng.integers(len(self.weathers))]),
+            seed=int(rng.integers(2**31)),
+            lateral_m=float(rng.uniform(-self.lateral_m, self.lateral_m)),
+            turned_rad=float(np.deg2rad(rng.uniform(-self.turned_deg, self.turned_deg))),
+            speed_m_s=float(rng.uniform(0, self.speed_m_s)),
+        )

@@ -1,0 +1,207 @@
+"""Drives for a person to look at: what the camera sees, and a map with the way driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from sada_gym.application import Frame
+from sada_gym.envs.driving.camera import Camera, Lens, camera
+from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.route import COMMANDS
+from sada_gym.envs.driving.scenery import BUILDING
+from sada_gym.envs.driving.tasks import LAYOUT
+from sada_gym.envs.driving.weather import NAMES
+
+if TYPE_CHECKING:
+    from sada_gym.envs.driving.application import DrivingApplication
+
+_LENS = Lens(264, 600)
+_MAP_LEVEL = 2
+_BAR = 26
+_ROUTE, _DRIVEN, _FAILED, _INK = (250, 204, 21), (37, 99, 235), (220, 38, 38), (31, 41, 51)
+_SAID = {
+    Ending.ARRIVED: "arrived",
+    Ending.LEFT_LANE: "left its lane",
+    Ending.TOO_LATE: "too late",
+    Ending.UNDER_WAY: "under way",
+}
+
+Trace = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Film:
+    """Five drives as they were driven.
+
+    Attributes:
+        starts: What each was made of.
+        traces: For each, (steps, 4) x, y, heading and speed before every step, and at the end.
+        commands: For each, (steps,) what the driver was told.
+        endings: How each ended.
+    """
+
+    starts: tuple[Start, ...]
+    traces: tuple[Trace, ...]
+    commands: tuple[npt.NDArray[np.int8], ...]
+    endings: tuple[Ending, ...]
+
+    @classmethod
+    def of(cls, application: DrivingApplication, mu: npt.ArrayLike, seed: int) -> Film:
+        """Drive the routes of one mu, (3,), and keep all steps."""
+        row = application.parameters.validate(np.asarray(mu)[None])
+        drives = application.drives(row, [seed])
+        everyone = np.arange(len(drives))
+        states: list[Trace] = []
+        told: list[npt.NDArray[np.int8]] = []
+
+        def watch(drives: Drives) -> None:
+            states.append(drives.states.copy())
+            told.append(drives.commands(everyone))
+
+        application.drive(drives, watch)
+        watch(drives)
+        return cls(
+            starts=tuple(drives.starts),
+            traces=tuple(
+                np.array([state[i] for state in states[: drives.steps[i] + 1]]) for i in everyone
+            ),
+            commands=tuple(
+                np.array([command[i] for command in told[: drives.steps[i] + 1]]) for i in everyone
+            ),
+            endings=tuple(Ending(int(code)) for code in drives.ending),
+        )
+
+    @property
+    def score(self) -> float:
+        """The share of arrivals."""
+        return float(np.mean([ending == Ending.ARRIVED for ending in self.endings]))
+
+    def summary(self) -> Frame:
+        """The camera's picture where a drive fails (or half-way), above a map of all drives."""
+        failed = [i for i, ending in enumerate(self.endings) if ending != Ending.ARRIVED]
+        which = failed[0] if failed else 0
+        last = len(self.traces[which]) - 1
+        step = max(0, last - POLICY_HZ) if failed else last // 2
+        view = Image.fromarray(self._view(which, step))
+        arrived = len(self.endings) - len(failed)
+        plan = self._map(range(len(self.starts)))
+        plan = plan.resize((view.width, plan.height * view.width // plan.width))
+        title = f"{self._world()}: {arrived} of {len(self.endings)} arrived"
+        told = "a second before it failed" if failed else "half-way"
+        parts = [
+            _bar(title, view.width),
+            view,
+            plan,
+            _bar(f"route {which + 1}, {told}", view.width),
+        ]
+        return _stacked(parts)
+
+    def frames(self) -> list[Frame]:
+        """Every step of every drive: the camera's picture beside the map."""
+        shots = []
+        for i, trace in enumerate(self.traces):
+            plan_width = 0
+            for step in range(len(trace)):
+                view = Image.fromarray(self._view(i, step))
+                plan = self._map([i], until=step)
+                plan_width = plan.width * view.height // plan.height
+                pair = Image.new("RGB", (view.width + plan_width, view.height), "white")
+                pair.paste(view, (0, 0))
+                pair.paste(plan.resize((plan_width, view.height)), (view.width, 0))
+                over = step == len(trace) - 1
+                state = _SAID[self.endings[i] if over else Ending.UNDER_WAY]
+                told = COMMANDS[self.commands[i][step]]
+                text = (
+                    f"route {i + 1} of {len(self.traces)}   {step / POLICY_HZ:4.1f} s   "
+                    f"{3.6 * trace[step, 3]:3.0f} km/h   command: {told}   {state}"
+                )
+                frame = _stacked([pair, _bar(f"{text}   {self._world()}", pair.width)])
+                shots += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
+        return shots
+
+    def _world(self) -> str:
+        start = self.starts[0]
+        height, pitch = start.mount.height_m, start.mount.pitch_deg
+        return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
+
+    def _view(self, i: int, step: int) -> Frame:
+        start = self.starts[i]
+        pose = np.array([[*self.traces[i][step][:3], start.mount.height_m]])
+        key = np.array([start.seed * (1 << 20) + step], np.uint64)
+        rays, weather = _LENS.rays(start.mount.pitch_deg)[None], np.array([start.weather])
+        frame: Frame
+        (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
+        return frame
+
+    def _map(self, which: range | list[int], until: int | None = None) -> Image.Image:
+        """The town with routes, the ways driven, and crosses where a drive failed."""
+        of = camera(LAYOUT)
+        picture = Image.fromarray(_plan(of))
+        draw = ImageDraw.Draw(picture)
+        for i in which:
+            trace = self.traces[i] if until is None else self.traces[i][: until + 1]
+            route = _pixels(of, self.starts[i].route.points)
+            draw.line(route, fill=_ROUTE, width=9)
+            draw.line(_pixels(of, trace[:, :2]), fill=_DRIVEN, width=4)
+            for place, colour in ((route[0], (255, 255, 255)), (route[-1], (34, 197, 94))):
+                _dot(draw, place, 8, colour)
+            over = len(trace) == len(self.traces[i])
+            (x, y) = _pixels(of, trace[-1:, :2])[0]
+            if over and self.endings[i] != Ending.ARRIVED:
+                for s in (-1, 1):
+                    draw.line([(x - 13, y - 13 * s), (x + 13, y + 13 * s)], fill=_FAILED, width=6)
+            elif not over:
+                _dot(draw, (x, y), 8, _DRIVEN)
+        return picture
+
+
+def _plan(of: Camera) -> npt.NDArray[np.uint8]:
+    """The ground with the buildings' roofs and the trees."""
+    picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
+    draw = ImageDraw.Draw(picture)
+    for kind, x, y, ax, ay, length, width, _, *colour, _ in of.scenery.objects:
+        fill = tuple(int(255 * np.sqrt(0.8 * c)) for c in colour)
+        if kind == BUILDING:
+            axis, across = np.array([ax, ay]), np.array([-ay, ax])
+            signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+            corners = np.array([(x, y) + u * length * axis + v * width * across for u, v in signs])
+            draw.polygon(_pixels(of, corners), fill=fill)
+        else:
+            draw.ellipse(
+                _pixels(of, np.array([[x - length, y - length], [x + length, y + length]])),
+                fill=fill,
+            )
+    roofed: npt.NDArray[np.uint8] = np.asarray(picture)
+    return roofed
+
+
+def _pixels(of: Camera, points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
+    texel = of.ground.texel_m * 2**_MAP_LEVEL
+    return [(float(x), float(y)) for x, y in (points - of.ground.origin) / texel]
+
+
+def _dot(
+    draw: ImageDraw.ImageDraw, place: tuple[float, float], radius: int, colour: tuple[int, int, int]
+) -> None:
+    x, y = place
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=_INK)
+
+
+def _bar(text: str, width: int) -> Image.Image:
+    bar = Image.new("RGB", (width, _BAR), "white")
+    ImageDraw.Draw(bar).text((8, 4), text, fill=_INK, font=ImageFont.load_default(15))
+    return bar
+
+
+def _stacked(parts: list[Image.Image]) -> Frame:
+    whole = Image.new("RGB", (parts[0].width, sum(part.height for part in parts)), "white")
+    top = 0
+    for part in parts:
+        whole.paste(part, (0, top))
+        top += part.height
+    return np.asarray(whole)

@@ -1,0 +1,105 @@
+"""Six weathers under CARLA's names, as the light, the sky, the air and the road that they make.
+
+The numbers are ours, chosen by eye. Light is linear RGB. Weather changes what the camera sees; the
+vehicle's grip stays the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Weather:
+    """One weather.
+
+    Attributes:
+        name: CARLA's name of the preset.
+        sun_elevation_deg: Of the sun above the horizon.
+        sun_azimuth_deg: The heading that looks into the sun.
+        sun: Its light on a surface that faces it.
+        ambient: Light from everywhere.
+        zenith: Colour of the sky overhead.
+        horizon: Colour of the sky low down, and of the haze.
+        cloud: Colour of clouds.
+        cloud_cover: Share of the sky that they fill.
+        haze_per_m: How fast things fade into the haze.
+        wetness: How much water lies on the road, from 0 to 1.
+        rain: How hard it rains, from 0 to 1.
+    """
+
+    name: str
+    sun_elevation_deg: float
+    sun_azimuth_deg: float
+    sun: Triple
+    ambient: Triple
+    zenith: Triple
+    horizon: Triple
+    cloud: Triple
+    cloud_cover: float
+    haze_per_m: float
+    wetness: float
+    rain: float
+
+    @property
+    def numbers(self) -> npt.NDArray[np.float64]:
+        """All of them but the name, in order: (22,), the sun as a unit vector's three."""
+        elevation, azimuth = np.deg2rad([self.sun_elevation_deg, self.sun_azimuth_deg])
+        direction = (
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        )
+        rest = [getattr(self, field.name) for field in fields(self)[3:]]
+        return np.concatenate([direction, *(np.atleast_1d(value) for value in rest)])
+
+
+_NOON, _EVENING = (62.0, 35.0), (9.0, 200.0)
+
+WEATHERS = (
+    Weather(
+        "ClearNoon", *_NOON, (1.75, 1.66, 1.50), (0.40, 0.46, 0.58),
+        (0.13, 0.30, 0.72), (0.62, 0.76, 0.95), (1.0, 1.0, 1.0), 0.15, 0.0010, 0.0, 0.0,
+    ),
+    Weather(
+        "WetNoon", *_NOON, (1.55, 1.48, 1.36), (0.42, 0.48, 0.58),
+        (0.17, 0.33, 0.70), (0.66, 0.77, 0.92), (0.95, 0.96, 1.0), 0.4, 0.0020, 0.75, 0.0,
+    ),
+    Weather(
+        "HardRainNoon", *_NOON, (0.10, 0.10, 0.10), (0.40, 0.43, 0.47),
+        (0.24, 0.26, 0.29), (0.40, 0.42, 0.45), (0.30, 0.32, 0.35), 1.0, 0.0130, 1.0, 1.0,
+    ),
+    Weather(
+        "ClearSunset", *_EVENING, (2.1, 1.05, 0.42), (0.30, 0.26, 0.34),
+        (0.17, 0.20, 0.46), (1.15, 0.56, 0.22), (0.95, 0.50, 0.34), 0.25, 0.0022, 0.0, 0.0,
+    ),
+    Weather(
+        "WetCloudyNoon", *_NOON, (0.25, 0.25, 0.24), (0.68, 0.71, 0.75),
+        (0.52, 0.56, 0.62), (0.74, 0.77, 0.80), (0.60, 0.63, 0.68), 1.0, 0.0028, 0.75, 0.0,
+    ),
+    Weather(
+        "SoftRainSunset", *_EVENING, (0.20, 0.10, 0.06), (0.34, 0.27, 0.28),
+        (0.24, 0.20, 0.26), (0.56, 0.36, 0.26), (0.30, 0.23, 0.25), 1.0, 0.0065, 0.85, 0.4,
+    ),
+)  # fmt: skip
+"""In the order of the parameter's axis: the four of training, then the two unseen ones."""
+
+TRAINING_WEATHERS = 4
+
+NAMES = tuple(weather.name for weather in WEATHERS)
+
+
+def weather_index(name: str) -> int:
+    """Look a weather up by name.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    if name not in NAMES:
+        raise ValueError(f"Expected a weather among {', '.join(NAMES)}, got {name!r}.")
+    return NAMES.index(name)

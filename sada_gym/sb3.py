@@ -1,0 +1,106 @@
+"""Our batched environments for Stable-Baselines3, which does not take Gymnasium's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
+
+
+class SB3VecEnv(VecEnv):
+    """A Gymnasium vector environment with SAME_STEP autoreset as an SB3 `VecEnv`.
+
+    Args:
+        env: Such as `gymnasium.make_vec("SADA-DrivingTask-v0", num_envs=16)`.
+
+    Raises:
+        ValueError: If it resets otherwise: SB3 expects the next episode's first observation in the
+            step that ends one.
+    """
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        mode = env.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(
+                f"Expected a vector environment with autoreset mode SAME_STEP, got {mode}. Make it "
+                "with gymnasium.make_vec of one of this package's ids."
+            )
+        self._env = env
+        self._actions: npt.NDArray[Any] | None = None
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def reset(self) -> Any:
+        """Begin all episodes, with the seeds that `seed` set."""
+        given = self._seeds if any(seed is not None for seed in self._seeds) else None
+        observation, infos = self._env.reset(seed=given)  # type: ignore[arg-type]
+        self.reset_infos = [_row(infos, i) for i in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: npt.NDArray[Any]) -> None:
+        """Take the actions (n, ...)."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Step with them."""
+        assert self._actions is not None
+        observation, reward, terminated, truncated, infos = self._env.step(self._actions)
+        rows = []
+        for i in range(self.num_envs):
+            row = _row(infos, i)
+            if terminated[i] or truncated[i]:
+                row = {
+                    **row["final_info"],
+                    "terminal_observation": row["final_obs"],
+                    "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
+                }
+            rows.append(row)
+        return observation, np.asarray(reward, np.float32), terminated | truncated, rows
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Give an attribute of the environment, once for each index."""
+        value = getattr(self._env.unwrapped, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Refused: the environments of a batch share their attributes."""
+        raise NotImplementedError(f"Expected no change of {attr_name}: a batch shares it.")
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Refused: the environments of a batch are no objects of their own."""
+        raise NotImplementedError(f"Expected no call of {method_name}: a batch has no single ones.")
+
+    def env_is_wrapped(
+        self,
+        wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
+        indices: VecEnvIndices = None,
+    ) -> list[bool]:
+        """None is: wrap the batch."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
+        """Give each environment's picture."""
+        pictures: Any = self._env.render()
+        return [None] * self.num_envs if pictures is None else list(pictures)
+
+
+def _row(infos: dict[str, Any], i: int) -> dict[str, Any]:
+    """One environment's info; Gymnasium marks with `_key` who has a key."""
+    row = {}
+    for key, values in infos.items():
+        if not key.startswith("_") and infos[f"_{key}"][i]:
+            value = _row(values, i) if isinstance(values, dict) else values[i]
+            row[key] = value.item() if isinstance(value, np.generic) else value
+    return row

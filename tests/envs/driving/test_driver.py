@@ -1,0 +1,194 @@
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+
+from sada_gym.agents.driver.network import new_model
+from sada_gym.envs.driving.application import DrivingApplication
+from sada_gym.envs.driving.camera import camera
+from sada_gym.envs.driving.course import Course
+from sada_gym.envs.driving.driver import TILE, Driver
+from sada_gym.envs.driving.drives import Drives
+from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
+
+SMALL = {
+    "policy_kwargs": {"net_arch": [8]},
+    "n_steps": 8,
+    "batch_size": 8,
+    "seed": 0,
+    "device": "cpu",
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return new_model(0)
+
+
+def cars(count, seed=0):
+    rng = np.random.default_rng(seed)
+    course = Course(lateral_m=0.5, turned_deg=5.0, speed_m_s=8.0)
+    return Drives(camera("training"), [course.draw(rng) for _ in range(count)])
+
+
+class Recorder:
+    """A model that keeps what it was shown."""
+
+    def __init__(self, observation_space=OBSERVATION_SPACE, action=(0.0, 1.0)):
+        self.observation_space, self.action_space = observation_space, ACTION_SPACE
+        self.shown, self.action = [], action
+
+    def predict(self, observation, *, deterministic):
+        assert deterministic
+        self.shown.append({key: value.copy() for key, value in observation.items()})
+        return np.tile(np.array(self.action, np.float32), (TILE, 1)), None
+
+
+def test_an_action_does_not_depend_on_who_else_drives(model):
+    drives = cars(40)
+    driver = Driver(model)
+    driver.start(40)
+    together = driver.act(drives, np.arange(40))
+    shuffled = np.random.default_rng(1).permutation(40)
+    np.testing.assert_array_equal(driver.act(drives, shuffled), together[shuffled])
+    for i in (0, 7, 15, 16, 39):
+        np.testing.assert_array_equal(driver.act(drives, np.array([i]))[0], together[i])
+
+
+def test_a_model_sees_full_tiles_only():
+    recorder = Recorder()
+    driver = Driver(recorder)
+    driver.start(20)
+    assert driver.act(cars(20), np.arange(20)).shape == (20, 2)
+    assert [len(shown["image"]) for shown in recorder.shown] == [TILE, TILE]
+
+
+def test_frames_are_stacked_as_in_training():
+    stacked = VecFrameStack(DummyVecEnv([DrivingTaskEnv]), 3)
+    recorder = Recorder(stacked.observation_space)
+    driver = Driver(recorder)
+    stacked.seed(4)
+    seen = [stacked.reset()]
+    rng = np.random.default_rng(4)
+    env = DrivingTaskEnv()
+    env.reset(seed=4)
+    drives = env._lessons.drives
+    driver.start(1)
+    for _ in range(4):
+        action = np.array([[rng.uniform(-0.2, 0.2), 0.7]], np.float32)
+        driver.act(drives, np.zeros(1, np.intp))
+        drives.step(np.zeros(1, np.intp), action)
+        seen.append(stacked.step(action)[0])
+    for shown, theirs in zip(recorder.shown, seen, strict=False):
+        for key in OBSERVATION_SPACE:
+            np.testing.assert_array_equal(shown[key][0], theirs[key][0], err_msg=key)
+
+
+def test_stacks_of_different_cars_stay_apart():
+    three = spaces.Dict(
+        {
+            "image": spaces.Box(0, 255, (44, 100, 9), np.uint8),
+            "speed": spaces.Box(0, 1, (3,), np.float32),
+            "command": spaces.Box(0, 1, (12,), np.float32),
+        }
+    )
+    recorder = Recorder(three)
+    driver = Driver(recorder)
+    drives = cars(2)
+    driver.start(2)
+    driver.act(drives, np.array([0, 1]))
+    driver.act(drives, np.array([1]))
+    shown = recorder.shown[-1]["speed"][0]
+    assert shown[0] == 0.0
+    assert shown[1] == shown[2] == pytest.approx(drives.states[1, 3] / 15)
+
+
+def test_normalisation_is_that_of_training():
+    env = VecNormalize(DummyVecEnv([DrivingTaskEnv]), norm_obs_keys=["speed"], norm_reward=False)
+    model = PPO("MultiInputPolicy", env, **SMALL)
+    env.reset()
+    for _ in range(30):
+        env.step(np.array([[0.0, 1.0]]))
+    seen = {}
+
+    def spy(observation, **_):
+        seen.update(observation)
+        return np.zeros((TILE, 2), np.float32), None
+
+    model.predict = spy
+    drives = cars(1)
+    driver = Driver(model)
+    driver.start(1)
+    driver.act(drives, np.array([0]))
+    moments = env.obs_rms["speed"]
+    expected = (drives.states[0, 3] / 15 - moments.mean) / np.sqrt(moments.var + env.epsilon)
+    np.testing.assert_allclose(seen["speed"][0], expected, rtol=1e-4)
+    assert seen["image"].dtype == np.uint8
+    before = driver.fingerprint
+    moments.mean = moments.mean + 1
+    assert Driver(model).fingerprint != before
+
+
+def test_normalised_observations_without_their_statistics_are_refused(tmp_path):
+    env = VecNormalize(DummyVecEnv([DrivingTaskEnv]), norm_obs_keys=["image"])
+    PPO("MultiInputPolicy", env, **SMALL).save(tmp_path / "driver.zip")
+    bare = PPO.load(tmp_path / "driver.zip", device="cpu")
+    with pytest.raises(ValueError, match=r"statistics of the VecNormalize.*Load it as PPO.load"):
+        Driver(bare)
+
+
+def test_a_plain_sb3_model_drives(tmp_path):
+    model = PPO("MultiInputPolicy", DrivingTaskEnv(), **SMALL)
+    model.save(tmp_path / "driver.zip")
+    application = DrivingApplication("straight", agent=PPO.load(tmp_path / "driver.zip"))
+    outcomes = application.evaluate([[0.0, 0.0, -1.0]], [0])
+    assert 0.0 <= outcomes.score[0] <= 1.0
+    assert application.agent_name == "PPO"
+    assert len(application.fingerprint) == 64
+
+
+def test_a_driver_of_another_task_is_named_with_both_spaces():
+    other = Recorder(spaces.Box(0, 1, (7,), np.float32))
+    with pytest.raises(ValueError, match=r"observations Dict\(.*got observations Box\(.*\(7,\)"):
+        Driver(other)
+    other = Recorder()
+    other.action_space = spaces.Discrete(3)
+    with pytest.raises(ValueError, match=r"and actions Discrete\(3\). Train it on SADA-Driving"):
+        Driver(other)
+
+
+def test_nan_from_a_driver_names_step_and_route():
+    application = DrivingApplication("one_curve", agent=Recorder(action=(np.nan, 0.0)))
+    with pytest.raises(ValueError, match=r"step 0 of the route A1 B1 B0\. Look for NaN"):
+        application.evaluate([[0.0, 0.0, 0.0]], [0])
+
+
+def test_actions_of_another_shape_are_refused():
+    recorder = Recorder(action=(0.0, 0.0, 0.0))
+    driver = Driver(recorder)
+    driver.start(1)
+    with pytest.raises(
+        ValueError, match=r"actions of shape \(16, 2\) from Recorder, got \(16, 3\)"
+    ):
+        driver.act(cars(1), np.array([0]))
+
+
+def test_another_driver_has_another_fingerprint(model):
+    assert Driver(model).fingerprint == Driver(new_model(0)).fingerprint
+    assert Driver(model).fingerprint != Driver(new_model(1)).fingerprint
+    assert Driver(Recorder()).fingerprint is None
+
+
+def test_each_command_has_a_head_of_its_own(model):
+    extractor = model.policy.features_extractor
+    seen = {
+        "image": torch.zeros(4, 3, 44, 100),
+        "speed": torch.zeros(4, 1),
+        "command": torch.eye(4),
+    }
+    features = extractor(seen).reshape(4, 4, -1)
+    for given in range(4):
+        for branch in range(4):
+            assert bool(features[given, branch].any()) == (given == branch)
