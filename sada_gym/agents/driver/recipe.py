@@ -37,10 +37,10 @@ class Imitation:
 
     course: Course = SETTING_OFF
     cars: int = 64
-    rounds: int = 6
+    rounds: int = 8
     steps: int = 8_000
     epochs: int = 3
-    last_epochs: int = 10
+    last_epochs: int = 8
     batch: int = 128
     rate: float = 5e-4
     light_jitter: float = 0.25
