@@ -99,10 +99,16 @@ def load_driver(agent: str) -> BaseAlgorithm:
     SB3's files hold pickles, so only those whose SHA-256 is known are opened.
 
     Raises:
-        ValueError: If there is no such agent, or the shipped file's SHA-256 is off.
+        ValueError: If there is no such agent, or its file's SHA-256 is off.
     """
     from stable_baselines3 import PPO
 
+    if agent.endswith(".zip"):
+        raise ValueError(
+            f"Expected a driver's name among {', '.join(names('SADA-Driving'))}, got the file "
+            f"{agent}. SB3's files hold pickles, which can run code: load one that you trust "
+            "yourself, and pass the model, agent=PPO.load(file)."
+        )
     shipped = card(agent)
     verify(shipped)
     return PPO.load(shipped.path, device="cpu")

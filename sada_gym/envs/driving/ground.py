@@ -31,6 +31,7 @@ _YELLOW = (0.62, 0.42, 0.06)
 _KERB = (0.30, 0.30, 0.29)
 _PAVEMENT = (0.21, 0.195, 0.175)
 _GRASS = (0.075, 0.135, 0.035)
+_DRY_GRASS = (0.17, 0.15, 0.06)
 
 Array = npt.NDArray[np.float32]
 Triple = tuple[float, float, float]
@@ -110,24 +111,24 @@ class _Canvas:
 
     def blend(self, rows: slice, columns: slice, colour: Triple, share: Array) -> None:
         """Lay a colour over a window, to a share of each texel."""
-        window = self.albedo[rows, columns]
-        window += share[..., None] * (np.asarray(colour, np.float32) - window)
+        _blend(self.albedo[rows, columns], colour, share)
 
     def lay_surfaces(self, outside: Array, rng: np.random.Generator) -> None:
         """Lay grass, pavement, kerb and asphalt, by the distance from the asphalt."""
-        everything = (slice(None), slice(None))
         coarse = _noise(self.shape, 25.0, rng)
         fine = _noise(self.shape, 0.4, rng)
         patches = _noise(self.shape, 3.0, rng)
-        self.albedo[:] = _GRASS
-        self.albedo *= (1 + 0.35 * coarse + 0.25 * fine)[..., None]
-        self.blend(*everything, (0.17, 0.15, 0.06), np.clip(0.5 * coarse * patches, 0, 0.5))
-        self.blend(*everything, _PAVEMENT, _below(outside, _KERB_M + _PAVEMENT_M))
-        self.blend(*everything, _KERB, _below(outside, _KERB_M))
-        self.blend(*everything, _ASPHALT, _below(outside, TEXEL_M / 2))
-        self.albedo *= np.where(outside > 0, 1 + 0.10 * fine, 1 + 0.10 * fine + 0.13 * patches)[
-            ..., None
-        ]
+        dry = np.clip(0.5 * coarse * patches, 0, 0.5)
+        shade = 1 + 0.3 * coarse + 0.3 * fine
+        for channel, (fresh, old) in enumerate(zip(_GRASS, _DRY_GRASS, strict=True)):
+            self.albedo[..., channel] = shade * (fresh + dry * (old - fresh))
+        paved = np.flatnonzero(outside < _KERB_M + _PAVEMENT_M + TEXEL_M)
+        texels, away = self.albedo.reshape(-1, 3)[paved], outside.ravel()[paved]
+        _blend(texels, _PAVEMENT, _below(away, _KERB_M + _PAVEMENT_M))
+        _blend(texels, _KERB, _below(away, _KERB_M))
+        _blend(texels, _ASPHALT, _below(away, TEXEL_M / 2))
+        worn = 1 + 0.1 * fine.ravel()[paved] + 0.13 * patches.ravel()[paved] * (away <= 0)
+        self.albedo.reshape(-1, 3)[paved] = texels * worn[:, None]
 
 
 def _mark(canvas: _Canvas, lane: AbstractLane) -> None:
@@ -172,10 +173,11 @@ def _mipmapped(canvas: _Canvas, water: Array, outside: Array) -> Ground:
     parts, shapes = [], []
     for i in range(LEVELS):
         if i > 0:
-            rows, columns = level.shape[0] // 2, level.shape[1] // 2
-            level = level.reshape(rows, 2, columns, 2, 4).mean(axis=(1, 3))
-        encoded = np.concatenate([np.sqrt(level[..., :3]), level[..., 3:]], axis=-1)
-        parts.append(np.round(255 * encoded).astype(np.uint8).reshape(-1, 4))
+            rows = level[0::2] + level[1::2]
+            level = 0.25 * (rows[:, 0::2] + rows[:, 1::2])
+        encoded = 255 * level
+        encoded[..., :3] = 255 * np.sqrt(level[..., :3])
+        parts.append((encoded + 0.5).astype(np.uint8).reshape(-1, 4))
         shapes.append(level.shape[:2])
     sizes = [len(part) for part in parts]
     return Ground(
@@ -186,6 +188,13 @@ def _mipmapped(canvas: _Canvas, water: Array, outside: Array) -> Ground:
         texel_m=TEXEL_M,
         kerb_distance=outside,
     )
+
+
+def _blend(texels: Array, colour: Triple, share: Array) -> None:
+    """Lay a colour over texels (..., 3), to a share (...) of each."""
+    for channel, value in enumerate(colour):
+        layer = texels[..., channel]
+        layer += share * (np.float32(value) - layer)
 
 
 def _below(distance: Array, limit: float) -> Array:

@@ -15,6 +15,7 @@ from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Ending, Start
 from sada_gym.envs.driving.route import COMMANDS
 from sada_gym.envs.driving.scenery import BUILDING
 from sada_gym.envs.driving.tasks import LAYOUT
+from sada_gym.envs.driving.town import town
 from sada_gym.envs.driving.weather import NAMES
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _LENS = Lens(264, 600)
 _MAP_LEVEL = 2
 _BAR = 26
+_EDGE_M = 22.0
 _ROUTE, _DRIVEN, _FAILED, _INK = (250, 204, 21), (37, 99, 235), (220, 38, 38), (31, 41, 51)
 _SAID = {
     Ending.ARRIVED: "arrived",
@@ -157,7 +159,10 @@ class Film:
                     draw.line([(x - 13, y - 13 * s), (x + 13, y + 13 * s)], fill=_FAILED, width=6)
             elif not over:
                 _dot(draw, (x, y), 8, _DRIVEN)
-        return picture
+        corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
+        edge = np.stack([corners.min(axis=0) - _EDGE_M, corners.max(axis=0) + _EDGE_M])
+        (left, top), (right, bottom) = _pixels(of, edge)
+        return picture.crop((int(left), int(top), int(right), int(bottom)))
 
 
 def _plan(of: Camera) -> npt.NDArray[np.uint8]:

@@ -16,6 +16,8 @@ CELL_M = 8.0
 
 BUILDING, TREE = 0.0, 1.0
 
+_PLOT_M = 0.5
+
 _FACADES = (
     (0.42, 0.16, 0.10),
     (0.55, 0.45, 0.30),
@@ -84,12 +86,13 @@ class _Site:
 
     def __init__(self, ground: Ground) -> None:
         self._ground = ground
-        self._taken = np.zeros(ground.kerb_distance.shape, dtype=np.bool_)
+        self._extent = np.array(ground.kerb_distance.shape[::-1]) * ground.texel_m
+        columns, rows = np.ceil(self._extent / _PLOT_M).astype(int)
+        self._taken = np.zeros((rows, columns), dtype=np.bool_)
         self.objects: list[list[float]] = []
 
     def anywhere(self, rng: np.random.Generator) -> Array:
-        extent = np.array(self._taken.shape[::-1]) * self._ground.texel_m
-        return self._ground.origin + extent * rng.uniform(0.02, 0.98, 2)
+        return self._ground.origin + self._extent * rng.uniform(0.02, 0.98, 2)
 
     def build(
         self,
@@ -104,7 +107,8 @@ class _Site:
         """Put up a building where its footprint is free."""
         across = np.array([-axis[1], axis[0]])
         u, v = np.meshgrid(
-            np.arange(-half_length, half_length, 0.5), np.arange(-half_width, half_width, 0.5)
+            np.arange(-half_length, half_length, _PLOT_M),
+            np.arange(-half_width, half_width, _PLOT_M),
         )
         footprint = centre + u.reshape(-1, 1) * axis + v.reshape(-1, 1) * across
         if self._claim(footprint, clear_m=3.5):
@@ -118,8 +122,8 @@ class _Site:
     def plant(self, centre: Array, rng: np.random.Generator, *, clear_m: float = 0.9) -> None:
         """Plant a tree where its trunk's place is free."""
         radius = rng.uniform(1.5, 2.7)
-        u, v = np.meshgrid(np.arange(-1, 1, 0.3), np.arange(-1, 1, 0.3))
-        footprint = centre + np.stack([u.ravel(), v.ravel()], axis=-1) * 0.8
+        u, v = np.meshgrid(np.arange(-1, 1, _PLOT_M), np.arange(-1, 1, _PLOT_M))
+        footprint = centre + np.stack([u.ravel(), v.ravel()], axis=-1)
         if self._claim(footprint, clear_m=clear_m):
             colour = _LEAVES[rng.integers(len(_LEAVES))]
             height = 3.0 * radius + rng.uniform(0.2, 1.2)
@@ -128,20 +132,17 @@ class _Site:
             )
 
     def _claim(self, points: Array, *, clear_m: float) -> bool:
-        cells = ((points - self._ground.origin) / self._ground.texel_m).astype(int)
-        columns, rows = cells[:, 0], cells[:, 1]
-        height, width = len(self._taken), len(self._taken[0])
+        """Take a place that is free and `clear_m` off the road; points stand `_PLOT_M` apart."""
+        texels = ((points - self._ground.origin) / self._ground.texel_m).astype(int)
+        columns, rows = texels[:, 0], texels[:, 1]
+        distance = self._ground.kerb_distance
+        height, width = len(distance), len(distance[0])
         if columns.min() < 0 or rows.min() < 0 or columns.max() >= width or rows.max() >= height:
             return False
-        if self._taken[rows, columns].any():
+        plots = ((points - self._ground.origin) / _PLOT_M).astype(int)
+        if self._taken[plots[:, 1], plots[:, 0]].any() or distance[rows, columns].min() < clear_m:
             return False
-        if self._ground.kerb_distance[rows, columns].min() < clear_m:
-            return False
-        for dr in range(-2, 3):  # the points stand further apart than the cells
-            for dc in range(-2, 3):
-                self._taken[
-                    np.clip(rows + dr, 0, height - 1), np.clip(columns + dc, 0, width - 1)
-                ] = True
+        self._taken[plots[:, 1], plots[:, 0]] = True
         return True
 
 
