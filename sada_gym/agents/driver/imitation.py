@@ -51,7 +51,8 @@ class Gathered:
 def imitate(settings: Imitation, *, seed: int) -> PPO:
     """Train a driver from nothing; it is held in a PPO, none of whose own training takes place."""
     rng = np.random.default_rng(seed)
-    model = new_model(seed)
+    # whoever loads the model gets a rollout buffer of that many pictures
+    model = new_model(seed, n_steps=16, batch_size=16)
     gathered = Gathered()
     started = time.monotonic()
     for number in range(settings.rounds):
