@@ -168,6 +168,5 @@ def _world(ground: Ground, scenery: Scenery) -> kernels.World:
         origin=ground.origin,
         clouds=(ranks / ranks.size).astype(np.float32),
         tone=kernels.tone_table(),
-        shade=np.zeros((1, 1), np.uint8),
         shade_texel_m=ground.texel_m * 2**_SHADE_LEVEL,
     )

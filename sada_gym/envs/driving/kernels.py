@@ -46,7 +46,6 @@ class World(NamedTuple):
     origin: Array
     clouds: npt.NDArray[np.float32]
     tone: npt.NDArray[np.uint8]
-    shade: npt.NDArray[np.uint8]
     shade_texel_m: float
 
 
@@ -441,6 +440,7 @@ def _draw(
     pixel: float,
     half_angle: float,
     world: World,
+    shade: npt.NDArray[np.uint8],
     light: Light,
     hits: Array,
     counts: npt.NDArray[np.int64],
@@ -448,7 +448,7 @@ def _draw(
     # looked up once: taking an array out of the tuple costs as much as a texel
     texels, offset, shape, texel_m = world.texels, world.offset, world.shape, world.texel_m
     objects, clouds, tone = world.objects, world.clouds, world.tone
-    shade, shade_texel_m = world.shade, world.shade_texel_m
+    shade_texel_m = world.shade_texel_m
     left, top = world.origin[0], world.origin[1]
     rows, columns = picture.shape[0], picture.shape[1]
     planes = counts.shape[0]
@@ -599,22 +599,6 @@ def draw_all(
     counts = np.zeros(planes, np.int64)
     for i in range(pictures.shape[0]):
         light = _light_of(weathers[i])
-        lit = World(
-            world.texels,
-            world.offset,
-            world.shape,
-            world.texel_m,
-            world.objects,
-            world.first,
-            world.items,
-            world.cells,
-            world.cell_m,
-            world.origin,
-            world.clouds,
-            world.tone,
-            shades[shade_of[i]],
-            world.shade_texel_m,
-        )
         x, y, heading, height = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3]
         _draw(
             pictures[i],
@@ -625,7 +609,8 @@ def draw_all(
             height,
             pixel,
             half_angle,
-            lit,
+            world,
+            shades[shade_of[i]],
             light,
             hits,
             counts,
