@@ -72,7 +72,6 @@ class Drives:
     Args:
         camera: Of the town.
         starts: One a drive.
-        lens: The cameras' pixels.
 
     Attributes:
         states: (n, 4) x, y, heading, speed.
@@ -82,9 +81,9 @@ class Drives:
         ending: (n,) int8, of `Ending`.
     """
 
-    def __init__(self, camera: Camera, starts: Sequence[Start], lens: Lens | None = None) -> None:
+    def __init__(self, camera: Camera, starts: Sequence[Start]) -> None:
         self._camera = camera
-        self.lens = lens or Lens(PICTURE_ROWS, PICTURE_COLUMNS)
+        self._lens = Lens(PICTURE_ROWS, PICTURE_COLUMNS)
         count = len(starts)
         self.starts: list[Start] = [*starts]
         self.states = np.zeros((count, 4))
@@ -116,7 +115,7 @@ class Drives:
         side = np.array([-np.sin(heading), np.cos(heading)])
         place = route.points[0] + start.lateral_m * side
         self.states[i] = [*place, heading + start.turned_rad, start.speed_m_s]
-        self._at[i] = self._first[i]
+        self._at[i] = 0
         self.steps[i], self.ending[i] = 0, Ending.UNDER_WAY
         self.progress_m[i], self.lateral_m[i] = 0.0, start.lateral_m
         self._height[i], self._weather[i] = start.mount.height_m, start.weather
@@ -128,7 +127,8 @@ class Drives:
 
     def commands(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.int8]:
         """What the drivers are told, indices into `COMMANDS`."""
-        return self._command[self._at[which]]
+        told: npt.NDArray[np.int8] = self._command[self._first[which] + self._at[which]]
+        return told
 
     def observe(self, which: npt.NDArray[np.intp]) -> Observation:
         """What some of the drivers perceive."""
@@ -145,7 +145,7 @@ class Drives:
         seeds = np.array([self.starts[i].seed for i in which], np.uint64)
         keys = seeds * np.uint64(1 << 20) + self.steps[which].astype(np.uint64)
         return self._camera.draw(
-            self.lens, self._rays, self._rays_of[which], poses, self._weather[which], keys
+            self._lens, self._rays, self._rays_of[which], poses, self._weather[which], keys
         )
 
     def step(self, which: npt.NDArray[np.intp], actions: Array) -> None:
@@ -165,15 +165,14 @@ class Drives:
             SIMULATION_HZ // POLICY_HZ,
         )
         self.states[which] = states
-        at = self._at[which]
-        along, lateral = locate(
-            states, self._points, self._heading, self._first[which], self._last[which], at
-        )
-        self._at[which] = at
+        first, last = self._first[which], self._last[which]
+        at = first + self._at[which]
+        along, lateral = locate(states, self._points, self._heading, first, last, at)
+        self._at[which] = at - first
         self.steps[which] += 1
-        self.progress_m[which] = SPACING_M * (at - self._first[which]) + along
+        self.progress_m[which] = SPACING_M * (at - first) + along
         self.lateral_m[which] = lateral
-        length = SPACING_M * (self._last[which] - self._first[which])
+        length = SPACING_M * (last - first)
         ending = np.where(self.steps[which] >= self._limit[which], Ending.TOO_LATE, 0)
         ending = np.where(self.progress_m[which] >= length, Ending.ARRIVED, ending)
         ending = np.where(np.abs(lateral) > LANE_TOLERANCE_M, Ending.LEFT_LANE, ending)
@@ -184,19 +183,16 @@ class Drives:
         different = list({id(start.route): start.route for start in self.starts}.values())
         sizes = [len(route.points) for route in different]
         first = dict(zip(map(id, different), np.cumsum([0, *sizes[:-1]]), strict=True))
-        old_first = getattr(self, "_first", None)
         self._first = np.array([first[id(start.route)] for start in self.starts], np.int64)
         counts = np.array([len(start.route.points) for start in self.starts])
         self._last = self._first + counts - 1
         self._points = np.concatenate([route.points for route in different])
         self._heading = np.concatenate([route.heading for route in different])
         self._command = np.concatenate([route.command for route in different])
-        if old_first is not None:
-            self._at += self._first - old_first
 
     def _aim(self) -> None:
         """Work out the rays of each pitch that occurs."""
         pitches = [start.mount.pitch_deg for start in self.starts]
         different = sorted(set(pitches))
-        self._rays = np.stack([self.lens.rays(pitch) for pitch in different])
+        self._rays = np.stack([self._lens.rays(pitch) for pitch in different])
         self._rays_of = np.array([different.index(pitch) for pitch in pitches], np.int64)
