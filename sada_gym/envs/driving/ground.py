@@ -73,9 +73,9 @@ def paint(town: Town) -> Ground:
     rng = np.random.default_rng(0)
     canvas.lay_surfaces(outside, rng)
     for lane in town.marked_lanes():
-        _mark(canvas, lane)
+        _mark(canvas, lane, guide=False)
     for lane in town.guided_lanes():
-        _guide(canvas, lane)
+        _mark(canvas, lane, guide=True)
     for (_, corner), lane in town.streets.items():
         if town.is_junction(corner):
             _mark_junction(canvas, lane)
@@ -131,30 +131,24 @@ class _Canvas:
         self.albedo.reshape(-1, 3)[paved] = texels * worn[:, None]
 
 
-def _mark(canvas: _Canvas, lane: AbstractLane) -> None:
-    """Paint a lane's lines, as highway-env's line types say: the middle yellow, the edge white."""
+def _mark(canvas: _Canvas, lane: AbstractLane, *, guide: bool) -> None:
+    """Paint a lane's lines, as highway-env's line types say: the middle yellow, the edge white.
+
+    Through a junction they guide: both are white, the dashes short.
+    """
     rows, columns, along, lateral = canvas.around(lane, LANE_WIDTH_M)
     inside = (along >= 0) & (along <= lane.length)
     for side, kind in zip((-1, 1), lane.line_types, strict=True):
         if kind == LineType.NONE:
             continue
-        line = _stroke(lateral - side * LANE_WIDTH_M / 2, 0.09 if side > 0 else 0.08) * inside
-        if kind == LineType.STRIPED:
+        white = guide or side > 0
+        line = _stroke(lateral - side * LANE_WIDTH_M / 2, 0.09 if white else 0.08) * inside
+        if kind == LineType.STRIPED and guide:
+            line = line * _dashes(along, on=0.6, period=1.8)
+        elif kind == LineType.STRIPED:
             near_end = np.minimum(along, lane.length - along) < 9.0  # solid before a junction
             line = line * np.maximum(_dashes(along, on=3.0, period=6.0), near_end)
-        canvas.blend(rows, columns, _WHITE if side > 0 else _YELLOW, line.astype(np.float32))
-
-
-def _guide(canvas: _Canvas, lane: AbstractLane) -> None:
-    """Paint the lines of a lane through a junction: short dashes to its left, its edge."""
-    rows, columns, along, lateral = canvas.around(lane, LANE_WIDTH_M)
-    inside = (along >= 0) & (along <= lane.length)
-    for side, kind in zip((-1, 1), lane.line_types, strict=True):
-        if kind != LineType.NONE:
-            line = _stroke(lateral - side * LANE_WIDTH_M / 2, 0.09) * inside
-            if kind == LineType.STRIPED:
-                line = line * _dashes(along, on=0.6, period=1.8)
-            canvas.blend(rows, columns, _WHITE, line.astype(np.float32))
+        canvas.blend(rows, columns, _WHITE if white else _YELLOW, line.astype(np.float32))
 
 
 def _mark_junction(canvas: _Canvas, lane: AbstractLane) -> None:

@@ -16,7 +16,7 @@ from highway_env.road.lane import AbstractLane, CircularLane, LineType, Straight
 from highway_env.road.road import RoadNetwork
 from highway_env.utils import wrap_to_pi
 
-from sada_gym.envs.driving.layout import Corner, Layout
+from sada_gym.envs.driving.layout import BENCHMARK, TRAINING, Corner, Layout
 
 LANE_WIDTH_M = 3.5
 JUNCTION_SETBACK_M = 12.0
@@ -137,9 +137,7 @@ class Town:
 @cache
 def town(layout_name: str) -> Town:
     """Build a town once a process: `benchmark` or `training`."""
-    from sada_gym.envs.driving import layout
-
-    return Town({"benchmark": layout.BENCHMARK, "training": layout.TRAINING}[layout_name])
+    return Town({layout.name: layout for layout in (BENCHMARK, TRAINING)}[layout_name])
 
 
 def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
