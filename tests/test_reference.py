@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from sada_gym import agents
 from sada_gym.reference import (
     INDEX,
     load_reference,
@@ -11,7 +12,7 @@ from sada_gym.reference import (
     reference_seeds,
     write_reference,
 )
-from sada_gym.registration import make_application
+from sada_gym.registration import make_application, tracks
 
 TRACK = "SADA-Analytic-v0"
 POINTS, SEEDS = 300, 4
@@ -113,6 +114,19 @@ def test_points_fill_the_box_evenly_and_cannot_be_changed():
     assert mu.std(axis=0) == pytest.approx(np.full(8, 3**-0.5), abs=0.005)
     with pytest.raises(ValueError, match="read-only"):
         mu[0, 0] = 0.0
+
+
+def test_every_class_has_a_set_for_each_shipped_detector():
+    wanted = {
+        (track, agent)
+        for track in tracks()
+        if track.startswith("SADA-Detection")
+        for agent in agents.names("SADA-Detection")
+    }
+    assert len(wanted) == 24
+    sets = {(e.track, e.agent): e for e in SHIPPED}
+    assert wanted <= set(sets)
+    assert {(sets[key].points, sets[key].seeds) for key in wanted} == {(20_000, 8)}
 
 
 @pytest.mark.parametrize("entry", SHIPPED, ids=lambda entry: f"{entry.track}.{entry.agent}")
