@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +11,13 @@ import numpy as np
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.results import Results, Row
+from sada_gym.benchmark.suite import CONTENDERS
 from sada_gym.results import write_file
 
 TABLE_FILE = "table.md"
 
 _BLANK = "-"
+_CONTROLS = {contender.label for contender in CONTENDERS if not contender.ranked}
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
 
 _LEGEND = """\
@@ -25,6 +27,7 @@ _LEGEND = """\
   samples which fool cover; also over that of `ideal`, which draws from that set itself and is
   the best that can be done. Its AFR is below 100 % because a point of the fooling set fools on at
   least half of the seeds, not on all. Density: above the ideal's where samples crowd.
+- Front: on how many tracks no other ranked adversary has both a higher AFR and a higher coverage.
 - μ_std: the samples' spread, 0.577 where uniform. Novelty: the median distance from a sample to the
   nearest training query; over ideal samples', 0 where it repeats queries.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
@@ -57,9 +60,10 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
             f"### All measures, mean over {_tracks(max(row.tracks for row in rows))}",
             "",
         )
-        yield from _measures(rows)
+        yield from _measures(rows, _fronts(results, table, agent))
         yield from _like_the_paper(results, table, agent)
         yield from _by_track(results, table, agent)
+        yield from _coverage_by_track(results, table, agent)
     yield from _targets(results)
     yield from _remarks(results, notes)
     packages = results.settings.packages.items()
@@ -82,7 +86,22 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _measures(rows: Sequence[Row]) -> Iterator[str]:
+def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
+    """On how many tracks each ranked contender is on the front of AFR and coverage."""
+    held, tracks = Counter[str](), Counter[str]()
+    for rows in _of_tracks(results, table, agent).values():
+        points = {
+            row.label: (row.afr.value, row.relative_coverage.value)
+            for row in rows
+            if row.label not in _CONTROLS and row.afr and row.relative_coverage
+        }
+        for label, (afr, coverage) in points.items():
+            tracks[label] += 1
+            held[label] += not any(a > afr and c > coverage for a, c in points.values())
+    return {label: f"{held[label]} of {count}" for label, count in tracks.items()}
+
+
+def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
     columns = (
         "adversary",
         "AFR, %",
@@ -90,6 +109,7 @@ def _measures(rows: Sequence[Row]) -> Iterator[str]:
         "IQM, %",
         "coverage / ideal, %",
         "rank",
+        "front",
         "coverage, %",
         "density",
         "μ_std",
@@ -110,6 +130,7 @@ def _measures(rows: Sequence[Row]) -> Iterator[str]:
             _percent(row.afr_iqm),
             _with_interval(relative),
             _rank(relative),
+            fronts.get(row.label, ""),
             _percent(row.coverage.value if row.coverage else None),
             _number(row.density, 2),
             _number(row.mu_std, 3),
@@ -182,6 +203,25 @@ def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
             _pair(_mean(list(values.values())), theirs.average if whole and theirs else None),
             _number(spread, 3) + (f" / {theirs.mu_std:.3f}" if whole and theirs else ""),
         )
+    yield ""
+
+
+def _coverage_by_track(results: Results, table: str, agent: str) -> Iterator[str]:
+    """The coverage of every track that has a reference set; to be read beside its AFR."""
+    figures = {
+        track: {row.label: row.relative_coverage for row in rows if row.relative_coverage}
+        for track, rows in _of_tracks(results, table, agent).items()
+    }
+    figures = {track: of_track for track, of_track in figures.items() if of_track}
+    if not figures:
+        return
+    kind = "class" if set(figures) <= set(_CLASSES) else "track"
+    yield from (f"### By {kind}: coverage / ideal, %", "")
+    yield from _head(("adversary", *map(short_name, figures), f"mean of {_tracks(len(figures))}"))
+    for label in _labels(results, table, agent):
+        found = [of_track.get(label) for of_track in figures.values()]
+        values = [one.value if one else None for one in found]
+        yield _line(label, *map(_percent, values), _percent(_mean(values)))
     yield ""
 
 

@@ -12,7 +12,7 @@ TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
 
 
-def cell(track, label, fooled, *, seed=0, flags=(), error=None):
+def cell(track, label, fooled, *, seed=0, flags=(), error=None, relative=0.75):
     measures = Measures(
         afr=fooled / 250,
         afr_interval_95=(0.0, 1.0),
@@ -21,7 +21,7 @@ def cell(track, label, fooled, *, seed=0, flags=(), error=None):
         mu_std=0.3,
         density=0.9,
         coverage=0.6,
-        relative_coverage=0.75,
+        relative_coverage=relative,
         novelty=None,
         image_novelty=None,
     )
@@ -118,6 +118,43 @@ def test_fewer_classes_are_no_12_class_average(tmp_path):
     assert "12-class avg" not in text
     assert line(text, "### By class", "adversary")[-2] == "mean of 11 tracks"
     assert line(text, "### By class", "random")[-2:] == ["40.0", "0.300"]
+
+
+def test_coverage_stands_beside_the_afr_of_every_track(tmp_path):
+    cells = [
+        cell(TRACKS[0], "random", 100, relative=0.5),
+        cell(TRACKS[1], "random", 100, relative=0.7),
+        cell(TRACKS[0], "sada", 240, relative=None),
+        cell(TRACKS[1], "sada", 240, relative=0.9),
+    ]
+    text, _ = report(tmp_path, cells)
+    section = "### By class: coverage / ideal, %"
+    assert line(text, section, "adversary")[1:] == ["aeroplane", "bench", "mean of 2 tracks"]
+    assert line(text, section, "random")[1:] == ["50.0", "70.0", "60.0"]
+    assert line(text, section, "sada")[1:] == ["-", "90.0", "-"]
+
+
+def test_without_coverage_there_is_no_such_table(tmp_path):
+    text, _ = report(tmp_path, [cell(TRACKS[0], "random", 100, relative=None)])
+    assert "coverage / ideal, %\n" not in text.partition("### By class")[2]
+
+
+def test_the_front_counts_tracks_where_nobody_is_better_in_both(tmp_path):
+    figures = {  # fooled and coverage on two tracks
+        "ideal": ((250, 1.0), (250, 1.0)),
+        "sada": ((200, 0.9), (200, 0.9)),
+        "gp": ((240, 0.8), (210, 0.95)),
+        "random": ((200, 0.9), (100, 0.5)),  # a tie in both is not better
+    }
+    cells = [
+        cell(track, label, fooled, relative=relative)
+        for label, points in figures.items()
+        for track, (fooled, relative) in zip(TRACKS, points, strict=False)
+    ]
+    text, _ = report(tmp_path, cells)
+    at = line(text, "### All measures", "adversary").index("front")
+    found = {label: line(text, "### All measures", label)[at] for label in figures}
+    assert found == {"ideal": "", "sada": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
 
 
 def test_errors_flags_and_notes_are_told(tmp_path):
