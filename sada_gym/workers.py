@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -26,6 +26,7 @@ BatchFunction = Callable[[Mu], npt.ArrayLike]
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
+_DYING_S = 10.0
 
 Scorer = Application | BatchFunction
 
@@ -174,9 +175,11 @@ class WorkerPool:
         self.executor = ProcessPoolExecutor(
             workers, mp_context=context, initializer=_initialise, initargs=(watched, task, prepare)
         )
+        before = set(active_children())
         with _inherited_settings():
             for _ in range(workers):
                 self.executor.submit(_nothing)
+        self._processes = set(active_children()) - before
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers; calling it twice is fine.
@@ -184,10 +187,12 @@ class WorkerPool:
         Args:
             now: Drop what they are at, instead of waiting for it.
         """
-        if now:
-            self._lifeline.close()
-        self.executor.shutdown(wait=True, cancel_futures=True)
+        # told first: a pool that finds its processes gone fails all it still holds, and stumbles
+        # over what its caller has cancelled
+        self.executor.shutdown(wait=not now, cancel_futures=True)
         self._lifeline.close()
+        for process in self._processes:
+            process.join(_DYING_S)
 
 
 @contextmanager
