@@ -21,7 +21,7 @@ from sada_gym.benchmark.folder import (
 )
 from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.plan import CellKey, CellSettings, ReferenceMark
-from sada_gym.benchmark.suite import CONTENDERS
+from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.registration import env_ids
 from sada_gym.results import Strict, read_model, write_model
 
@@ -301,8 +301,7 @@ def _row(track: str | None, cells: Sequence[CellResult], every: set[tuple[str, i
 
 def _with_ranks(rows: Sequence[Row]) -> list[Row]:
     """Rank the contenders of one table, agent and track by AFR and by coverage."""
-    controls = {contender.label for contender in CONTENDERS if not contender.ranked}
-    unranked = [row.label for row in rows if row.label in controls or not row.complete]
+    unranked = [row.label for row in rows if row.label in CONTROLS or not row.complete]
     changes: dict[str, dict[str, Figure]] = {row.label: {} for row in rows}
     for name in ("afr", "coverage", "relative_coverage"):
         there = {row.label: one for row in rows if (one := getattr(row, name)) is not None}

@@ -150,6 +150,9 @@ CONTENDERS: tuple[Contender, ...] = (
 )
 """The rows of the suites: controls, the paper's baselines in its order, BBGAN, later methods."""
 
+CONTROLS = frozenset(contender.label for contender in CONTENDERS if not contender.ranked)
+"""Labels of those that have no rank."""
+
 _PAPER_BUDGETS = Table(
     name="paper-budgets",
     title="The paper's budgets",

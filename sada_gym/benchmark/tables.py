@@ -11,13 +11,12 @@ import numpy as np
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.results import Results, Row
-from sada_gym.benchmark.suite import CONTENDERS
+from sada_gym.benchmark.suite import CONTROLS
 from sada_gym.results import write_file
 
 TABLE_FILE = "table.md"
 
 _BLANK = "-"
-_CONTROLS = {contender.label for contender in CONTENDERS if not contender.ranked}
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
 
 _LEGEND = """\
@@ -93,7 +92,7 @@ def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
         points = {
             row.label: (row.afr.value, row.relative_coverage.value)
             for row in rows
-            if row.label not in _CONTROLS and row.afr and row.relative_coverage
+            if row.label not in CONTROLS and row.afr and row.relative_coverage
         }
         for label, (afr, coverage) in points.items():
             tracks[label] += 1
