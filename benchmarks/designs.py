@@ -3,8 +3,9 @@
     python benchmarks/designs.py --family sada --seeds 2
 
 The tracks are analytic boxes, synthetic landscapes with a random world and, for the family `sada`,
-two detection classes (car and chair, which are training tracks for that reason). Each design learns
-from N = 2,000 queries. Then 500 samples are held against points that it never saw:
+two detection classes (car and chair, which are training tracks for that reason) with both agents.
+Each design learns from N = 2,000 queries. Then 500 samples are held against points that it never
+saw:
 
 - AFR: the samples' true fooling rate, in %; on detection the rate of fresh evaluations.
 - coverage (Naeem et al. 2020, k = 5): the share of held-out points of the fooling set
@@ -65,13 +66,17 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "Gaussian process alone": ("sada", {"models": ["process"]}),
         "level 1/2": ("sada", {"coverage": 1.0}),
         "coverage 0.95": ("sada", {"coverage": 0.95}),
+        "no least volume": ("sada", {"volume": 0.0}),
+        "a quarter of the volume": ("sada", {"volume": 0.25}),
+        "half of the volume": ("sada", {"volume": 0.5}),
     },
 }
 TRACKS = {
     "bbgan": ("boxes-2", "boxes-5", "boxes-8", "waves-35", "waves-20"),
     "sada": (
-        *("boxes-2", "boxes-5", "boxes-8", "boxes-16", "waves-35", "waves-20", "waves-8"),
-        *("Car", "Chair"),
+        *("boxes-2", "boxes-5", "boxes-8", "boxes-16"),
+        *("waves-35", "waves-20", "waves-8", "waves-4", "waves-2"),
+        *("Car", "Chair", "Car:surveyor", "Chair:surveyor"),
     ),
 }
 
@@ -128,14 +133,14 @@ def boxes(dimension: int) -> Track:
 
 
 def waves(percent: int) -> Track:
-    seed = {35: 0, 20: 1, 8: 2}[percent]
+    seed = {35: 0, 20: 1, 8: 2, 4: 3, 2: 4}[percent]
     known = Landscape(seed, rate=percent / 100)
     return analytic(8, lambda: Landscape(seed, rate=percent / 100), known.fooling_rate)
 
 
-def detection(object_class: str, workers: int) -> Track:
+def detection(object_class: str, agent: str | None, workers: int) -> Track:
     track = f"SADA-Detection-{object_class}-v0"
-    evaluator = Evaluator(track, workers=workers)
+    evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {}, workers=workers)
     assert evaluator.application is not None
     reference = load_reference(track, evaluator.application)
     if reference is None:
@@ -159,7 +164,10 @@ def load(name: str, workers: int) -> Track:
     kind, _, number = name.partition("-")
     if kind == "boxes":
         return boxes(int(number))
-    return waves(int(number)) if kind == "waves" else detection(name, workers)
+    if kind == "waves":
+        return waves(int(number))
+    object_class, _, agent = name.partition(":")
+    return detection(object_class, agent or None, workers)
 
 
 def measure(track: Track, mu: Mu, rng: np.random.Generator) -> tuple[float, float]:

@@ -43,9 +43,12 @@ class SADA(Learner):
     2. The last surrogate is calibrated on held-out queries. Samples are uniform over
        {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
        Metropolis walk within it.
-    3. The level is at least 1/2, and as high as the coverage of {p >= 1/2} allows: of samples that
-       fool with their predicted probability, at least `coverage` of what level 1/2 covers has to
-       be left (density and coverage of Naeem et al. 2020, within the surrogate's own world).
+    3. The level is 1/2, raised as far as the coverage of {p >= 1/2} allows: of samples that fool
+       with their predicted probability, at least `coverage` of what level 1/2 covers has to be
+       left (density and coverage of Naeem et al. 2020, within the surrogate's own world). But
+       where few queries fool, a calibrated surrogate is sure of hardly any mu, and {p >= 1/2} is a
+       speck of the fooling set. So the level is never so high that the sampled set has less than
+       `volume` of the volume that is predicted to fool, which is the mean of p.
 
     Args:
         dimension: d, the number of semantic parameters.
@@ -53,7 +56,8 @@ class SADA(Learner):
         uniform: Share of the budget that is uniform from the start.
         rounds: Number of rounds for the rest.
         explore: Share of each round that is uniform.
-        coverage: Share of the coverage that a higher level has to keep; 1.0 stays at level 1/2.
+        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
+        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
         models: What the surrogate stacks: `trees`, `process`.
 
     Attributes:
@@ -76,6 +80,7 @@ class SADA(Learner):
         rounds: int = 4,
         explore: float = 0.25,
         coverage: float = 0.98,
+        volume: float = 1.0 / 3.0,
         models: Sequence[str] = tuple(MODELS),
     ) -> None:
         super().__init__(dimension, seed=seed)
@@ -84,6 +89,7 @@ class SADA(Learner):
             ("rounds", rounds, 0, 100),
             ("explore", explore, 0.0, 1.0),
             ("coverage", coverage, 0.0, 1.0),
+            ("volume", volume, 0.0, 1.0),
         ):
             whole = isinstance(low, int)
             fits = isinstance(value, int if whole else (int, float)) and value is not True
@@ -93,7 +99,7 @@ class SADA(Learner):
                     f"Expected {name} to be {what} within [{low:g}, {high:g}], got {value!r}."
                 )
         self.uniform, self.rounds, self.explore = uniform, rounds, explore
-        self.coverage = coverage
+        self.coverage, self.volume = coverage, volume
         if not models or isinstance(models, str):
             raise ValueError(
                 f"Expected a list of models among {', '.join(MODELS)}, got {models!r}."
@@ -110,6 +116,7 @@ class SADA(Learner):
             "rounds": self.rounds,
             "explore": self.explore,
             "coverage": self.coverage,
+            "volume": self.volume,
             "models": list(self.models),
         }
 
@@ -149,24 +156,26 @@ class SADA(Learner):
     def _find_level(self) -> None:
         """Choose the level, and keep what the walk starts from."""
         pool, p = self._predicted_pool()
-        if not (p >= 0.5).any():
+        rows = np.flatnonzero(p >= 0.5)
+        if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
         # at least the likeliest hundredth of a per cent, so that there is something to sample
-        self.level = min(0.5, float(np.quantile(p, 0.9999)))
-        rows = np.flatnonzero(p >= self.level)
+        least = max(self.volume * float(p.mean()), 0.0001)
+        highest = float(np.quantile(p, 1.0 - least))
+        self.level = min(0.5, highest)
         if self.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
-            self._raise_level(pool, p, rows)
+            self._raise_level(pool, p, rows, highest)
         inside = p >= self.level
         self._share = float(inside.mean())
         self._starts = pool[inside][:_LEAST_SET]
 
     def _raise_level(
-        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp]
+        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp], highest: float
     ) -> None:
-        """Raise the level from 1/2 as far as the coverage of {p >= 1/2} allows."""
+        """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
         least = self.coverage * self._covered(pool, p, others, real)
-        for level in _LEVELS:
+        for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
             if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
                 return

@@ -81,6 +81,15 @@ def test_a_rare_set_is_walked_in():
     assert samples.std(axis=0).min() > 0.03
 
 
+@pytest.mark.parametrize("volume", [0.25, 1.0])
+def test_the_sampled_set_keeps_a_part_of_the_volume_predicted_to_fool(volume):
+    waves = Landscape(3, rate=0.05, noise=1.0)  # of which 500 queries make no mu sure to fool
+    adversary, _ = trained(waves, dimension=8, volume=volume)
+    p = adversary._surrogate(np.random.default_rng(0).uniform(-1, 1, (20_000, 8)))
+    assert (p >= 0.5).mean() < 0.2 * p.mean()
+    assert (p >= adversary.level).mean() == pytest.approx(volume * p.mean(), rel=0.2)
+
+
 def test_where_none_fools_it_says_so_and_takes_the_likeliest():
     adversary, _ = trained(lambda mu: 0.5 + 0.4 * np.abs(mu[:, 0]), dimension=2, budget=300)
     assert NONE_FOOLED in adversary.flags
@@ -124,6 +133,7 @@ def test_scores_that_are_no_numbers_are_refused():
         ({"rounds": True}, "Expected rounds to be a whole number"),
         ({"explore": 1.5}, "Expected explore to be a number within"),
         ({"coverage": np.nan}, "Expected coverage to be a number within"),
+        ({"volume": -0.1}, r"Expected volume to be a number within \[0, 1\], got -0.1"),
         ({"models": ["forest"]}, "Expected the models to be one of trees, process; got 'forest'"),
         ({"models": "trees"}, "Expected a list of models among trees, process, got 'trees'"),
         ({"models": []}, "Expected a list of models"),
