@@ -7,12 +7,13 @@ from typing import Any
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.utils import safe_mean
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.utils import LinearSchedule, safe_mean
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sada_gym.agents.driver.network import new_model
 from sada_gym.agents.driver.recipe import Reinforcement
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
+from sada_gym.generators import generators_kept
 from sada_gym.sb3 import SB3VecEnv
 
 
@@ -38,7 +39,8 @@ class _Report(BaseCallback):
 
 def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
     """Train a driver from nothing."""
-    env = VecMonitor(SB3VecEnv(DrivingTaskVectorEnv(settings.course, num_envs=settings.cars)))
+    cars = SB3VecEnv(DrivingTaskVectorEnv(settings.course, num_envs=settings.cars))
+    env = VecNormalize(VecMonitor(cars), norm_obs=False, gamma=settings.discount)
     env.seed(seed)
     model = new_model(
         seed,
@@ -46,10 +48,12 @@ def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
         n_steps=settings.rollout,
         batch_size=settings.batch,
         n_epochs=settings.epochs,
-        learning_rate=lambda left: settings.rate * left,
+        learning_rate=LinearSchedule(settings.rate, 0.0, 1.0),
         gamma=settings.discount,
         ent_coef=0.0,
         target_kl=0.03,
     )
-    model.learn(settings.steps, callback=_Report())
+    with generators_kept():  # SB3 learns with the global ones
+        model.set_random_seed(seed)
+        model.learn(settings.steps, callback=_Report())
     return model

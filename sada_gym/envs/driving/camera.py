@@ -107,14 +107,12 @@ class Camera:
             (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), lens.rows, lens.columns, 3), np.uint8)
-        placed = poses.copy()
-        placed[:, 0] += FORWARD_M * np.cos(poses[:, 2])
-        placed[:, 1] += FORWARD_M * np.sin(poses[:, 2])
         kernels.draw_all(
             pictures,
             rays,
             rays_of,
-            placed,
+            poses,
+            FORWARD_M,
             self._light[weathers],
             lens.pixel,
             np.deg2rad(HALF_ANGLE_DEG),

@@ -579,6 +579,7 @@ def draw_all(
     rays: npt.NDArray[np.float32],
     rays_of: npt.NDArray[np.int64],
     poses: Array,
+    ahead: float,
     weathers: Array,
     pixel: float,
     half_angle: float,
@@ -591,8 +592,8 @@ def draw_all(
     """Draw a picture (h, w, 3) for each of n cameras.
 
     rays (m, h, w, 4): forward and right share of each pixel's azimuth, slope, and its plane;
-    rays_of (n,) which of them each camera has; poses (n, 4): x, y, heading, height; weathers
-    (n, 22); shades (k, ...) where the sun reaches the ground, shade_of (n,) which of them; keys
+    rays_of (n,) which of them each camera has; poses (n, 4): the cars' x, y and heading, and
+    the cameras' height; ahead: from a car's middle to its camera; weathers (n, 22); shades (k, ...) where the sun reaches the ground, shade_of (n,) which of them; keys
     (n,) fix the rain.
     """
     hits = np.empty((planes, MOST_HITS, 4))
@@ -603,8 +604,8 @@ def draw_all(
         _draw(
             pictures[i],
             rays[rays_of[i]],
-            x,
-            y,
+            x + ahead * math.cos(heading),
+            y + ahead * math.sin(heading),
             heading,
             height,
             pixel,

@@ -16,6 +16,8 @@ WIDTH_M = 2.0
 MAX_STEERING_RAD = math.pi / 4
 MAX_ACCELERATION_M_S2 = 5.0
 """These two are the ranges of highway-env's `ContinuousAction`."""
+MAX_SPEED_M_S = 40.0
+"""Beyond it highway-env's vehicles accelerate no more, and brake."""
 
 _BACK, _AHEAD = 6, 14
 
@@ -44,7 +46,10 @@ def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, step
             x += speed * math.cos(heading + slip) * dt_s
             y += speed * math.sin(heading + slip) * dt_s
             heading += speed * turn * dt_s
-            speed = max(0.0, speed + acceleration[i] * dt_s)
+            pedal = acceleration[i]
+            if speed > MAX_SPEED_M_S:
+                pedal = min(pedal, MAX_SPEED_M_S - speed)
+            speed = max(0.0, speed + pedal * dt_s)
         states[i, 0], states[i, 1], states[i, 2], states[i, 3] = x, y, heading, speed
 
 
