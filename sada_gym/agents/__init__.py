@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sada_gym.generators import generators_kept
+
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
@@ -111,7 +113,8 @@ def load_driver(agent: str) -> BaseAlgorithm:
         )
     shipped = card(agent)
     verify(shipped)
-    return PPO.load(shipped.path, device="cpu")
+    with generators_kept():
+        return PPO.load(shipped.path, device="cpu")
 
 
 def verify(agent: AgentCard) -> None:
