@@ -44,6 +44,16 @@ def _detection(suffix: str = "", **kwargs: Any) -> Registration:
     )
 
 
+def _driving(suffix: str = "", **kwargs: Any) -> Registration:
+    module = "sada_gym.envs.driving"
+    return Registration(
+        id=f"SADA-Driving{suffix}-v0",
+        entry_point=f"{module}:DrivingEnv",
+        vector_entry_point=f"{module}:DrivingVectorEnv",
+        kwargs=kwargs,
+    )
+
+
 TABLE: tuple[Registration, ...] = (
     Registration(
         id="SADA-Analytic-v0",
@@ -63,6 +73,10 @@ TABLE: tuple[Registration, ...] = (
     _detection("-Motorbike", object_class="motorbike"),
     _detection("-Train", object_class="train"),
     _detection("-Truck", object_class="truck"),
+    _driving(),
+    _driving("-Straight", task="straight"),
+    _driving("-OneCurve", task="one_curve"),
+    _driving("-Navigation", task="navigation"),
 )
 
 INNER_TASKS: tuple[Registration, ...] = (

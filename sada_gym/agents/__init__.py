@@ -55,6 +55,13 @@ AGENTS = (
         "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
         "the same with one training view in ten from everywhere",
     ),
+    AgentCard(
+        "cil",
+        "SADA-Driving",
+        "driver/cil.zip",
+        "210c212fbdbe1bc38b7b269ed15049ce335872f03e77bfbe09c71b9c913226b6",
+        "imitates an expert, at the default camera in four weathers; the default",
+    ),
 )
 
 
@@ -71,7 +78,7 @@ def card(name: str, application: str | None = None) -> AgentCard:
     """
     known = names(application)
     for agent in AGENTS:
-        if agent.name == name in known:
+        if name in known and agent.name == name:
             return agent
     close = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""

@@ -1,15 +1,18 @@
 """Measure a driver: arrivals as trained for, and how often uniform mu fools it.
 
-`python -m sada_gym.agents.driver.evaluate cil` measures a shipped driver anew.
+`python -m sada_gym.agents.driver.evaluate cil` measures a shipped driver anew; one of your own is
+named by the file that SB3 saved it in.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from stable_baselines3 import PPO
 
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting
@@ -18,6 +21,7 @@ from sada_gym.envs.driving.camera import Mount, camera
 from sada_gym.envs.driving.drives import Drives, Ending, Start
 from sada_gym.envs.driving.tasks import LAYOUT, TASKS
 from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS
+from sada_gym.generators import generators_kept
 from sada_gym.metrics import wilson_interval
 
 
@@ -118,12 +122,21 @@ def _arrivals(
 
 
 def main() -> None:
-    """Print the table of a shipped driver."""
+    """Print the table of a driver."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("name", choices=agents.names("SADA-Driving"))
+    parser.add_argument(
+        "driver",
+        help=f"{', '.join(agents.names('SADA-Driving'))}, or a file of SB3's PPO that you trust, "
+        "since it holds pickles",
+    )
     parser.add_argument("--seed", type=int, default=1_000)
     arguments = parser.parse_args()
-    print(table(measure(agents.load_driver(arguments.name), seed=arguments.seed)))
+    if Path(arguments.driver).is_file():
+        with generators_kept():
+            driver: Acting = PPO.load(arguments.driver, device="cpu")
+    else:
+        driver = agents.load_driver(arguments.driver)
+    print(table(measure(driver, seed=arguments.seed)))
 
 
 if __name__ == "__main__":

@@ -32,19 +32,21 @@ def train(recipe: Imitation | Reinforcement, *, seed: int) -> PPO:
 
 def write_card(path: Path, name: str, seed: int, minutes: float, weights: Path, text: str) -> None:
     """Write a model card: how the driver was trained, its file's SHA-256, what it scores."""
-    recipe = RECIPES[name]
-    settings = "\n".join(f"| {key} | {value} |" for key, value in asdict(recipe).items())
+    recipe = asdict(RECIPES[name])
+    course = recipe.pop("course")
+    settings = "\n".join(f"| {key} | {value} |" for key, value in (recipe | course).items())
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
     how = "imitation of a privileged expert (DAgger)"
-    if isinstance(recipe, Reinforcement):
-        how = "PPO on the driving task, from scratch"
+    if isinstance(RECIPES[name], Reinforcement):
+        how = "PPO, from scratch"
     path.write_text(
         f"""# {name}
 
 A driver that steers by camera, speed and command (`sada_gym/agents/driver/network.py`), held in a
-Stable-Baselines3 PPO. It learnt by {how}, in the training town. The benchmark's routes lie in
-another one. It has never seen a photograph, and it is not CARLA's.
+Stable-Baselines3 PPO. It learnt in the training town; the benchmark's routes lie in another. It has
+never seen a photograph, and it is not CARLA's.
 
+- Learnt by: {how}.
 - Command: `python -m sada_gym.agents.driver.train {name} --seed {seed} --out DIR`
 - Training: {minutes:.0f} minutes of one core, driving included; the last weights, none chosen.
 - File: `{weights.name}`, SHA-256 `{digest}`

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ from sada_gym.envs.driving.weather import NAMES
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication
 
-_LENS = Lens(264, 600)
+_LENS = Lens(198, 450)
 _MAP_LEVEL = 2
 _BAR = 26
 _EDGE_M = 22.0
@@ -91,30 +92,26 @@ class Film:
         step = max(0, last - POLICY_HZ) if failed else last // 2
         view = Image.fromarray(self._view(which, step))
         arrived = len(self.endings) - len(failed)
-        plan = self._map(range(len(self.starts)))
-        plan = plan.resize((view.width, plan.height * view.width // plan.width))
         title = f"{self._world()}: {arrived} of {len(self.endings)} arrived"
         told = "a second before it failed" if failed else "half-way"
         parts = [
             _bar(title, view.width),
             view,
-            plan,
+            self._map(_chart(view.width), range(len(self.starts))),
             _bar(f"route {which + 1}, {told}", view.width),
         ]
         return _stacked(parts)
 
     def frames(self) -> list[Frame]:
         """Every step of every drive: the camera's picture beside the map."""
+        chart = _chart(int(_LENS.rows / _chart(1000).picture.height * 1000))
         shots = []
         for i, trace in enumerate(self.traces):
-            plan_width = 0
             for step in range(len(trace)):
                 view = Image.fromarray(self._view(i, step))
-                plan = self._map([i], until=step)
-                plan_width = plan.width * view.height // plan.height
-                pair = Image.new("RGB", (view.width + plan_width, view.height), "white")
+                pair = Image.new("RGB", (view.width + chart.picture.width, view.height), "white")
                 pair.paste(view, (0, 0))
-                pair.paste(plan.resize((plan_width, view.height)), (view.width, 0))
+                pair.paste(self._map(chart, [i], until=step), (view.width, 0))
                 over = step == len(trace) - 1
                 state = _SAID[self.endings[i] if over else Ending.UNDER_WAY]
                 told = COMMANDS[self.commands[i][step]]
@@ -140,58 +137,91 @@ class Film:
         (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
         return frame
 
-    def _map(self, which: range | list[int], until: int | None = None) -> Image.Image:
+    def _map(
+        self, chart: _Chart, which: range | list[int], until: int | None = None
+    ) -> Image.Image:
         """The town with routes, the ways driven, and crosses where a drive failed."""
-        of = camera(LAYOUT)
-        picture = Image.fromarray(_plan(of))
-        draw = ImageDraw.Draw(picture)
+        picture = chart.picture.copy()
+        draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
         for i in which:
             trace = self.traces[i] if until is None else self.traces[i][: until + 1]
-            route = _pixels(of, self.starts[i].route.points)
-            draw.line(route, fill=_ROUTE, width=9)
-            draw.line(_pixels(of, trace[:, :2]), fill=_DRIVEN, width=4)
+            route = chart.pixels(self.starts[i].route.points)
+            draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
+            draw.line(chart.pixels(trace[:, :2]), fill=_DRIVEN, width=max(2, round(0.7 * unit)))
             for place, colour in ((route[0], (255, 255, 255)), (route[-1], (34, 197, 94))):
-                _dot(draw, place, 8, colour)
+                _dot(draw, place, 1.3 * unit, colour)
             over = len(trace) == len(self.traces[i])
-            (x, y) = _pixels(of, trace[-1:, :2])[0]
+            (x, y) = chart.pixels(trace[-1:, :2])[0]
             if over and self.endings[i] != Ending.ARRIVED:
+                arm = 2.2 * unit
                 for s in (-1, 1):
-                    draw.line([(x - 13, y - 13 * s), (x + 13, y + 13 * s)], fill=_FAILED, width=6)
+                    ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
+                    draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
             elif not over:
-                _dot(draw, (x, y), 8, _DRIVEN)
-        corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
-        edge = np.stack([corners.min(axis=0) - _EDGE_M, corners.max(axis=0) + _EDGE_M])
-        (left, top), (right, bottom) = _pixels(of, edge)
-        return picture.crop((int(left), int(top), int(right), int(bottom)))
+                _dot(draw, (x, y), 1.3 * unit, _DRIVEN)
+        return picture
+
+
+@dataclass(frozen=True)
+class _Chart:
+    """The town from above.
+
+    Attributes:
+        picture: Of it; not to be drawn into.
+        corner: World coordinates of its upper left corner.
+        pixel_m: Its pixels' size.
+    """
+
+    picture: Image.Image
+    corner: npt.NDArray[np.float64]
+    pixel_m: float
+
+    def pixels(self, points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Where points (n, 2) of the world are in the picture."""
+        return [(float(x), float(y)) for x, y in (points - self.corner) / self.pixel_m]
+
+
+@cache
+def _chart(width: int) -> _Chart:
+    """The benchmark's town without its outskirts."""
+    of = camera(LAYOUT)
+    texel = of.ground.texel_m * 2**_MAP_LEVEL
+    corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
+    low = np.floor((corners.min(axis=0) - _EDGE_M - of.ground.origin) / texel)
+    high = np.floor((corners.max(axis=0) + _EDGE_M - of.ground.origin) / texel)
+    whole = Image.fromarray(_plan(of)).crop((*low.astype(int), *high.astype(int)))
+    shown = whole.resize((width, round(whole.height * width / whole.width)), Image.Resampling.BOX)
+    return _Chart(shown, of.ground.origin + low * texel, texel * whole.width / width)
 
 
 def _plan(of: Camera) -> npt.NDArray[np.uint8]:
     """The ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
     draw = ImageDraw.Draw(picture)
+    texel = of.ground.texel_m * 2**_MAP_LEVEL
+
+    def pixels(points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
+        return [(float(x), float(y)) for x, y in (points - of.ground.origin) / texel]
+
     for kind, x, y, ax, ay, length, width, _, *colour, _ in of.scenery.objects:
         fill = tuple(int(255 * np.sqrt(0.8 * c)) for c in colour)
         if kind == BUILDING:
             axis, across = np.array([ax, ay]), np.array([-ay, ax])
             signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
             corners = np.array([(x, y) + u * length * axis + v * width * across for u, v in signs])
-            draw.polygon(_pixels(of, corners), fill=fill)
+            draw.polygon(pixels(corners), fill=fill)
         else:
-            draw.ellipse(
-                _pixels(of, np.array([[x - length, y - length], [x + length, y + length]])),
-                fill=fill,
-            )
+            round_it = np.array([[x - length, y - length], [x + length, y + length]])
+            draw.ellipse(pixels(round_it), fill=fill)
     roofed: npt.NDArray[np.uint8] = np.asarray(picture)
     return roofed
 
 
-def _pixels(of: Camera, points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
-    texel = of.ground.texel_m * 2**_MAP_LEVEL
-    return [(float(x), float(y)) for x, y in (points - of.ground.origin) / texel]
-
-
 def _dot(
-    draw: ImageDraw.ImageDraw, place: tuple[float, float], radius: int, colour: tuple[int, int, int]
+    draw: ImageDraw.ImageDraw,
+    place: tuple[float, float],
+    radius: float,
+    colour: tuple[int, int, int],
 ) -> None:
     x, y = place
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=_INK)

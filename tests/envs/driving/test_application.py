@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+
+from sada_gym.envs.driving.application import DrivingApplication
+from sada_gym.envs.driving.camera import Mount, camera
+from sada_gym.envs.driving.drives import Drives, Start
+from sada_gym.envs.driving.pictures import Film
+from sada_gym.envs.driving.tasks import LAYOUT, task_routes
+from sada_gym.envs.driving.weather import NAMES
+
+MU = [[-0.2, 0.0, -0.9], [0.0, 1.0, -0.5], [1.0, 0.8, 0.0], [-1.0, -0.4, 0.3], [0.6, 0.2, 0.7]]
+
+
+@pytest.fixture(scope="module")
+def application():
+    return DrivingApplication("one_curve")
+
+
+@pytest.mark.parametrize(
+    ("task", "scores"),
+    [
+        ("straight", [1.0, 0.6, 0.2, 0.8, 1.0]),
+        ("one_curve", [1.0, 0.0, 0.2, 0.6, 0.6]),
+        ("navigation", [1.0, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_golden_drives(task, scores):
+    outcomes = DrivingApplication(task).evaluate(MU, [7] * len(MU))
+    assert outcomes.score.tolist() == scores
+    assert outcomes.fooled.tolist() == [score <= 0.6 for score in scores]
+
+
+def test_golden_frames():
+    route = task_routes("navigation")[0]
+    drives = Drives(camera(LAYOUT), [Start(route, Mount(), w, 5) for w in range(len(NAMES))])
+    drives.states[:, :3] = [*route.points[60], route.heading[60]]
+    means = [
+        [133.43, 135.18, 132.50],
+        [123.89, 125.99, 124.73],
+        [103.16, 104.18, 104.64],
+        [105.46, 87.03, 78.17],
+        [114.76, 114.70, 111.43],
+        [96.55, 82.75, 76.61],
+    ]
+    pictures = drives.look(np.arange(len(NAMES)))
+    np.testing.assert_allclose(pictures.mean(axis=(1, 2)), means, atol=0.05)
+
+
+def test_an_info_says_how_each_route_ended(application):
+    info = application.evaluate([MU[2]], [7]).infos[0]
+    assert info["weather"] == "ClearSunset"
+    assert info["parameters"]["camera_height_m"] == 2.0
+    assert info["endings"] == ["left_lane"] * 4 + ["arrived"]
+    assert info["progress"].tolist() == pytest.approx([0.499, 0.498, 0.534, 0.574, 1.0], abs=1e-3)
+
+
+def test_the_weather_is_one_of_six_by_equal_parts_of_the_axis(application):
+    places = np.linspace(-1, 1, 13, dtype=np.float32)[:-1] + 0.01
+    found = [application.world(np.array([0, 0, place], np.float32))[1] for place in places]
+    assert found == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    assert application.world(np.array([0, 0, 1], np.float32))[1] == 5
+
+
+def test_the_seed_is_the_rains(application):
+    def seen(weather, seed):
+        drives = application.drives(np.array([[0, 0, weather]], np.float32), [seed])
+        return drives.look(np.zeros(1, np.intp))
+
+    for weather, differs in zip(np.linspace(-0.9, 0.9, 6), (0, 0, 1, 0, 0, 1), strict=True):
+        assert bool((seen(weather, 1) != seen(weather, 2)).any()) == differs
+
+
+def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
+    counts = []
+    drive = DrivingApplication.drive
+
+    def counted(self, drives, watch=None):
+        counts.append(len(drives))
+        drive(self, drives, watch)
+
+    monkeypatch.setattr(DrivingApplication, "drive", counted)
+    wet = [0.0, 0.0, 0.9]
+    outcomes = application.evaluate([MU[0], wet, MU[0], wet], [1, 1, 2, 2])
+    assert counts == [15]
+    for i, (mu, seed) in enumerate([(MU[0], 1), (wet, 1), (MU[0], 2), (wet, 2)]):
+        alone = application.evaluate([mu], [seed])
+        assert alone.score[0] == outcomes.score[i]
+        assert alone.infos[0]["seed"] == outcomes.infos[i]["seed"] == seed
+        np.testing.assert_array_equal(alone.infos[0]["progress"], outcomes.infos[i]["progress"])
+
+
+def test_a_film_shows_every_step_and_how_each_drive_ended(application):
+    film = Film.of(application, MU[2], 7)
+    info = application.evaluate([MU[2]], [7]).infos[0]
+    assert film.score == info["score"]
+    assert [ending.name.lower() for ending in film.endings] == info["endings"]
+    frames = film.frames()
+    steps = sum(len(trace) for trace in film.traces)
+    assert len(frames) == steps + 4 * len(film.traces)  # a second's stay at each end
+    assert len({frame.shape for frame in frames}) == 1
+    first, last = frames[0].astype(int), frames[len(film.traces[0]) - 1].astype(int)
+    red = (last[..., 0] > 200) & (last[..., 1] < 60) & (last[..., 2] < 60)
+    assert red.sum() > 20  # the cross where it left its lane
+    assert (np.abs(first - last).max(axis=2) > 30).mean() > 0.2
+
+
+def test_an_unknown_task_lists_the_known_ones():
+    with pytest.raises(ValueError, match="a task among straight, one_curve, navigation, got 'car'"):
+        DrivingApplication("car")
+
+
+def test_an_agent_of_another_application_is_refused():
+    with pytest.raises(ValueError, match=r"an agent's name among cil.*, got 'photographer'"):
+        DrivingApplication(agent="photographer")
+    with pytest.raises(ValueError, match=r"got the file mine\.zip\. SB3's files hold pickles"):
+        DrivingApplication(agent="mine.zip")
+
+
+def test_a_driver_with_other_weights_is_refused(tmp_path, monkeypatch):
+    from sada_gym import agents
+
+    copy = tmp_path / "cil.zip"
+    copy.write_bytes(agents.card("cil").path.read_bytes() + b"more")
+    monkeypatch.setattr(agents.AgentCard, "path", property(lambda _: copy))
+    with pytest.raises(ValueError, match="the shipped weights were changed"):
+        DrivingApplication(agent="cil")
