@@ -32,7 +32,7 @@ BLOCK = 500
 CHUNK = 112
 SOBOL_SEED = 0
 SIZES = {"SADA-Detection": (20_000, 8)}
-OTHER_SIZE = (4_000, 8)
+OTHER_SIZE = (4_000, 3)
 
 
 class SharedRenderer:
@@ -93,6 +93,7 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tracks", nargs="*", default=list(tracks()))
+    parser.add_argument("--agents", nargs="*", help="of the tracks' applications; all by default")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--work", type=Path, default=Path("runs/reference-sets"))
     parser.add_argument("--out", type=Path, default=FOLDER)
@@ -102,7 +103,9 @@ def main() -> None:
         for track in arguments.tracks:
             name = make_application(track).name
             names, (points, _) = agents.names(name), SIZES.get(name, OTHER_SIZE)
-            paths = [arguments.work / f"{track}-{i}.npy" for i in range(-(-points // BLOCK))]
+            names = tuple(n for n in names if arguments.agents is None or n in arguments.agents)
+            stem = f"{track}-{'-'.join(names)}"
+            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(-(-points // BLOCK))]
             missing = [i for i, path in enumerate(paths) if not path.exists()]
             started = time.monotonic()
             futures = [pool.submit(evaluate_block, track, names, i, paths[i]) for i in missing]

@@ -51,9 +51,9 @@ def check_declaration(application: Application) -> str:
     return f"{len(application.parameters)} parameters: {', '.join(application.parameters.names)}."
 
 
-def check_outcomes(application: Application) -> str:
-    """Check scores, and infos: the same keys in each, their values finite and batchable."""
-    mu, seeds = draw_worlds(application, 32, seed=1)
+def check_outcomes(application: Application, *, n: int = 32) -> str:
+    """Check scores, and infos, of n worlds: the same keys, their values finite and batchable."""
+    mu, seeds = draw_worlds(application, n, seed=1)
     outcomes = application.evaluate(mu, seeds)
     first = _shape_of(outcomes.infos[0])
     for i, info in enumerate(outcomes.infos):
@@ -119,9 +119,9 @@ def check_live_parameters(application: Application) -> str:
     dimension = len(application.parameters)
     dead = set(range(dimension))
     pairs = 0
-    for attempt in range(4):
-        mu, seeds = draw_worlds(application, 32, seed=10 + attempt)
-        others, _ = draw_worlds(application, 32, seed=20 + attempt)
+    for attempt in range(16):
+        mu, seeds = draw_worlds(application, 8, seed=100 + attempt)
+        others, _ = draw_worlds(application, 8, seed=200 + attempt)
         score = application.evaluate(mu, seeds).score
         for axis in sorted(dead):
             moved = mu.copy()

@@ -191,7 +191,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
                     _cell(suite, table, target, contender, seed)
                     for table in tables
                     for contender in contenders
-                    if contender.adversary != IDEAL or usable
+                    if table.includes(contender) and (contender.adversary != IDEAL or usable)
                 )
                 name = target.application.agent_name
                 groups.append(Group(track, target.keywords, name, seed, cells))
@@ -220,8 +220,7 @@ def _targets(
     default, shipped = first.agent_name, agents.names(first.name)
     chosen, versions = dict[str, list[Table]](), packages()
     for table in suite.tables:
-        of_table = shipped if table.agents == "all" else ()
-        for agent in suite.agents or dict.fromkeys([default, *of_table]):
+        for agent in suite.agents or table.attacked(default, shipped):
             chosen.setdefault(agent, []).append(table)
     for agent, tables in chosen.items():
         keywords = {} if agent == default else {"agent": agent}

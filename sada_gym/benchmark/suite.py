@@ -89,7 +89,8 @@ class Table(Strict):
         budget: The rule.
         budget_of: Another rule for some applications, by name.
         samples: M; None takes each application's own.
-        agents: Whether to attack the default agent alone or all that are shipped.
+        agents: Whether to attack the default agent alone, all that are shipped, or the others.
+        contenders: Labels of those that take part; None for all of the suite's.
     """
 
     name: str
@@ -98,7 +99,19 @@ class Table(Strict):
     budget: Budget
     budget_of: dict[str, Budget] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=1)
-    agents: Literal["default", "all"] = "default"
+    agents: Literal["default", "all", "others"] = "default"
+    contenders: tuple[str, ...] | None = None
+
+    def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
+        """The agents to attack, of those that an application ships."""
+        others = [agent for agent in shipped if agent != default]
+        if self.agents == "others":
+            return others
+        return [default, *others] if self.agents == "all" else [default]
+
+    def includes(self, contender: Contender) -> bool:
+        """Whether a contender of the suite takes part."""
+        return self.contenders is None or contender.label in self.contenders
 
 
 class Suite(Strict):
@@ -172,6 +185,19 @@ _EQUAL_QUERIES = Table(
     budget=Budget(queries=2_000),
     agents="all",
 )
+_OTHER_AGENTS = Table(
+    name="other-agents",
+    title="Other agents",
+    note="The paper's budgets, one adversary or two of each kind, against the agents beside the "
+    "default.",
+    budget=_PAPER_BUDGETS.budget,
+    budget_of=_PAPER_BUDGETS.budget_of,
+    agents="others",
+    contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
+)
+_DRIVING_TRACKS = tuple(
+    f"SADA-Driving-{task}-v0" for task in ("Straight", "OneCurve", "Navigation")
+)
 _MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
 
 SUITES: tuple[Suite, ...] = (
@@ -187,6 +213,13 @@ SUITES: tuple[Suite, ...] = (
         tracks=_MAIN_TRACKS,
         tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
         contenders=CONTENDERS,
+    ),
+    Suite(
+        name="driving",
+        tracks=_DRIVING_TRACKS,
+        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
+        contenders=CONTENDERS,
+        seeds=3,
     ),
 )
 

@@ -70,7 +70,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", choices=list(RECIPES))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, help="fewer, to try the script out")
+    parser.add_argument(
+        "--steps", type=int, help="fewer, to try the script out: no card is written"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     arguments = parser.parse_args()
     recipe = RECIPES[arguments.name]
@@ -82,6 +84,9 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     weights = arguments.out / f"{arguments.name}.zip"
     model.save(weights)
+    if arguments.steps is not None:
+        print(f"a trial's weights: {weights}")
+        return
     text = table(measure(model, seed=arguments.seed + 1_000))
     print(text)
     card = arguments.out / f"{arguments.name}.md"
