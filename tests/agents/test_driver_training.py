@@ -14,7 +14,9 @@ from sada_gym.agents.driver.recipe import RECIPES, Imitation, Reinforcement
 from sada_gym.envs.driving.driver import Driver
 
 SHORT = Imitation(cars=4, rounds=2, steps=16, epochs=1, last_epochs=1, batch=8)
-SHORTER = Reinforcement(cars=2, steps=32, rollout=8, batch=8, epochs=1)
+SHORTER = Reinforcement(
+    begins_as=None, cars=2, steps=32, value_steps=0, rollout=8, batch=8, epochs=1
+)
 
 
 @pytest.mark.parametrize("recipe", [SHORT, SHORTER], ids=["imitation", "reinforcement"])
@@ -30,6 +32,17 @@ def test_a_training_moves_the_weights_that_it_is_to_move(recipe):
     moved = {name for name, value in after.items() if not torch.equal(value, before[name])}
     assert {"action_net.weight", "features_extractor.convolutions.0.weight"} <= moved
     assert ("log_std" in moved) == isinstance(recipe, Reinforcement)
+
+
+def test_a_warm_start_keeps_the_driver_until_values_are_known():
+    shipped = agents.load_driver("cil").policy.state_dict()
+    warm = replace(SHORTER, begins_as="cil", value_steps=100)
+    kept = train.train(warm, seed=0).policy.state_dict()
+    changed = train.train(replace(warm, value_steps=16, steps=64), seed=0).policy.state_dict()
+    name = "features_extractor.convolutions.0.weight"
+    assert torch.equal(kept[name], shipped[name])
+    assert not torch.equal(kept["value_net.weight"], shipped["value_net.weight"])
+    assert not torch.equal(changed[name], shipped[name])
 
 
 def test_a_trained_driver_is_saved_and_driven_again(tmp_path):
@@ -69,9 +82,9 @@ def test_a_card_names_command_file_and_figures(tmp_path):
 def test_the_shipped_driver_arrives_where_it_was_trained_for():
     """A small part of the model card's measurement; the card has ten starts a weather."""
     figures = measure(agents.load_driver("cil"), seed=5, starts=1, samples=4)
-    assert {task: (f.runs, f.arrived) for task, f in figures.items()} == {
-        task: (20, 20) for task in ("straight", "one_curve", "navigation")
-    }
+    assert {task: (f.runs, f.arrived) for task, f in figures.items()} == dict.fromkeys(
+        ("straight", "one_curve", "navigation"), (20, 20)
+    )
     assert all(f.unseen_runs == 10 and f.samples == 4 for f in figures.values())
 
 

@@ -52,8 +52,11 @@ class Reinforcement:
 
     Attributes:
         course: What is driven.
+        begins_as: The shipped driver whose weights it starts from; None: from scratch.
         cars: In lockstep.
         steps: In all.
+        value_steps: Steps at first in which the value alone is learnt, the driver being kept: an
+            imitator knows no values, and steps by wrong ones would spoil it.
         rollout: Steps of each car between two updates.
         batch: Rows of a gradient step.
         epochs: Passes over a rollout.
@@ -62,12 +65,14 @@ class Reinforcement:
     """
 
     course: Course = SETTING_OFF
+    begins_as: str | None = "cil"
     cars: int = 32
-    steps: int = 800_000
+    steps: int = 200_000
+    value_steps: int = 40_000
     rollout: int = 128
     batch: int = 512
     epochs: int = 4
-    rate: float = 3e-4
+    rate: float = 1e-4
     discount: float = 0.97
 
 

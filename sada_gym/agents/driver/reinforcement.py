@@ -1,15 +1,18 @@
-"""Reinforcement by SB3's PPO on the driving task, from scratch."""
+"""Reinforcement by SB3's PPO on the driving task."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from torch import nn
 
+from sada_gym import agents
 from sada_gym.agents.driver.network import new_model
 from sada_gym.agents.driver.recipe import Reinforcement
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
@@ -17,15 +20,25 @@ from sada_gym.generators import generators_kept
 from sada_gym.sb3 import SB3VecEnv
 
 
-class _Report(BaseCallback):
-    """Says now and then how the last drives went."""
+class _Lessons(BaseCallback):
+    """Keeps the driver as it is until values are known; says now and then how drives went.
 
-    def __init__(self) -> None:
+    Args:
+        kept: The driver's parameters.
+        value_steps: How long they are kept.
+    """
+
+    def __init__(self, kept: Sequence[nn.Parameter], value_steps: int) -> None:
         super().__init__()
+        self._kept, self._value_steps = kept, value_steps
         self._started = time.monotonic()
 
     def _on_step(self) -> bool:
         return True
+
+    def _on_rollout_start(self) -> None:
+        for parameter in self._kept:
+            parameter.requires_grad_(self.num_timesteps >= self._value_steps)
 
     def _on_rollout_end(self) -> None:
         episodes: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
@@ -38,7 +51,7 @@ class _Report(BaseCallback):
 
 
 def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
-    """Train a driver from nothing."""
+    """Train a driver from nothing, or from a shipped driver's weights."""
     cars = SB3VecEnv(DrivingTaskVectorEnv(settings.course, num_envs=settings.cars))
     env = VecNormalize(VecMonitor(cars), norm_obs=False, gamma=settings.discount)
     env.seed(seed)
@@ -53,7 +66,16 @@ def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
         ent_coef=0.0,
         target_kl=0.03,
     )
+    policy = model.policy
+    driver = [
+        *policy.features_extractor.parameters(),
+        *policy.action_net.parameters(),
+        policy.log_std,
+    ]
+    if settings.begins_as is not None:
+        known = agents.load_driver(settings.begins_as).policy.state_dict()
+        policy.load_state_dict(known | {"log_std": policy.log_std})
     with generators_kept():  # SB3 learns with the global ones
         model.set_random_seed(seed)
-        model.learn(settings.steps, callback=_Report())
+        model.learn(settings.steps, callback=_Lessons(driver, settings.value_steps))
     return model

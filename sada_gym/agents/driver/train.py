@@ -38,7 +38,7 @@ def write_card(path: Path, name: str, seed: int, minutes: float, weights: Path, 
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()
     how = "imitation of a privileged expert (DAgger)"
     if isinstance(RECIPES[name], Reinforcement):
-        how = "PPO, from scratch"
+        how = f"PPO on the driving task, from the weights of {recipe['begins_as'] or 'nothing'}"
     path.write_text(
         f"""# {name}
 
