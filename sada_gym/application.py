@@ -147,6 +147,22 @@ class Application(ABC):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
+    def feasible(
+        self,
+        mu: npt.ArrayLike,  # noqa: ARG002
+        seeds: Sequence[int],  # noqa: ARG002
+    ) -> npt.NDArray[np.bool_] | None:
+        """Say in which worlds a privileged agent is not fooled: there a failure is the agent's own.
+
+        Args:
+            mu: (n, d), values in [-1, 1].
+            seeds: n seeds.
+
+        Returns:
+            (n,), or None where no privileged agent is known, as by default.
+        """
+        return None
+
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw one frame of the world of mu, shape (d,), for a person to look at."""
         raise NotImplementedError(

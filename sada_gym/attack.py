@@ -28,6 +28,7 @@ from sada_gym.results import (
     Distances,
     TrainingReport,
     claim_folder,
+    feasible_rate,
     json_compatible,
     packages,
     write_folder,
@@ -131,7 +132,7 @@ def attack(
         )
         claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
-        result = _run(solver, evaluator, settings, folder, progress or _silent)
+        result = _run(solver, evaluator, application, settings, folder, progress or _silent)
         if pictures:
             result = _draw(result, application, progress or _silent)
         now = False
@@ -143,6 +144,7 @@ def attack(
 def _run(
     adversary: Adversary,
     evaluator: Evaluator,
+    application: Application,
     settings: AttackSettings,
     folder: Path,
     progress: AttackProgress,
@@ -173,7 +175,8 @@ def _run(
     test(mu)
 
     samples, queries = test.record, oracle.record
-    report = _report(settings, oracle.threshold, samples, queries, tuple(adversary.flags))
+    feasible = application.feasible(samples.mu, samples.seed.tolist())
+    report = _report(settings, oracle.threshold, samples, queries, tuple(adversary.flags), feasible)
     write_samples(folder / SAMPLES_FILE, samples)
     write_model(folder / RESULT_FILE, report)
 
@@ -246,6 +249,7 @@ def _report(
     samples: Evaluations,
     queries: Evaluations,
     flags: tuple[str, ...],
+    feasible: npt.NDArray[np.bool_] | None,
 ) -> AttackReport:
     rate = attack_fooling_rate(samples.score, threshold)
     fooling = queries.score <= threshold
@@ -272,6 +276,7 @@ def _report(
             "test_stream": "test",
         },
         flags=flags,
+        feasible=feasible_rate(samples.score <= threshold, feasible),
     )
 
 

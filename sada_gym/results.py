@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from sada_gym.oracle import Evaluations
@@ -99,6 +100,20 @@ class TrainingReport(Strict):
     mean_score: float | None
 
 
+class FeasibleRate(Strict):
+    """The attack fooling rate over those test samples whose worlds a privileged agent masters.
+
+    Attributes:
+        worlds: How many they are.
+        fooled: In how many of them the agent is fooled.
+        afr: The share; None where there are none.
+    """
+
+    worlds: int
+    fooled: int
+    afr: float | None
+
+
 class AttackReport(Strict):
     """The contents of result.json. No wall-clock times: a resumed run's file is the same.
 
@@ -115,6 +130,7 @@ class AttackReport(Strict):
         training: What training saw.
         seeds: How the seeds follow from the settings' one.
         flags: What the adversary says of its training, such as that no point fooled.
+        feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
 
     settings: AttackSettings
@@ -129,9 +145,25 @@ class AttackReport(Strict):
     training: TrainingReport
     seeds: dict[str, str | int]
     flags: tuple[str, ...]
+    feasible: FeasibleRate | None = None
 
 
 Model = TypeVar("Model", bound=Strict)
+
+
+def feasible_rate(
+    fooled: npt.NDArray[np.bool_], feasible: npt.NDArray[np.bool_] | None
+) -> FeasibleRate | None:
+    """Sum up `Application.feasible`.
+
+    Args:
+        fooled: (M,) which test samples fool the agent.
+        feasible: (M,) which of them a privileged agent masters; None where none is known.
+    """
+    if feasible is None:
+        return None
+    worlds, both = int(feasible.sum()), int((fooled & feasible).sum())
+    return FeasibleRate(worlds=worlds, fooled=both, afr=both / worlds if worlds else None)
 
 
 def packages() -> dict[str, str]:

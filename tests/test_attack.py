@@ -52,6 +52,23 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert report.settings.packages["numpy"] == np.__version__
 
 
+def test_the_rate_over_feasible_worlds_is_reported_where_it_is_known(tmp_path):
+    assert run(tmp_path / "unknown").report.feasible is None
+
+    class Known(Toy):
+        def feasible(self, mu, seeds):
+            assert len(mu) == len(seeds) == 30
+            return np.asarray(mu)[:, 0] > 0
+
+    result = attack(Known(), "random", samples=30, out=tmp_path / "known")
+    worlds = result.samples.mu[:, 0] > 0
+    fooled = result.samples.score <= 0.3
+    rate = result.report.feasible
+    assert 0 < rate.fooled < rate.worlds < 30
+    assert (rate.worlds, rate.fooled) == (worlds.sum(), (worlds & fooled).sum())
+    assert rate.afr == rate.fooled / rate.worlds
+
+
 def test_test_samples_see_seeds_that_training_never_used(tmp_path):
     result = run(tmp_path)
     assert result.queries.seed.tolist() == evaluation_seeds(3, "train", 0, 100)

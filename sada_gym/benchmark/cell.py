@@ -222,15 +222,16 @@ class CellWork:
     ) -> CellReport:
         measures = search = None
         if outcome is not None:
-            known = self._bench.fooling_set
+            known, samples = self._bench.fooling_set, outcome.samples
             measures = measure(
-                outcome.samples,
+                samples,
                 outcome.queries,
                 self._threshold,
                 fooling_set=known,
                 ideal=self._ideal,
                 images=images,
                 seed=self._cell.seed,
+                feasible=self._bench.application.feasible(samples.mu, samples.seed.tolist()),
             )
             search = follow_search(outcome.queries, self._threshold, fooling_set=known)
         return CellReport(

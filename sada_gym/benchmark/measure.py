@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
+import numpy.typing as npt
 
 from sada_gym.coverage import fooling_coverage, relative_coverage
 from sada_gym.metrics import attack_fooling_rate, mu_std
 from sada_gym.novelty import Neighbour, Neighbours, novelty, relative_novelty
 from sada_gym.oracle import Evaluations
 from sada_gym.parameters import Mu
-from sada_gym.results import Strict
+from sada_gym.results import FeasibleRate, Strict, feasible_rate
 from sada_gym.search import SearchPoint, anytime
 
 
@@ -71,6 +72,7 @@ class Measures(Strict):
         relative_coverage: Coverage over that of the ideal samples of the same seed.
         novelty: None without training queries.
         image_novelty: None where no images were compared.
+        feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
 
     afr: float
@@ -83,6 +85,7 @@ class Measures(Strict):
     relative_coverage: float | None
     novelty: MuNovelty | None
     image_novelty: ImageNovelty | None
+    feasible: FeasibleRate | None = None
 
 
 class SearchMark(Strict):
@@ -117,6 +120,7 @@ def measure(
     ideal: Evaluations | None,
     images: ImageNovelty | None,
     seed: int,
+    feasible: npt.NDArray[np.bool_] | None = None,
 ) -> Measures:
     """Measure an adversary's test samples.
 
@@ -128,6 +132,7 @@ def measure(
         ideal: M ideal samples, evaluated on the same seeds; None without a fooling set.
         images: What the comparison of images gave.
         seed: Fixes the draws of reference points.
+        feasible: (M,) which samples a privileged agent masters; None where none is known.
     """
     rate = attack_fooling_rate(samples.score, threshold)
     density = coverage = relative = None
@@ -149,6 +154,7 @@ def measure(
         relative_coverage=relative,
         novelty=_mu_novelty(samples, queries, ideal),
         image_novelty=images,
+        feasible=feasible_rate(samples.score <= threshold, feasible),
     )
 
 

@@ -95,6 +95,7 @@ class Row(Strict):
         novelty_ratio: That over the ideal samples'.
         novelty_fifth_ratio: The fifth percentiles' ratio.
         image_novelty_ratio: The images' median distance over that of ideal samples.
+        afr_feasible: The attack fooling rate over feasible worlds; None where they are not known.
     """
 
     table: str
@@ -118,6 +119,7 @@ class Row(Strict):
     novelty_ratio: float | None
     novelty_fifth_ratio: float | None
     image_novelty_ratio: float | None
+    afr_feasible: float | None = None
 
 
 class Results(Strict):
@@ -296,6 +298,7 @@ def _row(track: str | None, cells: Sequence[CellResult], every: set[tuple[str, i
         novelty_ratio=mean(runs(lambda m: m.novelty.ratio if m.novelty else None)),
         novelty_fifth_ratio=mean(runs(lambda m: m.novelty.fifth_ratio if m.novelty else None)),
         image_novelty_ratio=mean(images),
+        afr_feasible=mean(runs(lambda m: m.feasible.afr if m.feasible else None)),
     )
 
 

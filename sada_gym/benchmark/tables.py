@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,9 @@ _LEGEND = """\
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `archive` are controls and have none.
 """
+_FEASIBLE_LEGEND = """\
+- AFR, feasible: the AFR over those samples whose worlds a privileged agent masters.
+"""
 
 
 def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path:
@@ -48,8 +51,11 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    yield from ("# Benchmark results", "", _LEGEND, "")
+    feasible = any(row.afr_feasible is not None for row in results.rows)
+    yield from ("# Benchmark results", "", _LEGEND + _FEASIBLE_LEGEND * feasible, "")
     titles = {table.name: table for table in results.settings.tables}
+    for table in dict.fromkeys(table for table, _ in results.comparisons()):
+        yield from _table_1(results, table, titles[table].title)
     for table, agent in results.comparisons():
         rows = results.rows_of(table, agent, None)
         against = f", {agent}" if agent else ""
@@ -60,7 +66,9 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
             "",
         )
         yield from _measures(rows, _fronts(results, table, agent))
-        yield from _like_the_paper(results, table, agent)
+        yield from _like_the_paper(
+            results, table, dict.fromkeys(_of_tracks(results, table, agent), agent)
+        )
         yield from _by_track(results, table, agent)
         yield from _coverage_by_track(results, table, agent)
     yield from _targets(results)
@@ -101,6 +109,7 @@ def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
 
 
 def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
+    feasible = any(row.afr_feasible is not None for row in rows)
     columns = (
         "adversary",
         "AFR, %",
@@ -116,6 +125,7 @@ def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
         "novelty",
         "novelty / ideal",
         "image novelty / ideal",
+        *(("AFR, feasible, %",) if feasible else ()),
         "runs",
     )
     yield from _head(columns)
@@ -137,39 +147,90 @@ def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
             _number(row.novelty, 3),
             _number(row.novelty_ratio, 2),
             _number(row.image_novelty_ratio, 2),
+            *((_percent(row.afr_feasible),) if feasible else ()),
             runs if row.complete else f"{runs} (incomplete)",
         )
     yield ""
 
 
-def _like_the_paper(results: Results, table: str, agent: str) -> Iterator[str]:
-    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's."""
-    ours = _of_tracks(results, table, agent)
-    columns = [
+def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
+    """All applications in one table, each by its default agent; none where there is but one."""
+    applications = dict.fromkeys(target.application for target in results.targets)
+    if len(applications) == 1:
+        return
+    agent_of: dict[str, str] = {}
+    for cell in results.cells:  # in the order of the shipped agents: the default one first
+        if cell.table == table:
+            agent_of.setdefault(cell.track, cell.agent)
+    yield from (f"## {title}: all applications", "")
+    yield "Agents: " + ", ".join(dict.fromkeys(agent_of.values())) + "."
+    yield ""
+    yield from _like_the_paper(results, table, agent_of)
+    yield from _paper_coverage(results, table, agent_of)
+
+
+def _paper_columns(tracks: Collection[str]) -> list[str]:
+    """The columns of the paper's Table 1 that tracks fill."""
+    return [
         title
         for title, track in paper.TABLE_1_COLUMNS.items()
-        if (track in ours if track else ours.keys() >= _CLASSES.keys())
+        if (track in tracks if track else set(tracks) >= _CLASSES.keys())
     ]
+
+
+def _paper_tracks(title: str) -> list[str]:
+    track = paper.TABLE_1_COLUMNS[title]
+    return list(_CLASSES) if track is None else [track]
+
+
+def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's.
+
+    Args:
+        results: What to tell.
+        table: The table's name.
+        agent_of: The agent that was attacked on each track.
+    """
+    columns = _paper_columns(agent_of)
     if not columns:
         return
+    ours = {track: results.rows_of(table, agent, track) for track, agent in agent_of.items()}
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
     yield from _head(("adversary", *columns))
-    for label in (paper.FULL_SET, *_labels(results, table, agent)):
+    for label in (paper.FULL_SET, *_labels(results, table, agent_of.values())):
         cells = []
         for title in columns:
-            track = paper.TABLE_1_COLUMNS[title]
-            tracks = list(_CLASSES) if track is None else [track]
-            value = _mean([_afr(results, ours[name], name, agent, label) for name in tracks])
-            best = track is not None and _best(ours[track], label)
+            tracks = _paper_tracks(title)
+            value = _mean([_afr(results, ours[t], t, agent_of[t], label) for t in tracks])
+            best = len(tracks) == 1 and _best(ours[tracks[0]], label)
             cells.append(_pair(value, paper.table_1(label, title), bold=best))
         yield _line(label, *cells)
     yield ""
     yield (
         "Bold: rank 1 on this track, shared or not. The paper attacked other agents in other "
-        "worlds (YOLOv3 in Blender), and its rates are the best of many settings chosen on the "
-        "test samples: compare orders, not numbers. Full set: the rate of uniform points, here "
-        "from the reference set."
+        "worlds (YOLOv3 in Blender, a driver in CARLA, a pilot in Sim4CV), and its rates are the "
+        "best of many settings chosen on the test samples: compare orders, not numbers. Full set: "
+        "the rate of uniform points, here from the reference set."
     )
+    yield ""
+
+
+def _paper_coverage(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+    """The coverage in the columns of the paper's Table 1, which has none."""
+    columns = _paper_columns(agent_of)
+    found = {
+        (track, row.label): row.relative_coverage.value
+        for track, agent in agent_of.items()
+        for row in results.rows_of(table, agent, track)
+        if row.relative_coverage
+    }
+    if not columns or not found:
+        return
+    yield from ("### The same columns: coverage / ideal, %", "")
+    yield from _head(("adversary", *columns))
+    for label in _labels(results, table, agent_of.values()):
+        values = [_mean([found.get((t, label)) for t in _paper_tracks(title)]) for title in columns]
+        yield _line(label, *map(_percent, values))
     yield ""
 
 
@@ -183,7 +244,7 @@ def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
     average = paper.AVERAGE if set(ours) == set(_CLASSES) else f"mean of {_tracks(len(ours))}"
     yield from _head(("adversary", *map(short_name, ours), average, "μ_std"))
     overall = {row.label: row for row in results.rows_of(table, agent, None)}
-    for label in (paper.FULL_SET, *_labels(results, table, agent)):
+    for label in (paper.FULL_SET, *_labels(results, table, [agent])):
         theirs = paper.class_row(label)
         values = {track: _afr(results, rows, track, agent, label) for track, rows in ours.items()}
         cells = [
@@ -217,7 +278,7 @@ def _coverage_by_track(results: Results, table: str, agent: str) -> Iterator[str
     kind = "class" if set(figures) <= set(_CLASSES) else "track"
     yield from (f"### By {kind}: coverage / ideal, %", "")
     yield from _head(("adversary", *map(short_name, figures), f"mean of {_tracks(len(figures))}"))
-    for label in _labels(results, table, agent):
+    for label in _labels(results, table, [agent]):
         found = [of_track.get(label) for of_track in figures.values()]
         values = [one.value if one else None for one in found]
         yield _line(label, *map(_percent, values), _percent(_mean(values)))
@@ -269,8 +330,10 @@ def _of_tracks(results: Results, table: str, agent: str) -> dict[str, list[Row]]
     return {track: of_track for track, of_track in rows.items() if of_track}
 
 
-def _labels(results: Results, table: str, agent: str) -> list[str]:
-    return [row.label for row in results.rows_of(table, agent, None)]
+def _labels(results: Results, table: str, agents: Iterable[str]) -> list[str]:
+    return list(
+        dict.fromkeys(row.label for agent in agents for row in results.rows_of(table, agent, None))
+    )
 
 
 def _afr(results: Results, rows: Sequence[Row], track: str, agent: str, label: str) -> float | None:

@@ -126,6 +126,12 @@ def _summarise(result: Any) -> None:
     table.add_row(
         "attack fooling rate", f"[bold]{rate}[/], {rate.fooled} of {rate.samples} samples"
     )
+    if report.feasible is not None and report.feasible.afr is not None:
+        table.add_row(
+            "over feasible worlds",
+            f"{report.feasible.afr:.1%}".replace("%", " %")
+            + f", {report.feasible.fooled} of {report.feasible.worlds} samples",
+        )
     if report.training.queries:
         table.add_row(
             "in training",

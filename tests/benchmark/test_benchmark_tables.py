@@ -7,12 +7,24 @@ from sada_gym.benchmark.plan import ReferenceMark
 from sada_gym.benchmark.results import CellResult, Results, Target, _rows
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.benchmark.tables import short_name, write_tables
+from sada_gym.results import FeasibleRate
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
 
 
-def cell(track, label, fooled, *, seed=0, flags=(), error=None, relative=0.75):
+def cell(
+    track,
+    label,
+    fooled,
+    *,
+    seed=0,
+    flags=(),
+    error=None,
+    relative=0.75,
+    agent="photographer",
+    feasible=None,
+):
     measures = Measures(
         afr=fooled / 250,
         afr_interval_95=(0.0, 1.0),
@@ -24,11 +36,12 @@ def cell(track, label, fooled, *, seed=0, flags=(), error=None, relative=0.75):
         relative_coverage=relative,
         novelty=None,
         image_novelty=None,
+        feasible=feasible,
     )
     return CellResult(
         table="t",
         track=track,
-        agent="photographer",
+        agent=agent,
         label=label,
         seed=seed,
         adversary=label,
@@ -48,8 +61,8 @@ def report(tmp_path, cells, notes=()):
     targets = tuple(
         Target(
             track=track,
-            agent="photographer",
-            application="SADA-Detection",
+            agent=agent,
+            application=track.rpartition("-")[0].rpartition("-")[0],
             version=0,
             application_settings={},
             fingerprint="abc",
@@ -57,7 +70,7 @@ def report(tmp_path, cells, notes=()):
             reference=mark,
             seeds=(0,),
         )
-        for track in dict.fromkeys(c.track for c in cells)
+        for track, agent in dict.fromkeys((c.track, c.agent) for c in cells)
     )
     settings = BenchmarkSettings(tables=(TABLE,), packages={"numpy": "2.0"})
     results = Results(
@@ -111,6 +124,43 @@ def test_the_measures_stand_with_intervals_and_ranks(whole):
     assert sada[1:3] == [f"96.0 ({low:.1f} to {high:.1f})", "1"]
     assert sada[4:6] == ["75.0", ""]  # one seed a track tells of no interval
     assert sada[-1] == "12"
+
+
+def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
+    driving = "SADA-Driving-OneCurve-v0"
+    agents = [(TRACKS[2], "photographer"), (TRACKS[2], "surveyor"), (driving, "cil")]
+    cells = [
+        cell(track, label, fooled + 5 * (agent == "surveyor"), agent=agent, relative=relative)
+        for track, agent in agents
+        for label, fooled, relative in (("random", 100, 0.5), ("bbgan", 200, 0.9))
+    ]
+    text, _ = report(tmp_path, cells)
+    [section] = [title for title in text.splitlines() if title.endswith("all applications")]
+    assert section == "## A table: all applications"
+    whole = text.partition(section)[2].partition("\n## ")[0]
+    assert "Agents: photographer, cil." in whole
+    header = ["adversary", "Bicycle", "One Curve"]
+    assert line(whole, "Beside the paper's Table 1", "adversary") == header
+    assert line(whole, "Beside the paper's Table 1", "bbgan") == [
+        "bbgan",
+        "**80.0** / 44.0",
+        "**80.0** / 98.0",
+    ]
+    assert line(whole, "The same columns: coverage", "adversary") == header
+    assert line(whole, "The same columns: coverage", "random") == ["random", "50.0", "50.0"]
+
+
+def test_one_application_has_no_such_table(whole):
+    assert "all applications" not in whole[0]
+
+
+def test_the_rate_over_feasible_worlds_has_a_column_where_it_is_known(tmp_path, whole):
+    assert "feasible" not in whole[0]
+    half = FeasibleRate(worlds=200, fooled=80, afr=0.4)
+    text, _ = report(tmp_path, [cell(TRACKS[0], "random", 100, feasible=half)])
+    at = line(text, "### All measures", "adversary").index("AFR, feasible, %")
+    assert line(text, "### All measures", "random")[at] == "40.0"
+    assert "- AFR, feasible: the AFR over those" in text
 
 
 def test_fewer_classes_are_no_12_class_average(tmp_path):
