@@ -19,6 +19,21 @@ def test_paths_are_those_of_highway_envs_vehicle():
     np.testing.assert_allclose(states, theirs, rtol=0, atol=1e-9)
 
 
+def test_nobody_drives_much_faster_than_highway_env_lets_them():
+    states = np.array([[0.0, 0.0, 0.1, 39.5], [0.0, 9.0, 0.0, 44.0]])
+    vehicles = [Vehicle(None, [x, y], heading, speed) for x, y, heading, speed in states]
+    fastest = 0.0
+    for _ in range(300):
+        drive(states, np.full(2, 0.01), np.full(2, 5.0), 1 / 15, 1)
+        for vehicle in vehicles:
+            vehicle.act({"steering": 0.01, "acceleration": 5.0})
+            vehicle.step(1 / 15)
+        fastest = states[:, 3].max()
+    theirs = [[*v.position, v.heading, v.speed] for v in vehicles]
+    np.testing.assert_allclose(states, theirs, rtol=0, atol=1e-9)
+    assert fastest < 40.5
+
+
 def test_brakes_stop_a_car_and_do_not_reverse_it():
     states = np.array([[0.0, 0.0, 0.0, 3.0]])
     drive(states, np.zeros(1), np.full(1, -5.0), 1 / 15, 30)
