@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from sada_gym.envs.uav import drawing
 from sada_gym.envs.uav.gates import BARS, DEPTH_M
@@ -65,6 +66,26 @@ class Camera:
             pictures, gates, poses, keys, self._mount, self.pixel, BARS, DEPTH_M, self._field
         )
         return pictures
+
+    def project(
+        self, pose: npt.NDArray[np.float64], points: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """Where in the picture of a pose (7,) points (k, 3) are: (k, 2) columns and rows.
+
+        NaN where a point is behind the camera.
+        """
+        tilt, forward, up = self._mount
+        turn = Rotation.from_quat(pose[3:7])
+        eye = pose[:3] + turn.apply([forward, 0.0, up])
+        x, y, z = turn.inv().apply(points - eye).T
+        depth = np.cos(tilt) * x + np.sin(tilt) * z
+        down = np.sin(tilt) * x - np.cos(tilt) * z
+        depth = np.where(depth > 0, depth, np.nan)
+        middle = np.array([self.columns, self.rows]) / 2
+        place: npt.NDArray[np.float64] = middle + np.stack([-y, down], axis=1) / (
+            depth[:, None] * self.pixel
+        )
+        return place
 
 
 @cache

@@ -6,6 +6,7 @@ from sada_gym.envs.uav.camera import COLUMNS, FORWARD_M, ROWS, TILT_DEG, UP_M, C
 from sada_gym.envs.uav.gates import BARS, CENTRE_HEIGHT_M, OPENING_WIDTH_M
 
 FINE = Camera(240, 320)
+EYE = np.array([FORWARD_M, 0.0, UP_M])
 
 
 def pose(x=0.0, y=0.0, z=CENTRE_HEIGHT_M, *, yaw=0.0, pitch=0.0, roll=0.0):
@@ -68,19 +69,24 @@ def test_a_gate_stands_where_a_pinhole_sees_it():
     for x, y, yaw in ((8.0, 1.5, 0.0), (6.0, -2.0, 10.0), (14.0, 3.0, -8.0)):
         rows, columns = np.nonzero(reddish(look(pose(yaw=yaw), [gate(x, y)])[0]))
         turn = Rotation.from_euler("z", -yaw, degrees=True)
-        eye = np.array([FORWARD_M, 0.0, CENTRE_HEIGHT_M + UP_M])
-        seen = []
+        seen, corners = [], []
         for bar_y, bar_z, half_y, half_z in BARS:
             for side in (-1, 1):
                 for rise in (-1, 1):
-                    corner = [x - 0.15, y + bar_y + side * half_y, 2 + bar_z + rise * half_z]
-                    ahead, left, up = turn.apply(corner) - eye
+                    corners.append([x - 0.15, y + bar_y + side * half_y, 2 + bar_z + rise * half_z])
+                    ahead, left, up = turn.apply(corners[-1] - np.array([0, 0, 2])) - EYE
                     depth = np.cos(tilt) * ahead + np.sin(tilt) * up
                     down = np.sin(tilt) * ahead - np.cos(tilt) * up
-                    seen.append([120 + down / depth / FINE.pixel, 160 - left / depth / FINE.pixel])
+                    seen.append([160 - left / depth / FINE.pixel, 120 + down / depth / FINE.pixel])
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
-        assert [rows.min(), columns.min()] == pytest.approx(low, abs=1.5)
-        assert [rows.max() + 1, columns.max() + 1] == pytest.approx(high, abs=1.5)
+        assert [columns.min(), rows.min()] == pytest.approx(low, abs=1.5)
+        assert [columns.max() + 1, rows.max() + 1] == pytest.approx(high, abs=1.5)
+        projected = FINE.project(np.array(pose(yaw=yaw)), np.array(corners))
+        np.testing.assert_allclose(projected, seen, atol=1e-6)
+
+
+def test_what_is_behind_has_no_place():
+    assert np.isnan(FINE.project(np.array(pose()), np.array([[-3.0, 0.0, 2.0]]))).all()
 
 
 def test_the_opening_shows_what_lies_behind():
