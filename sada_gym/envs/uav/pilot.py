@@ -11,17 +11,19 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.envs.uav.camera import Pictures, camera
+from sada_gym.envs.uav.guidance import SPEED_M_S, steer
 from sada_gym.threads import one_thread
 
 if TYPE_CHECKING:
     from sada_gym.agents.pilot.network import WaypointNetwork
+    from sada_gym.envs.uav.races import Races
 
 TILE = 8
 """The network always sees this many pictures at once, padded: a batch of another size would give
 other last bits, and a closed loop makes another flight of them."""
 
-SPEED_M_S, TURN_RAD_S = 10.0, 5.0
-"""The units of the drone's own motion."""
+UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
+"""Of the drone's own motion."""
 REACH_M = 10.0
 """The unit of the network's waypoints."""
 
@@ -45,6 +47,13 @@ class WaypointPilot:
     def fingerprint(self) -> str | None:
         """SHA-256 over the network's weights."""
         return agents.fingerprint(self.network)
+
+    def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
+        """Choose actions (n, 4) for some of the drones."""
+        looks = [races.starts[i].seed for i in which.tolist()]
+        seen = self.waypoints(races.gates[which], races.states[which], looks)
+        actions: Floats = steer(seen, SPEED_M_S)
+        return actions
 
     def waypoints(self, gates: Floats, poses: Floats, looks: npt.ArrayLike) -> Floats:
         """Where n drones see their next gates.
@@ -127,8 +136,8 @@ def _feel(poses: Floats, felt: npt.NDArray[np.float32]) -> None:
         speed, turn = poses[i, 7:10], poses[i, 10:13]
         for k in range(3):
             felt[i, k] = axes[k, 2]
-            felt[i, 3 + k] = _along(axes, k, speed[0], speed[1], speed[2]) / SPEED_M_S
-            felt[i, 6 + k] = _along(axes, k, turn[0], turn[1], turn[2]) / TURN_RAD_S
+            felt[i, 3 + k] = _along(axes, k, speed[0], speed[1], speed[2]) / UNIT_M_S
+            felt[i, 6 + k] = _along(axes, k, turn[0], turn[1], turn[2]) / UNIT_RAD_S
 
 
 @_kernel

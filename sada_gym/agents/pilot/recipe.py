@@ -1,0 +1,62 @@
+"""How the shipped pilots are trained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MILD = 0.25
+"""The largest displacement of an anchor on the tracks of the training, as a share of its range."""
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """Settings of an imitation by DAgger.
+
+    Attributes:
+        drones: In lockstep.
+        rounds: Of flying and fitting; the reference flies the first.
+        steps: Gathered in a round.
+        epochs: Of fitting after a round.
+        last_epochs: Of fitting after the last.
+        batch: Rows of a gradient step.
+        rate: Highest learning rate of each fitting's one-cycle schedule (Adam).
+        light_jitter: How much each training picture's brightness and tint are changed.
+    """
+
+    drones: int = 48
+    rounds: int = 6
+    steps: int = 9_600
+    epochs: int = 2
+    last_epochs: int = 8
+    batch: int = 128
+    rate: float = 1.5e-3
+    light_jitter: float = 0.15
+
+
+@dataclass(frozen=True)
+class Reinforcement:
+    """Settings of a training by PPO (Schulman et al. 2017).
+
+    Attributes:
+        drones: In lockstep.
+        steps: In all.
+        rollout: Steps of each drone between two updates.
+        batch: Rows of a gradient step.
+        epochs: Passes over a rollout.
+        rate: Of learning at the beginning; it falls to nothing.
+        discount: Of a reward one step later.
+    """
+
+    drones: int = 32
+    steps: int = 600_000
+    rollout: int = 128
+    batch: int = 512
+    epochs: int = 8
+    rate: float = 5e-4
+    discount: float = 0.97
+
+
+RECIPES: dict[str, Imitation | Reinforcement] = {
+    "waypoint-pid": Imitation(),
+    "ppo": Reinforcement(),
+}
