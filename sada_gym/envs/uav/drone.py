@@ -1,16 +1,15 @@
 """A racing quadrotor as a rigid body in PyBullet, many at once, with its flight controller.
 
-Body frame: x forward, y left, z up. Mass, inertia, the rotors' places and the thrust-to-weight ratio
-are those of the racing drone of gym-pybullet-drones (Panerati et al. 2021, `racer.urdf`). The
-controller is geometric (Lee, Leok, McClamroch 2010): wanted velocity ->
-acceleration -> attitude -> body rates -> rotors, at 240 Hz.
+Body frame: x forward, y left, z up. Mass, inertia, the rotors' places and the thrust-to-weight
+ratio are those of the racing drone of gym-pybullet-drones (Panerati et al. 2021, `racer.urdf`). The
+controller is geometric (Lee, Leok, McClamroch 2010): wanted velocity -> acceleration -> attitude ->
+body rates -> rotors, at 240 Hz.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numba as nb
 import numpy as np
@@ -39,7 +38,7 @@ BODY_M = (0.24, 0.20, 0.06)
 RESTITUTION, FRICTION = 0.6, 0.3
 
 MAX_TILT_RAD = math.radians(60.0)
-VELOCITY_GAIN_PER_S = 4.0
+VELOCITY_GAIN_PER_S = 5.0
 ATTITUDE_GAIN_PER_S = 10.0
 RATE_GAIN_PER_S = 22.0
 MAX_CLIMB_M_S2, MAX_SINK_M_S2 = 10.0, 6.0

@@ -1,9 +1,9 @@
 """Many races in lockstep: drones on tracks, which gates they pass, and how the others were missed.
 
 A gate is passed when the drone crosses its opening, in the gate's direction and in the gates'
-order. Where that takes longer than `GATE_LIMIT_S`, or the drone is lost (upside down, out of the
-world, or told something that is no number), the gate is missed: the drone is set at rest into that
-gate, and the race goes on to the one after it.
+order. Where that takes longer than `GATE_LIMIT_S`, or the drone is lost (on its back on the ground,
+out of the world, or told something that is no number), the gate is missed: the drone is set at rest
+into that gate, and the race goes on to the one after it.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ POLICY_HZ = 20
 GATE_LIMIT_S = 10.0
 WORLD_M, CEILING_M = 80.0, 15.0
 """A drone further from the middle, or higher, is lost."""
+FALLEN_M = 0.5
+"""A drone that is lower and upside down is lost."""
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -312,14 +314,14 @@ def _referee(
 
 @_kernel
 def _lost(states: Array) -> npt.NDArray[np.bool_]:
-    """Which drones are upside down, out of the world or no numbers."""
+    """Which drones are on their backs, out of the world or no numbers."""
     lost = np.empty(len(states), np.bool_)
     for i in range(len(states)):
         s = states[i]
         at_home = abs(s[0]) < WORLD_M and abs(s[1]) < WORLD_M and -1.0 < s[2] < CEILING_M
-        upside_up = rotation(s[3], s[4], s[5], s[6])[2, 2] > 0.0
+        fallen = s[2] < FALLEN_M and rotation(s[3], s[4], s[5], s[6])[2, 2] < 0.0
         sane = True
         for k in range(7, 13):
             sane = sane and math.isfinite(s[k])
-        lost[i] = not (at_home and upside_up and sane)
+        lost[i] = fallen or not (at_home and sane)
     return lost
