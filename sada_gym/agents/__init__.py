@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sada_gym.generators import generators_kept
+
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
@@ -61,18 +63,19 @@ def names(application: str | None = None) -> tuple[str, ...]:
     return tuple(a.name for a in AGENTS if application in (None, a.application))
 
 
-def card(name: str) -> AgentCard:
+def card(name: str, application: str | None = None) -> AgentCard:
     """A shipped agent by name.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If there is none of that name, or it serves another application.
     """
+    known = names(application)
     for agent in AGENTS:
-        if agent.name == name:
+        if agent.name == name in known:
             return agent
-    close = difflib.get_close_matches(name, names(), n=1)
+    close = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise ValueError(f"Expected an agent's name among {', '.join(names())}, got {name!r}.{hint}")
+    raise ValueError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")
 
 
 def load_detector(agent: str | Path) -> Detector:
@@ -85,7 +88,7 @@ def load_detector(agent: str | Path) -> Detector:
     from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
     if isinstance(agent, str) and not agent.endswith(".safetensors"):
-        shipped = card(agent)
+        shipped = card(agent, "SADA-Detection")
         verify(shipped)
         return load(shipped.path, CLASSES)
     if not Path(agent).is_file():
@@ -109,9 +112,10 @@ def load_driver(agent: str) -> BaseAlgorithm:
             f"{agent}. SB3's files hold pickles, which can run code: load one that you trust "
             "yourself, and pass the model, agent=PPO.load(file)."
         )
-    shipped = card(agent)
+    shipped = card(agent, "SADA-Driving")
     verify(shipped)
-    return PPO.load(shipped.path, device="cpu")
+    with generators_kept():
+        return PPO.load(shipped.path, device="cpu")
 
 
 def verify(agent: AgentCard) -> None:

@@ -14,6 +14,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, validate_seeds
+from sada_gym.envs.checks import (
+    checked_num_envs,
+    checked_render_mode,
+    reset_mask,
+    spread_seeds,
+    warn_without_render_mode,
+)
 
 Observation = npt.NDArray[np.float32]
 
@@ -65,7 +72,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     ) -> None:
         self.application = application
         self.horizon = _checked_horizon(horizon)
-        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.action_space, self.observation_space = _spaces(application)
         self._episodes = _Episodes(application, horizon, count=1)
 
@@ -93,7 +100,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     def render(self) -> Frame | None:
         """Draw the last evaluation, or after `reset` the world at mu = 0."""
         if self.render_mode is None:
-            _warn_without_render_mode()
+            warn_without_render_mode()
             return None
         return self._episodes.render(0)
 
@@ -134,12 +141,10 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
         horizon: int = 1,
         render_mode: str | None = None,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"Expected at least one environment, got num_envs={num_envs}.")
         self.application = application
-        self.num_envs = num_envs
+        self.num_envs = checked_num_envs(num_envs)
         self.horizon = _checked_horizon(horizon)
-        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.single_action_space, self.single_observation_space = _spaces(application)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -163,8 +168,8 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
             seed: An int (environment i gets seed + i) or a sequence of one seed an environment.
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
-        seeds = self._spread(seed)
-        for i in self._masked(options):
+        seeds = spread_seeds(seed, self.num_envs)
+        for i in reset_mask(options, self.num_envs):
             given = seeds[i]
             if given is not None:
                 self._generators[i] = seeding.np_random(given)[0]
@@ -200,7 +205,7 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
     def render(self) -> tuple[Frame, ...] | None:
         """Draw each environment's last evaluation, or after `reset` its world at mu = 0."""
         if self.render_mode is None:
-            _warn_without_render_mode()
+            warn_without_render_mode()
             return None
         return tuple(self._episodes.render(i) for i in range(self.num_envs))
 
@@ -214,30 +219,6 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
 
     def _next_seed(self, index: int) -> int:
         return _draw_seed(self._generators[index])
-
-    def _spread(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            seed = [int(seed) + i for i in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(
-                f"Expected {self.num_envs} seeds, one for each environment, got {len(seed)}. "
-                "Pass an int to have them counted up from it."
-            )
-        return [None if one is None else validate_seeds([one], 1)[0] for one in seed]
-
-    def _masked(self, options: dict[str, Any] | None) -> Sequence[int]:
-        mask = (options or {}).get("reset_mask")
-        if mask is None:
-            return range(self.num_envs)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ValueError(
-                f"Expected reset_mask of shape ({self.num_envs},) and dtype bool, "
-                f"got {mask.shape} and {mask.dtype}."
-            )
-        return [int(i) for i in np.flatnonzero(mask)]
 
 
 class _Episodes:
@@ -314,16 +295,3 @@ def _checked_horizon(horizon: int) -> int:
     if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
         raise ValueError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
     return horizon
-
-
-def _checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
-    if render_mode is not None and render_mode not in known:
-        raise ValueError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
-    return render_mode
-
-
-def _warn_without_render_mode() -> None:
-    gym.logger.warn(
-        "render() draws nothing without a render mode. Make the environment with "
-        "render_mode='rgb_array'."
-    )

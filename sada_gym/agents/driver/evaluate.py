@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
+from sada_gym.agents.wrappers import Acting
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera import Mount, camera
-from sada_gym.envs.driving.driver import DriverLike
 from sada_gym.envs.driving.drives import Drives, Ending, Start
 from sada_gym.envs.driving.tasks import LAYOUT, TASKS
 from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS
@@ -45,7 +45,7 @@ class TaskFigures:
 
 
 def measure(
-    driver: DriverLike, *, seed: int, starts: int = 10, samples: int = 500
+    driver: Acting, *, seed: int, starts: int = 10, samples: int = 500
 ) -> dict[str, TaskFigures]:
     """Measure a driver on every task.
 

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
+from sada_gym.agents.wrappers import Acting
 from sada_gym.application import Application, Frame, Scored
 from sada_gym.envs.driving.camera import Mount, camera
-from sada_gym.envs.driving.driver import Driver, DriverLike
+from sada_gym.envs.driving.driver import Driver
 from sada_gym.envs.driving.drives import Drives, Ending, Start
 from sada_gym.envs.driving.tasks import LAYOUT, task_routes
 from sada_gym.envs.driving.weather import NAMES
@@ -43,7 +44,7 @@ class DrivingApplication(Application):
         self,
         task: str = "navigation",
         *,
-        agent: str | DriverLike = "cil",
+        agent: str | Acting = "cil",
         agent_id: str | None = None,
     ) -> None:
         self.task, self.routes = task, task_routes(task)

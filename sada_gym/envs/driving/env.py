@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from sada_gym.agents.wrappers import Acting
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
-from sada_gym.envs.driving.driver import DriverLike
 
 
 class DrivingEnv(AdversaryEnv):
@@ -60,7 +60,7 @@ class DrivingEnv(AdversaryEnv):
         self,
         task: str = "navigation",
         *,
-        agent: str | DriverLike = "cil",
+        agent: str | Acting = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
@@ -77,7 +77,7 @@ class DrivingVectorEnv(AdversaryVectorEnv):
         task: str = "navigation",
         *,
         num_envs: int = 1,
-        agent: str | DriverLike = "cil",
+        agent: str | Acting = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,

@@ -593,8 +593,8 @@ def draw_all(
 
     rays (m, h, w, 4): forward and right share of each pixel's azimuth, slope, and its plane;
     rays_of (n,) which of them each camera has; poses (n, 4): the cars' x, y and heading, and
-    the cameras' height; ahead: from a car's middle to its camera; weathers (n, 22); shades (k, ...) where the sun reaches the ground, shade_of (n,) which of them; keys
-    (n,) fix the rain.
+    the cameras' height; ahead: from a car's middle to its camera; weathers (n, 22); shades
+    (k, ...) where the sun reaches the ground, shade_of (n,) which of them; keys (n,) fix the rain.
     """
     hits = np.empty((planes, MOST_HITS, 4))
     counts = np.zeros(planes, np.int64)

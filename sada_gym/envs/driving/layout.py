@@ -62,3 +62,5 @@ TRAINING = _grid(
     A3=(-4, 222), B3=(84, 230), C3=(150, 220), D3=(238, 234), E3=(326, 224),
     A4=(2, 310), B4=(74, 300), C4=(166, 314), D4=(244, 302), E4=(318, 312),
 )  # fmt: skip
+
+LAYOUTS = {layout.name: layout for layout in (BENCHMARK, TRAINING)}

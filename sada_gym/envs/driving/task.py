@@ -16,6 +16,14 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import Frame
+from sada_gym.envs.checks import (
+    checked_actions,
+    checked_num_envs,
+    checked_render_mode,
+    reset_mask,
+    spread_seeds,
+    warn_without_render_mode,
+)
 from sada_gym.envs.driving.camera import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.drives import (
@@ -89,7 +97,7 @@ class DrivingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        self.render_mode = _checked_render_mode(render_mode)
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         # a copy: SB3's VecNormalize changes the space that it is given
         self.observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)  # type: ignore[assignment]
         self.action_space = ACTION_SPACE
@@ -107,18 +115,18 @@ class DrivingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, action: npt.NDArray[Any]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for a fifth of a second."""
-        if np.shape(action) != self.action_space.shape:
-            raise ValueError(
-                f"Expected an action of shape {self.action_space.shape}, got {np.shape(action)}."
-            )
-        reward = self._lessons.step(np.asarray(action)[None])
+        reward = self._lessons.step(checked_actions(action, self.action_space, "an action")[None])
         terminated, truncated = self._lessons.over()
         info = self._lessons.info(0)
         return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> Frame | None:
         """Give the camera's picture."""
-        return None if self.render_mode is None else self._lessons.drives.look(_FIRST)[0]
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
+        frame: Frame = self._lessons.drives.look(_FIRST)[0]
+        return frame
 
     def _observation(self) -> Observation:
         return {key: value[0] for key, value in self._lessons.drives.observe(_FIRST).items()}
@@ -141,8 +149,8 @@ class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], n
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        self.render_mode = _checked_render_mode(render_mode)
-        self.num_envs = num_envs
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.num_envs = checked_num_envs(num_envs)
         self.single_observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)
         self.single_action_space = ACTION_SPACE
         self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
@@ -160,16 +168,21 @@ class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], n
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002 - there are none
+        options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Set off on new routes; car i has the seed + i, or the i-th of a sequence."""
-        if isinstance(seed, int | np.integer):
-            seed = [int(seed) + i for i in range(self.num_envs)]
-        infos: dict[str, Any] = {}
-        for i in range(self.num_envs):
-            if seed is not None and seed[i] is not None:
-                self._generators[i] = seeding.np_random(seed[i])[0]
+        """Set off on new routes, all or those in the boolean array `options["reset_mask"]`.
+
+        Args:
+            seed: An int (car i gets seed + i) or a sequence of one seed a car.
+            options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
+        """
+        seeds = spread_seeds(seed, self.num_envs)
+        for i in reset_mask(options, self.num_envs):
+            given = seeds[i]
+            if given is not None:
+                self._generators[i] = seeding.np_random(given)[0]
             self._lessons.start(i, self._generators[i])
+        infos: dict[str, Any] = {}
         for i in range(self.num_envs):
             infos = self._add_info(infos, self._lessons.info(i), i)
         return self._lessons.drives.observe(self._everyone), infos
@@ -184,10 +197,7 @@ class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], n
         dict[str, Any],
     ]:
         """Drive for a fifth of a second; who has ended sets off anew."""
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise ValueError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        reward = self._lessons.step(np.asarray(actions))
+        reward = self._lessons.step(checked_actions(actions, self.action_space, "actions"))
         terminated, truncated = self._lessons.over()
         over = np.flatnonzero(terminated | truncated)
         last = self._lessons.drives.observe(over)
@@ -207,6 +217,7 @@ class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], n
     def render(self) -> tuple[Frame, ...] | None:
         """Give each camera's picture."""
         if self.render_mode is None:
+            warn_without_render_mode()
             return None
         return tuple(self._lessons.drives.look(self._everyone))
 
@@ -242,8 +253,6 @@ class _Lessons:
         drives = self.drives
         if drives.ending.any():
             raise ResetNeeded("Expected reset() before step(): a drive has ended.")
-        if not np.isfinite(actions).all():
-            raise ValueError(f"Expected finite actions, got {actions}.")
         before = drives.progress_m.copy()
         drives.step(np.arange(len(drives)), np.clip(actions, -1.0, 1.0))
         pace = np.clip((drives.progress_m - before) * POLICY_HZ / CRUISE_M_S, -1.0, 1.0)
@@ -266,9 +275,3 @@ class _Lessons:
             "lateral_m": float(self.drives.lateral_m[i]),
             "is_success": bool(self.drives.ending[i] == Ending.ARRIVED),
         }
-
-
-def _checked_render_mode(render_mode: str | None) -> str | None:
-    if render_mode not in (None, "rgb_array"):
-        raise ValueError(f"Expected render_mode None or 'rgb_array', got {render_mode!r}.")
-    return render_mode

@@ -16,7 +16,7 @@ from highway_env.road.lane import AbstractLane, CircularLane, LineType, Straight
 from highway_env.road.road import RoadNetwork
 from highway_env.utils import wrap_to_pi
 
-from sada_gym.envs.driving.layout import BENCHMARK, TRAINING, Corner, Layout
+from sada_gym.envs.driving.layout import LAYOUTS, Corner, Layout
 
 LANE_WIDTH_M = 3.5
 JUNCTION_SETBACK_M = 12.0
@@ -137,7 +137,7 @@ class Town:
 @cache
 def town(layout_name: str) -> Town:
     """Build a town once a process: `benchmark` or `training`."""
-    return Town({layout.name: layout for layout in (BENCHMARK, TRAINING)}[layout_name])
+    return Town(LAYOUTS[layout_name])
 
 
 def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:

@@ -1,15 +1,28 @@
+import hashlib
+import random
+
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+    VecTransposeImage,
+)
 
+from sada_gym import agents
 from sada_gym.agents.driver.network import new_model
+from sada_gym.agents.policy import TILE
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.driver import TILE, Driver
+from sada_gym.envs.driving.driver import Driver
 from sada_gym.envs.driving.drives import Drives
 from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
 
@@ -105,30 +118,96 @@ def test_stacks_of_different_cars_stay_apart():
     assert shown[1] == shown[2] == pytest.approx(drives.states[1, 3] / 15)
 
 
-def test_normalisation_is_that_of_training():
-    env = VecNormalize(DummyVecEnv([DrivingTaskEnv]), norm_obs_keys=["speed"], norm_reward=False)
-    model = PPO("MultiInputPolicy", env, **SMALL)
+class Constant(PPO):
+    """A model that keeps what its policy is shown."""
+
+    def predict(self, observation, *args, **kwargs):
+        self.shown = [*getattr(self, "shown", []), observation]
+        return np.tile(np.array([0.1, 0.5], np.float32), (len(observation["speed"]), 1)), None
+
+
+def normalised(env):
+    return VecNormalize(env, norm_obs_keys=["speed"], norm_reward=False)
+
+
+def stacked(env):
+    return VecFrameStack(env, 3)
+
+
+@pytest.mark.parametrize(
+    "wrappers",
+    [
+        (VecMonitor, normalised),
+        (VecTransposeImage, stacked, normalised),
+        (normalised, VecTransposeImage, stacked),
+        (stacked, normalised, VecTransposeImage),
+    ],
+    ids=lambda wrappers: "-".join(getattr(w, "__name__", "?") for w in wrappers),
+)
+def test_a_driver_sees_what_its_wrappers_showed_it_in_training(wrappers):
+    env = DummyVecEnv([DrivingTaskEnv])
+    for wrapper in wrappers:
+        env = wrapper(env)
+    model = Constant("MultiInputPolicy", env, **SMALL)
     env.reset()
-    for _ in range(30):
-        env.step(np.array([[0.0, 1.0]]))
-    seen = {}
-
-    def spy(observation, **_):
-        seen.update(observation)
-        return np.zeros((TILE, 2), np.float32), None
-
-    model.predict = spy
-    drives = cars(1)
-    driver = Driver(model)
+    for _ in range(20):
+        env.step(np.array([[0.0, 1.0]]))  # statistics to normalise with
+    env = model.get_env()
+    inner = env
+    while inner is not None:  # they stay as they are, as they do in an agent that is frozen
+        if isinstance(inner, VecNormalize):
+            inner.training = False
+        inner = getattr(inner, "venv", None)
+    env.seed(4)
+    theirs = [env.reset()]
+    alone = DrivingTaskEnv()
+    alone.reset(seed=4)
+    drives, driver = alone._lessons.drives, Driver(model)
     driver.start(1)
-    driver.act(drives, np.array([0]))
-    moments = env.obs_rms["speed"]
-    expected = (drives.states[0, 3] / 15 - moments.mean) / np.sqrt(moments.var + env.epsilon)
-    np.testing.assert_allclose(seen["speed"][0], expected, rtol=1e-4)
-    assert seen["image"].dtype == np.uint8
-    before = driver.fingerprint
-    moments.mean = moments.mean + 1
+    for _ in range(5):
+        action = driver.act(drives, np.zeros(1, np.intp))
+        drives.step(np.zeros(1, np.intp), action)
+        theirs.append({key: value.copy() for key, value in env.step(action)[0].items()})
+    assert len(model.shown) == 5
+    for shown, seen in zip(model.shown, theirs, strict=False):
+        for key in OBSERVATION_SPACE:
+            np.testing.assert_array_equal(shown[key][:1], seen[key], err_msg=key)
+
+
+def test_the_statistics_of_training_are_part_of_a_drivers_fingerprint():
+    env = normalised(DummyVecEnv([DrivingTaskEnv]))
+    model = PPO("MultiInputPolicy", env, **SMALL)
+    before = Driver(model).fingerprint
+    env.obs_rms["speed"].mean = env.obs_rms["speed"].mean + 1
     assert Driver(model).fingerprint != before
+
+
+def test_a_wrapper_that_is_not_known_is_refused():
+    class Dark(VecEnvWrapper):
+        def reset(self):
+            return {key: 0 * value for key, value in self.venv.reset().items()}
+
+        def step_wait(self):
+            return self.venv.step_wait()
+
+    model = PPO("MultiInputPolicy", Dark(DummyVecEnv([DrivingTaskEnv])), **SMALL)
+    with pytest.raises(ValueError, match="got the wrapper Dark, whose work can't be repeated"):
+        Driver(model)
+
+
+def test_a_driver_trained_on_another_picture_is_refused_by_what_it_was_trained_on():
+    class Small(gym.ObservationWrapper):
+        def __init__(self):
+            super().__init__(DrivingTaskEnv())
+            small = spaces.Box(0, 255, (40, 90, 3), np.uint8)
+            self.observation_space = spaces.Dict({**self.env.observation_space, "image": small})
+
+        def observation(self, observation):
+            return {**observation, "image": observation["image"][:40, :90]}
+
+    model = PPO("MultiInputPolicy", DummyVecEnv([Small]), **SMALL)
+    with pytest.raises(ValueError, match=r"got observations Dict.*\(40, 90, 3\)"):
+        Driver(model)
 
 
 def test_normalised_observations_without_their_statistics_are_refused(tmp_path):
@@ -165,6 +244,15 @@ def test_nan_from_a_driver_names_step_and_route():
         application.evaluate([[0.0, 0.0, 0.0]], [0])
 
 
+def test_nan_in_the_weights_of_a_real_policy_names_step_and_route():
+    model = new_model(0)
+    with torch.no_grad():
+        model.policy.action_net.weight[0, 0] = torch.nan
+    application = DrivingApplication("one_curve", agent=model)
+    with pytest.raises(ValueError, match=r"finite actions from PPO.*step 0 of the route A1 B1 B0"):
+        application.evaluate([[0.0, 0.0, 0.0]], [0])
+
+
 def test_actions_of_another_shape_are_refused():
     recorder = Recorder(action=(0.0, 0.0, 0.0))
     driver = Driver(recorder)
@@ -192,3 +280,16 @@ def test_each_command_has_a_head_of_its_own(model):
     for given in range(4):
         for branch in range(4):
             assert bool(features[given, branch].any()) == (given == branch)
+
+
+def test_making_and_loading_a_driver_reseeds_nobodys_generators(tmp_path, model, monkeypatch):
+    model.save(tmp_path / "driver.zip")
+    digest = hashlib.sha256((tmp_path / "driver.zip").read_bytes()).hexdigest()
+    card = agents.AgentCard("own", "SADA-Driving", str(tmp_path / "driver.zip"), digest, "")
+    monkeypatch.setattr(agents, "AGENTS", (card,))
+    before = np.random.get_state()[1].copy(), torch.get_rng_state(), random.getstate()  # noqa: NPY002
+    agents.load_driver("own")
+    new_model(5)
+    np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), before[1])
+    assert random.getstate() == before[2]

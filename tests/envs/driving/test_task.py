@@ -128,7 +128,8 @@ def test_the_expert_arrives_everywhere():
     ("action", "message"),
     [
         (np.zeros(3, np.float32), r"Expected an action of shape \(2,\), got \(3,\)"),
-        (np.array([0.0, np.nan], np.float32), "Expected finite actions, got"),
+        (np.array([0.0, np.nan], np.float32), "Expected an action of finite numbers, got"),
+        (np.array(["left", "slow"]), "Expected an action of finite numbers, got"),
     ],
 )
 def test_a_bad_action_is_named(action, message):
@@ -141,3 +142,41 @@ def test_a_bad_action_is_named(action, message):
 def test_before_a_reset_nothing_drives():
     with pytest.raises(ResetNeeded, match="no car has set off yet"):
         DrivingTaskEnv().step(np.zeros(2, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"layout": "moon"}, "a layout among benchmark, training, got 'moon'"),
+        ({"weathers": ()}, r"a tuple of weathers' names, got \(\)"),
+        ({"weathers": "ClearNoon"}, "a tuple of weathers' names, got 'ClearNoon'"),
+        ({"weathers": ("Fog",)}, "a weather among ClearNoon, .*, got 'Fog'"),
+        ({"height_m": (2.0, 1.0)}, r"height_m from low to high within 0\.5 and 5, got \(2"),
+        ({"height_m": (-1.0, 1.0)}, r"height_m from low to high within 0\.5 and 5"),
+        ({"height_m": (np.nan, 1.0)}, r"height_m from low to high within 0\.5 and 5"),
+        ({"pitch_deg": (-60.0, 0.0)}, r"pitch_deg from low to high within -25 and 25"),
+        ({"corners": (0, 2)}, r"corners from low to high within 1 and 20"),
+        ({"lateral_m": 9.0}, r"lateral_m from low to high within 0 and 1\.75, got 9"),
+    ],
+)
+def test_a_course_that_nobody_could_drive_is_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Course(**settings)
+
+
+def test_some_cars_of_a_batch_can_set_off_anew():
+    batch = DrivingTaskVectorEnv(num_envs=2)
+    batch.reset(seed=0)
+    for _ in range(4):
+        seen = batch.step(np.tile([0.0, 1.0], (2, 1)))[0]
+    anew, _ = batch.reset(seed=[7, None], options={"reset_mask": np.array([True, False])})
+    alone, _ = DrivingTaskEnv().reset(seed=7)
+    assert same({key: value[0] for key, value in anew.items()}, alone)
+    assert same(*({key: value[1] for key, value in one.items()} for one in (seen, anew)))
+
+
+def test_a_batch_has_cars_and_a_seed_for_each():
+    with pytest.raises(ValueError, match="at least one environment, got num_envs=0"):
+        DrivingTaskVectorEnv(num_envs=0)
+    with pytest.raises(ValueError, match=r"Expected 2 seeds, .* got 1"):
+        DrivingTaskVectorEnv(num_envs=2).reset(seed=[1])

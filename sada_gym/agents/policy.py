@@ -1,0 +1,131 @@
+"""SB3 models as frozen agents that act in lockstep, each as if it were alone."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from sada_gym import agents
+from sada_gym.agents.wrappers import Acting, Batch, stages, statistics
+from sada_gym.threads import one_thread
+
+TILE = 16
+"""A network always sees this many observations at once, padded: a batch of another size would give
+other last bits, and a closed loop makes another episode of them."""
+
+
+class Policy:
+    """Lets a model choose actions for a batch of agents, deterministically.
+
+    Frames are stacked, pictures transposed and observations normalised as SB3's wrappers did in
+    training.
+
+    Args:
+        model: An SB3 model, or whatever has its spaces and `predict`.
+        observation_space: What it is to see.
+        action_space: What it is to give, within [-1, 1].
+        task: The id of the task that it should have been trained on, for messages.
+
+    Raises:
+        ValueError: If its spaces are others.
+    """
+
+    def __init__(
+        self,
+        model: Acting,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box[Any],
+        task: str,
+    ) -> None:
+        acts = getattr(model, "action_space", None)
+        if not isinstance(acts, spaces.Box) or acts != action_space:
+            raise ValueError(
+                f"Expected an agent with observations {observation_space} and actions "
+                f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
+                f"actions {acts}. Train it on {task}."
+            )
+        self.model = model
+        self._stages = stages(model, observation_space, task)
+        self._action_shape = action_space.shape
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the policy's weights and the normalisation, None where they are unknown."""
+        weights = agents.fingerprint(getattr(self.model, "policy", None))
+        told = statistics(self._stages)
+        if weights is None or not told:
+            return weights
+        return hashlib.sha256(weights.encode() + told).hexdigest()
+
+    def start(self, count: int) -> None:
+        """Forget what `count` agents saw."""
+        for stage in self._stages:
+            stage.start(count)
+
+    def act(
+        self,
+        seen: Mapping[str, npt.NDArray[Any]],
+        which: npt.NDArray[np.intp],
+        where: Callable[[int], str],
+    ) -> npt.NDArray[np.float64]:
+        """Choose actions (n, k) for some of the agents.
+
+        Args:
+            seen: What they see, each key (n, ...).
+            which: (n,) which of the agents they are.
+            where: Says in a few words where an agent is, for messages.
+
+        Raises:
+            ValueError: If the model gives anything but k finite numbers an agent.
+        """
+        batch: Batch = dict(seen)
+        for stage in self._stages:
+            batch = stage.apply(batch, which)
+        parts = []
+        for start in range(0, len(which), TILE):
+            tile = {key: value[start : start + TILE] for key, value in batch.items()}
+            rows = which[start : start + TILE]
+            try:
+                actions = self._predict(tile)
+            except ValueError as error:  # torch's distributions refuse NaN by themselves
+                raise self._broken(where(rows[self._first_refused(tile)]), "an error") from error
+            if np.shape(actions) != (TILE, *self._action_shape):
+                raise ValueError(
+                    f"Expected actions of shape {(TILE, *self._action_shape)} from "
+                    f"{type(self.model).__name__}, got {np.shape(actions)}."
+                )
+            actions = np.asarray(actions)[: len(rows)]
+            wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+            if wrong.size:
+                raise self._broken(where(rows[wrong[0]]), str(actions[wrong[0]].tolist()))
+            parts.append(actions)
+        return np.clip(np.concatenate(parts).astype(np.float64), -1.0, 1.0)
+
+    def _predict(self, tile: Batch) -> npt.NDArray[Any]:
+        rows = len(next(iter(tile.values())))
+        padded = {
+            key: np.concatenate([value, np.repeat(value[:1], TILE - rows, axis=0)])
+            for key, value in tile.items()
+        }
+        with one_thread():
+            actions, _ = self.model.predict(padded, deterministic=True)
+        return actions
+
+    def _first_refused(self, tile: Batch) -> int:
+        for row in range(len(next(iter(tile.values())))):
+            try:
+                self._predict({key: value[row : row + 1] for key, value in tile.items()})
+            except ValueError:
+                return row
+        return 0
+
+    def _broken(self, where: str, given: str) -> ValueError:
+        return ValueError(
+            f"Expected finite actions from {type(self.model).__name__}, got {given} at {where}. "
+            "Look for NaN in its weights."
+        )

@@ -1,0 +1,210 @@
+"""SB3's wrappers of observations, applied to agents that act outside of an SB3 environment.
+
+A model that holds its environment tells by its wrappers, from the inside out, what was done to
+observations in training. A model without one tells less: its space shows how many frames are
+stacked, and that pictures were normalised, but not by which statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import (
+    VecCheckNan,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+    VecTransposeImage,
+    VecVideoRecorder,
+)
+from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
+
+Batch = dict[str, npt.NDArray[Any]]
+"""Observations of n agents, each key (n, ...)."""
+
+_LEAVE_OBSERVATIONS = (VecCheckNan, VecMonitor, VecVideoRecorder)
+
+
+class Acting(Protocol):
+    """What can act: an SB3 model, or whatever has these three."""
+
+    observation_space: gym.Space[Any]
+    action_space: gym.Space[Any]
+
+    def predict(self, observation: Any, *, deterministic: bool) -> tuple[npt.NDArray[Any], Any]:
+        """Give actions (n, k) for a batch of observations."""
+        ...
+
+
+class Stage(Protocol):
+    """What one wrapper does to observations."""
+
+    def start(self, count: int) -> None:
+        """Forget what `count` agents saw."""
+
+    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:
+        """Change what some of the agents see."""
+        ...
+
+
+class Transposing:
+    """`VecTransposeImage`: channels before rows and columns."""
+
+    def __init__(self, wrapper: VecTransposeImage) -> None:
+        self._wrapper = wrapper
+
+    def start(self, count: int) -> None:
+        """Nothing is kept."""
+
+    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        """Transpose the pictures among them."""
+        changed: Batch = self._wrapper.transpose_observations(dict(seen))  # type: ignore[assignment]
+        return changed
+
+
+class Normalising:
+    """`VecNormalize`, its statistics frozen."""
+
+    def __init__(self, wrapper: VecNormalize) -> None:
+        self._wrapper = wrapper
+
+    def start(self, count: int) -> None:
+        """Nothing is kept."""
+
+    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        """Normalise them."""
+        changed: Batch = self._wrapper.normalize_obs(dict(seen))  # type: ignore[assignment]
+        return changed
+
+
+class Stacking:
+    """`VecFrameStack`: the last frames behind one another, zeros before the first."""
+
+    def __init__(self, stacked: StackedObservations[Any]) -> None:
+        self._parts: Mapping[str, StackedObservations[Any]] = stacked.sub_stacked_observations
+        self._memory: Batch = {}
+
+    def start(self, count: int) -> None:
+        """Forget what `count` agents saw."""
+        self._memory = {
+            key: np.zeros((count, *part.stacked_shape), part.observation_space.dtype)
+            for key, part in self._parts.items()
+        }
+
+    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:
+        """Add the newest frames to the older ones."""
+        for key, frame in seen.items():
+            axis = self._parts[key].stack_dimension
+            memory = self._memory[key] = self._memory[key].astype(frame.dtype, copy=False)
+            _, kept = np.split(memory[which], [frame.shape[axis]], axis=axis)
+            memory[which] = np.concatenate([kept, frame], axis=axis)
+        return {key: self._memory[key][which] for key in seen}
+
+
+def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Stage]:
+    """What is to be done to a task's observations before a model sees them.
+
+    Args:
+        model: The agent.
+        observation_space: Of the task.
+        task: Its id, for messages.
+
+    Raises:
+        ValueError: If the model was trained on other observations, or under a wrapper that is not
+            known here, or on normalised observations whose statistics are missing.
+    """
+    held = getattr(model, "get_env", lambda: None)()
+    if held is None:
+        return _guessed(model, observation_space, task)
+    found: list[Stage] = []
+    wrappers = []
+    while isinstance(held, VecEnvWrapper):
+        wrappers.append(held)
+        held = held.venv
+    for wrapper in reversed(wrappers):
+        if isinstance(wrapper, VecTransposeImage):
+            found.append(Transposing(wrapper))
+        elif isinstance(wrapper, VecFrameStack):
+            found.append(Stacking(wrapper.stacked_obs))
+        elif isinstance(wrapper, VecNormalize):
+            if wrapper.norm_obs:
+                found.append(Normalising(wrapper))
+        elif not isinstance(wrapper, _LEAVE_OBSERVATIONS):
+            raise ValueError(
+                "Expected an agent trained under VecTransposeImage, VecFrameStack, VecNormalize "
+                f"or none, got the wrapper {type(wrapper).__name__}, whose work can't be repeated "
+                "here. Pass an object of your own with `predict` that does it."
+            )
+    normalised = {
+        key
+        for wrapper in wrappers
+        if isinstance(wrapper, VecNormalize) and wrapper.norm_obs
+        for key in wrapper.norm_obs_keys or observation_space.spaces
+    }
+    if not _alike(held.observation_space, observation_space, normalised):
+        raise _wrong_observations(held.observation_space, observation_space, task)
+    return found
+
+
+def statistics(found: list[Stage]) -> bytes:
+    """What stages do to observations, as bytes for a fingerprint; empty where they do nothing."""
+    parts = []
+    for stage in found:
+        if isinstance(stage, Normalising):
+            of = stage._wrapper
+            parts.append(f"{of.clip_obs} {of.epsilon}".encode())
+            for key, moments in sorted(of.obs_rms.items()):
+                parts += [key.encode(), moments.mean.tobytes(), moments.var.tobytes()]
+    return b"".join(parts)
+
+
+def _guessed(model: Acting, expected: spaces.Dict, task: str) -> list[Stage]:
+    """By the model's own space; SB3 transposes pictures by itself where a model expects it."""
+    given = getattr(model, "observation_space", None)
+    if not isinstance(given, spaces.Dict) or set(given.spaces) != set(expected.spaces):
+        raise _wrong_observations(given, expected, task)
+    sizes = {key: int(np.prod(space.shape or ())) for key, space in expected.spaces.items()}
+    ratios = {np.prod(given[key].shape or ()) / size for key, size in sizes.items()}
+    frames = int(ratios.pop())
+    if ratios or frames < 1:
+        raise _wrong_observations(given, expected, task)
+    stacked = StackedObservations[Any](1, frames, expected)
+    for key, part in stacked.sub_stacked_observations.items():
+        shape = part.stacked_shape
+        if given[key].shape not in (shape, (shape[-1], *shape[:-1])):
+            raise _wrong_observations(given, expected, task)
+    for space in given.spaces.values():
+        # of speeds and the like, whose bounds are wide, a space does not tell
+        if isinstance(space, spaces.Box) and len(space.shape) == 3 and space.low.min() < 0:
+            raise ValueError(
+                "Expected the statistics of the VecNormalize that this agent was trained with, "
+                "got a model without. Load it as PPO.load(file, env=VecNormalize.load(statistics, "
+                "env))."
+            )
+    return [] if frames == 1 else [Stacking(stacked)]
+
+
+def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:
+    """Whether spaces are the same; `VecNormalize` writes its own bounds into the inner space."""
+    return (
+        isinstance(given, spaces.Dict)
+        and set(given.spaces) == set(expected.spaces)
+        and all(
+            given[key].shape == space.shape
+            and (key in normalised or given[key].dtype == space.dtype)
+            for key, space in expected.spaces.items()
+        )
+    )
+
+
+def _wrong_observations(given: Any, expected: spaces.Dict, task: str) -> ValueError:
+    return ValueError(
+        f"Expected an agent with observations {expected} (its picture transposed, its frames "
+        f"stacked, if you like), got observations {given}. Train it on {task}."
+    )

@@ -1,0 +1,98 @@
+"""What environments check of what they are given, scalar and vector ones alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import validate_seeds
+
+
+def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
+    """Give a render mode back.
+
+    Raises:
+        ValueError: If it is none of the known ones.
+    """
+    if render_mode is not None and render_mode not in known:
+        raise ValueError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
+    return render_mode
+
+
+def warn_without_render_mode() -> None:
+    """Say why nothing is drawn."""
+    gym.logger.warn(
+        "render() draws nothing without a render mode. Make the environment with "
+        "render_mode='rgb_array'."
+    )
+
+
+def checked_num_envs(num_envs: int) -> int:
+    """Give a number of environments back.
+
+    Raises:
+        ValueError: If there are none.
+    """
+    if num_envs < 1:
+        raise ValueError(f"Expected at least one environment, got num_envs={num_envs}.")
+    return num_envs
+
+
+def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArray[Any]:
+    """Give finite actions back as an array.
+
+    Args:
+        actions: One, or one an environment.
+        space: Of which shape they are to be.
+        what: `an action` or `actions`, for messages.
+
+    Raises:
+        ValueError: If they are of another shape or not finite numbers.
+    """
+    shape = np.shape(actions)
+    if shape != space.shape:
+        raise ValueError(f"Expected {what} of shape {space.shape}, got {shape}.")
+    array = np.asarray(actions)
+    if not np.issubdtype(array.dtype, np.number) or not np.isfinite(array).all():
+        raise ValueError(f"Expected {what} of finite numbers, got {actions}.")
+    return array
+
+
+def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
+
+    Raises:
+        ValueError: If there is not one for each, or one is not from 0 to 2**31 - 1.
+    """
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, int | np.integer):
+        seed = [int(seed) + i for i in range(count)]
+    if len(seed) != count:
+        raise ValueError(
+            f"Expected {count} seeds, one for each environment, got {len(seed)}. "
+            "Pass an int to have them counted up from it."
+        )
+    return [None if one is None else validate_seeds([one], 1)[0] for one in seed]
+
+
+def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
+    """Which of `count` environments are to be reset: those in `options["reset_mask"]`, or all.
+
+    Raises:
+        ValueError: If the mask is no array of bool, (count,).
+    """
+    mask = (options or {}).get("reset_mask")
+    if mask is None:
+        return range(count)
+    mask = np.asarray(mask)
+    if mask.shape != (count,) or mask.dtype != np.bool_:
+        raise ValueError(
+            f"Expected reset_mask of shape ({count},) and dtype bool, "
+            f"got {mask.shape} and {mask.dtype}."
+        )
+    return [int(i) for i in np.flatnonzero(mask)]
