@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numba as nb
 import numpy as np
@@ -32,6 +32,21 @@ _kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 Floats = npt.NDArray[np.float64]
 
 
+class Pilot(Protocol):
+    """What flies drones."""
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over what its actions depend on, None where it is unknown."""
+
+    def start(self, count: int) -> None:
+        """Forget what `count` drones saw."""
+
+    def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
+        """Choose actions (n, 4) for some of the drones."""
+        ...
+
+
 class WaypointPilot:
     """Says where the next gate is, from what the drone's camera sees and what the drone feels.
 
@@ -47,6 +62,9 @@ class WaypointPilot:
     def fingerprint(self) -> str | None:
         """SHA-256 over the network's weights."""
         return agents.fingerprint(self.network)
+
+    def start(self, count: int) -> None:
+        """Nothing is remembered."""
 
     def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
         """Choose actions (n, 4) for some of the drones."""
