@@ -333,6 +333,15 @@ class World:
             pybullet.disconnect(self._client)
             self._client = -1
 
+    def __del__(self) -> None:
+        """Free what nobody freed."""
+        if pybullet is not None:  # at the interpreter's end modules go first
+            self.close()
+
+    def __getstate__(self) -> None:
+        """A world lives in the process that made it."""
+        raise TypeError("Expected no pickling of a PyBullet world. Make the races anew instead.")
+
 
 def _stored(slot: int, number: int) -> list[float]:
     """Where a frame waits that is not needed: below the ground, apart from all others."""

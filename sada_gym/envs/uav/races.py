@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -36,6 +37,10 @@ from sada_gym.envs.uav.track import to_frame
 
 POLICY_HZ = 20
 GATE_LIMIT_S = 10.0
+GATES_AHEAD = 2
+"""So many gates stand in an observation."""
+UNIT_M, UNIT_RAD_S = 20.0, 10.0
+"""What an observation's distances and turning rates are divided by."""
 WORLD_M, CEILING_M = 80.0, 15.0
 """A drone further from the middle, or higher, is lost."""
 FALLEN_M = 0.5
@@ -43,6 +48,8 @@ FALLEN_M = 0.5
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+Observation = dict[str, npt.NDArray[Any]]
+"""`gates` (n, 10) and `motion` (n, 9), float32 in [-1, 1]."""
 
 _SUBSTEPS = SIMULATION_HZ // POLICY_HZ
 _GATE_LIMIT = round(GATE_LIMIT_S * POLICY_HZ)
@@ -165,6 +172,14 @@ class Races:
         gate = (self.next_gate[which] + ahead) % self.gates.shape[1]
         return waypoints(self.gates[which, gate], self.states[which])
 
+    def observe(self, which: Indices) -> Observation:
+        """What the pilots of some drones are told, see `RacingTaskEnv`."""
+        ahead = [_seen(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
+        return {
+            "gates": np.concatenate(ahead, axis=1),
+            "motion": _motion(self.states[which]),
+        }
+
     def step(self, which: Indices, actions: Array) -> None:
         """Let some drones fly for a decision's time.
 
@@ -232,6 +247,37 @@ class Races:
         self._since[i] = 0
         x, y, z, heading = self.gates[i, gate].tolist()
         self.place(i, upright((x, y, z), heading))
+
+
+@_kernel
+def _seen(waypoints: Array) -> npt.NDArray[np.float32]:
+    """Waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
+    seen = np.empty((len(waypoints), 5), np.float32)
+    for i in range(len(waypoints)):
+        for k in range(3):
+            seen[i, k] = min(max(waypoints[i, k] / UNIT_M, -1.0), 1.0)
+        seen[i, 3], seen[i, 4] = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])
+    return seen
+
+
+@_kernel
+def _motion(states: Array) -> npt.NDArray[np.float32]:
+    """Velocity in the level frame, the world's up in the body's frame, and body rates."""
+    felt = np.empty((len(states), 9))
+    for i in range(len(states)):
+        s = states[i]
+        heading = heading_of(s[3], s[4], s[5], s[6])
+        cosine, sine = math.cos(heading), math.sin(heading)
+        r = rotation(s[3], s[4], s[5], s[6])
+        felt[i, 0] = (s[7] * cosine + s[8] * sine) / TOP_SPEED_M_S
+        felt[i, 1] = (s[8] * cosine - s[7] * sine) / TOP_SPEED_M_S
+        felt[i, 2] = s[9] / TOP_SPEED_M_S
+        for k in range(3):
+            felt[i, 3 + k] = r[2, k]
+            felt[i, 6 + k] = (r[0, k] * s[10] + r[1, k] * s[11] + r[2, k] * s[12]) / UNIT_RAD_S
+        for k in range(9):
+            felt[i, k] = min(max(felt[i, k], -1.0), 1.0)
+    return felt.astype(np.float32)
 
 
 @_kernel

@@ -19,8 +19,14 @@ class Reference:
         speed_m_s: The guidance's.
     """
 
+    fingerprint = ""
+    """Nothing in it can be exchanged."""
+
     def __init__(self, speed_m_s: float = SPEED_M_S) -> None:
         self._speed_m_s = speed_m_s
+
+    def start(self, count: int) -> None:
+        """Nothing is remembered."""
 
     def act(self, races: Races, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
         """Choose actions (n, 4) for some of the drones."""
