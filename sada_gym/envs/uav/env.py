@@ -30,7 +30,7 @@ class UAVEnv(AdversaryEnv):
     | 4 | 8 | 8 |
     | 5 | 10 | 6.5 |
 
-    For every mu all frames are at least 0.7 m apart.
+    For every mu all frames are at least 0.9 m apart.
 
     ## Observation Space
     `Box(-1, 1, (2 anchors + 2,), float32)`: last mu, last score, share of the steps left; zeros

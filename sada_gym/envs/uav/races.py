@@ -186,20 +186,21 @@ class Races:
         Args:
             which: (n,) those; their races must not be over.
             actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone that is told something that is
-                no number is lost.
+                no finite number is lost.
         """
-        told = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        told = np.array(actions, np.float64)
         silent = ~np.isfinite(told).all(axis=1)
+        self.steps[which] += 1
         for i in which[silent].tolist():
             self._miss(i, Ending.LOST)
         told[silent] = 0.0
+        told = np.clip(told, -1.0, 1.0)
         flying = self.next_gate[which] < self.gates.shape[1]
         which, told = which[flying], told[flying]
         for number, world in enumerate(self._worlds):
             here = which // SLOTS == number
             if here.any():
                 self._fly(world, which[here], told[here])
-        self.steps[which] += 1
         self._since[which] += 1
         self._judge(which)
 

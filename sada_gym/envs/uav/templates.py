@@ -1,7 +1,7 @@
 """The undisturbed tracks, one for each number of anchor points, and how far mu moves an anchor.
 
 Every template is a regular course of 96 m, flown anticlockwise. Its range is the widest, in steps
-of half a metre, at which for every mu all frames of the track stay at least 0.7 m apart and 0.8 m
+of half a metre, at which for every mu all frames of the track stay at least 0.9 m apart and 0.8 m
 off the start, as far as a search for the worst mu can tell. No pilot was asked.
 """
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sada_gym.parameters import Parameter, ParameterSpace
 
-LEAST_SPACING_M = 0.7
+LEAST_SPACING_M = 0.9
 """Between any two frames of a track."""
 LEAST_START_M = 0.8
 """Between the start and any frame."""

@@ -149,7 +149,9 @@ def _cross(one: Array, other: Array) -> bool:
     if abs(across) < 1e-12:
         return False
     half = OUTER_WIDTH_M / 2
-    return abs((dx * by - dy * bx) / across) <= half and abs((dx * ay - dy * ax) / across) <= half
+    along_one, along_other = (dx * by - dy * bx) / across, (dx * ay - dy * ax) / across
+    crosses: bool = max(abs(along_one), abs(along_other)) <= half
+    return crosses
 
 
 @_kernel
