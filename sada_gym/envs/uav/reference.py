@@ -19,11 +19,9 @@ class Reference:
         speed_m_s: The guidance's.
     """
 
-    fingerprint = ""
-    """Nothing in it can be exchanged."""
-
     def __init__(self, speed_m_s: float = SPEED_M_S) -> None:
         self._speed_m_s = speed_m_s
+        self.fingerprint = f"reference at {speed_m_s:g} m/s"
 
     def start(self, count: int) -> None:
         """Nothing is remembered."""
