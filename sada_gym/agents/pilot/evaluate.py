@@ -9,16 +9,19 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sada_gym import agents
 from sada_gym.agents.pilot.recipe import MILD
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.pilot import PilotLike
 from sada_gym.envs.uav.templates import TEMPLATES
 from sada_gym.envs.uav.track import GATES
 from sada_gym.metrics import wilson_interval
+
+if TYPE_CHECKING:
+    from sada_gym.envs.uav.pilot import PilotLike
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ def measure(
             score = application.evaluate(mu, seeds).score  # noqa: B023
             return count * GATES, round(float(score.sum()) * GATES)
 
-        template, on_mild = passed(0.0, looks), passed(MILD, mild)
+        template, on_mild = passed(0.0, looks), passed(MILD.spread, mild)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
         outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
         figures[anchors] = TrackFigures(

@@ -15,16 +15,12 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from sada_gym.agents.pilot.network import WaypointNetwork, light
-from sada_gym.agents.pilot.recipe import MILD, Imitation
+from sada_gym.agents.pilot.network import WaypointNetwork, light, new_network
+from sada_gym.agents.pilot.recipe import Imitation
 from sada_gym.envs.uav.camera import camera
-from sada_gym.envs.uav.guidance import SPEED_M_S
 from sada_gym.envs.uav.pilot import WaypointPilot, in_drone, motion
-from sada_gym.envs.uav.races import Races, Start
+from sada_gym.envs.uav.races import Races
 from sada_gym.envs.uav.reference import Reference
-from sada_gym.envs.uav.templates import TEMPLATES
-from sada_gym.envs.uav.track import Tracks, along
-from sada_gym.generators import generators_kept
 
 _PUSHES, _PUSH, _FADE = 0.06, 0.35, 0.85
 """How often a drone is pushed off its way, how hard (1: all it can), what is left a step later."""
@@ -73,9 +69,7 @@ class Gathered:
 def imitate(settings: Imitation, *, seed: int) -> WaypointNetwork:
     """Train a network from nothing."""
     rng = np.random.default_rng(seed)
-    with generators_kept():
-        torch.manual_seed(seed)
-        network = WaypointNetwork()
+    network = new_network(seed)
     gathered = Gathered(settings.rounds * settings.steps)
     started = time.process_time()
     for number in range(settings.rounds):
@@ -93,36 +87,6 @@ def imitate(settings: Imitation, *, seed: int) -> WaypointNetwork:
     return network.eval()
 
 
-def draw(rng: np.random.Generator) -> Start:
-    """A start somewhere on a mild track, beside its line, at some speed."""
-    chosen = TEMPLATES[int(rng.choice(list(TEMPLATES)))]
-    mu = rng.uniform(-MILD, MILD, (1, 2 * len(chosen.anchors)))
-    anchors = chosen.displaced(mu)
-    gates = Tracks(anchors).gates[0]
-    first = int(rng.integers(len(gates)))
-    # between the gate before and 0.3 of the way to the first
-    share = (first + 1 - rng.uniform(0.3, 1.0)) / len(gates) % 1.0
-    (x, y, z, heading), beside = along(anchors[0], np.array([share]))[0][0], rng.normal(size=4)
-    left = 0.5 * beside[0]
-    speed = SPEED_M_S * rng.uniform(0.0, 1.1)
-    return Start(
-        gates=gates,
-        place=(
-            float(x - left * np.sin(heading)),
-            float(y + left * np.cos(heading)),
-            float(max(z + 0.3 * beside[1], 0.5)),
-            float(heading + 0.2 * beside[2]),
-        ),
-        seed=int(rng.integers(2**31)),
-        velocity=(
-            float(speed * np.cos(heading + 0.1 * beside[3])),
-            float(speed * np.sin(heading + 0.1 * beside[3])),
-            0.0,
-        ),
-        first=first,
-    )
-
-
 def gather(
     network: WaypointNetwork,
     settings: Imitation,
@@ -132,7 +96,7 @@ def gather(
 ) -> int:
     """Fly for a round, told the truth in a share of the races; gives how many went astray."""
     pilot, reference, drones = WaypointPilot(network), Reference(), settings.drones
-    races = Races([draw(rng) for _ in range(drones)])
+    races = Races([settings.course.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
     told = rng.random(drones) < reference_share
     push = np.zeros((drones, 4))
@@ -156,7 +120,7 @@ def gather(
         over = races.next_gate == races.gates.shape[1]
         astray += int(lost.sum())
         for i in np.flatnonzero(lost | over).tolist():
-            races.begin(i, draw(rng))
+            races.begin(i, settings.course.draw(rng))
             told[i] = rng.random() < reference_share
             push[i] = 0.0
     races.close()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from sada_gym.envs.uav.camera import COLUMNS, ROWS
+from sada_gym.generators import generators_kept
 
 MOTIONS = 9
 """What the drone feels: which way is up, its velocity, its turning."""
@@ -52,30 +49,16 @@ class WaypointNetwork(nn.Module):
         return answer
 
 
+def new_network(seed: int) -> WaypointNetwork:
+    """Make an untrained network; the seed fixes its weights."""
+    with generators_kept():
+        torch.manual_seed(seed)
+        return WaypointNetwork()
+
+
 def light(pictures: Tensor) -> Tensor:
     """Turn bytes (n, rows, columns, 3) into what the network takes."""
     return pictures.permute(0, 3, 1, 2).to(torch.float32) / 255
-
-
-def save(network: WaypointNetwork, path: Path) -> None:
-    """Write a network's weights as safetensors."""
-    save_file(network.state_dict(), path)
-
-
-def load(path: Path) -> WaypointNetwork:
-    """Read a network's weights.
-
-    Raises:
-        ValueError: If the file holds no weights of this network.
-    """
-    network = WaypointNetwork()
-    try:
-        network.load_state_dict(load_file(path))
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(
-            f"Expected the weights of a WaypointNetwork in {path}, got something else: {error}"
-        ) from None
-    return network.eval()
 
 
 def _block(inputs: int, outputs: int, *, kernel: int) -> list[nn.Module]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-MILD = 0.25
-"""The largest displacement of an anchor on the tracks of the training, as a share of its range."""
+from sada_gym.envs.uav.course import Course
+
+MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=10.0)
+"""Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
 
 
 @dataclass(frozen=True)
@@ -13,6 +15,7 @@ class Imitation:
     """Settings of an imitation by DAgger.
 
     Attributes:
+        course: What is flown.
         drones: In lockstep.
         rounds: Of flying and fitting; the reference flies the first.
         steps: Gathered in a round.
@@ -23,6 +26,7 @@ class Imitation:
         light_jitter: How much each training picture's brightness and tint are changed.
     """
 
+    course: Course = MILD
     drones: int = 48
     rounds: int = 6
     steps: int = 9_600
@@ -38,6 +42,7 @@ class Reinforcement:
     """Settings of a training by PPO (Schulman et al. 2017).
 
     Attributes:
+        course: What is flown.
         drones: In lockstep.
         steps: In all.
         rollout: Steps of each drone between two updates.
@@ -47,6 +52,7 @@ class Reinforcement:
         discount: Of a reward one step later.
     """
 
+    course: Course = MILD
     drones: int = 32
     steps: int = 600_000
     rollout: int = 128

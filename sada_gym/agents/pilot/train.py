@@ -12,41 +12,34 @@ import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from sada_gym.agents.pilot import network, reinforcement
+from stable_baselines3 import PPO
+
 from sada_gym.agents.pilot.evaluate import measure, table
 from sada_gym.agents.pilot.imitation import imitate
 from sada_gym.agents.pilot.network import WaypointNetwork
 from sada_gym.agents.pilot.recipe import MILD, RECIPES, Imitation, Reinforcement
+from sada_gym.agents.pilot.reinforcement import reinforce
+from sada_gym.agents.pilot.weights import save
 from sada_gym.envs.uav.guidance import SPEED_M_S
-from sada_gym.envs.uav.pilot import PilotLike
 from sada_gym.threads import one_thread
 
 _WHAT = {
     Imitation: f"""A perception network (`sada_gym/agents/pilot/network.py`) that says from the
 drone's camera, attitude, velocity and turning where the next gate is and in which direction it is
 passed. The guidance flies there at {SPEED_M_S:g} m/s. It learnt by DAgger from the true places of
-the gates, on mild tracks alone: anchors displaced by at most {100 * MILD:.0f} % of their range. It
-has never seen a photograph or a real gate.""",
+the gates, on mild tracks alone: mu of at most {MILD.spread:g}. It has never seen a photograph.""",
     Reinforcement: f"""A small network that is told where the next two gates are, in the drone's own
 frame: it has no camera. It learnt to fly by PPO on `SADA-RacingTask-v0`, from scratch, on mild
-tracks alone: anchors displaced by at most {100 * MILD:.0f} % of their range.""",
+tracks alone: mu of at most {MILD.spread:g}.""",
 }
 
 
-def train(recipe: Imitation | Reinforcement, *, seed: int) -> PilotLike:
+def train(recipe: Imitation | Reinforcement, *, seed: int) -> WaypointNetwork | PPO:
     """Train a pilot by its recipe, in one thread: more would give other last bits."""
     with one_thread():
         if isinstance(recipe, Imitation):
             return imitate(recipe, seed=seed)
-        return reinforcement.reinforce(recipe, seed=seed)
-
-
-def save(pilot: PilotLike, path: Path) -> None:
-    """Write a pilot's weights as safetensors."""
-    if isinstance(pilot, WaypointNetwork):
-        network.save(pilot, path)
-    else:
-        reinforcement.save(pilot, path)
+        return reinforce(recipe, seed=seed)
 
 
 def write_card(

@@ -1,22 +1,27 @@
-"""The pilot that sees: camera and perception network give the waypoint to which the drone flies."""
+"""Pilots: networks that see where the next gate is, and models that choose actions themselves."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, TypeAlias
 
 import numba as nb
 import numpy as np
 import numpy.typing as npt
+import torch
 
 from sada_gym import agents
+from sada_gym.agents.pilot.network import WaypointNetwork, light
+from sada_gym.agents.policy import Policy
+from sada_gym.agents.wrappers import Acting
 from sada_gym.envs.uav.camera import Pictures, camera
 from sada_gym.envs.uav.guidance import SPEED_M_S, steer
+from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.threads import one_thread
 
-if TYPE_CHECKING:
-    from sada_gym.agents.pilot.network import WaypointNetwork
-    from sada_gym.envs.uav.races import Races
+PilotLike: TypeAlias = WaypointNetwork | Acting
+"""What can fly: a perception network, or an SB3 model of the racing task."""
 
 TILE = 8
 """The network always sees this many pictures at once, padded: a batch of another size would give
@@ -92,10 +97,6 @@ class WaypointPilot:
         return in_level(poses, np.concatenate(parts)) if parts else np.empty((0, 4))
 
     def _see(self, pictures: Pictures, felt: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        import torch
-
-        from sada_gym.agents.pilot.network import light
-
         rows = len(pictures)
         if rows < TILE:
             pictures = np.concatenate([pictures, np.repeat(pictures[:1], TILE - rows, axis=0)])
@@ -104,6 +105,49 @@ class WaypointPilot:
             answer = self.network(light(torch.from_numpy(pictures)), torch.from_numpy(felt))
         seen: npt.NDArray[np.float32] = answer.numpy()[:rows]
         return seen
+
+
+class TaskPilot:
+    """Lets an SB3 model fly, deterministically and each drone as if it were alone.
+
+    Args:
+        model: Trained on `SADA-RacingTask-v0`.
+
+    Raises:
+        ValueError: If its spaces are not the task's.
+    """
+
+    def __init__(self, model: Acting) -> None:
+        self._policy = Policy(model, OBSERVATION_SPACE, ACTION_SPACE, "SADA-RacingTask-v0")
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the policy's weights and the normalisation, None where they are unknown."""
+        return self._policy.fingerprint
+
+    def start(self, count: int) -> None:
+        """Forget what `count` drones saw."""
+        self._policy.start(count)
+
+    def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
+        """Choose actions (n, 4) for some of the drones; NaN where the model gives none.
+
+        Raises:
+            ValueError: If the model gives something of another shape.
+        """
+        return self._policy.act(races.observe(which), which)
+
+
+def pilot(agent: PilotLike) -> Pilot:
+    """What flies drones as an agent has it.
+
+    Args:
+        agent: A perception network, or an SB3 model.
+
+    Raises:
+        ValueError: If a model's spaces are not the racing task's.
+    """
+    return WaypointPilot(agent) if isinstance(agent, WaypointNetwork) else TaskPilot(agent)
 
 
 def motion(poses: Floats) -> npt.NDArray[np.float32]:
