@@ -57,6 +57,9 @@ Array = npt.NDArray[np.float64]
 Body = tuple[float, ...]
 
 _GROUND_BIT = 1 << SLOTS
+_IDLE: list[int] = []
+"""Clients that no world uses: to connect one takes as long as a race."""
+_MOST_IDLE = 4
 _kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 _LAG = 1.0 - math.exp(-1.0 / (SIMULATION_HZ * ROTOR_LAG_S))
 _SIGNS = np.array([[1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
@@ -191,13 +194,14 @@ class World:
     """
 
     def __init__(self) -> None:
-        self._client = pybullet.connect(pybullet.DIRECT)
+        self._client = _IDLE.pop() if _IDLE else pybullet.connect(pybullet.DIRECT)
         self._bodies: list[list[int]] = [[] for _ in range(SLOTS)]
         self._solid: list[tuple[int, ...]] = [(-1,) * FRAMES for _ in range(SLOTS)]
         self._build()
 
     def _build(self) -> None:
         client = self._client
+        pybullet.resetSimulation(physicsClientId=client)
         pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=1 / SIMULATION_HZ,
@@ -330,7 +334,10 @@ class World:
     def close(self) -> None:
         """Free the world; doing it again is fine."""
         if self._client >= 0:
-            pybullet.disconnect(self._client)
+            if len(_IDLE) < _MOST_IDLE:
+                _IDLE.append(self._client)
+            else:
+                pybullet.disconnect(self._client)
             self._client = -1
 
     def __del__(self) -> None:

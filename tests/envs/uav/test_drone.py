@@ -164,6 +164,20 @@ def test_a_crash_is_the_same_in_any_slot_beside_any_others(slot):
     assert np.abs(np.diff(alone[:, 7])).max() > 1  # it did hit something
 
 
+def test_a_world_after_another_is_as_the_first():
+    def crash():
+        world = World()
+        flight = Flight(world, [2], [upright((2, 1.25, 1.8), 0.2)])
+        world.surround(2, GATE, NEAR)
+        flight.fly([9, 0, -0.5, 0], 1.5)
+        world.close()
+        return np.array(flight.path)
+
+    first = crash()
+    for _ in range(3):
+        np.testing.assert_array_equal(crash(), first)
+
+
 def test_closing_twice_is_fine_and_pickling_is_not():
     import pickle
 
