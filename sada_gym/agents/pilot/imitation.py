@@ -19,7 +19,7 @@ from sada_gym.agents.pilot.network import WaypointNetwork, light, new_network
 from sada_gym.agents.pilot.recipe import Imitation
 from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.pilot import WaypointPilot, in_drone, motion
-from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.races import Ending, Races
 from sada_gym.envs.uav.reference import Reference
 
 _PUSHES, _PUSH, _FADE = 0.06, 0.35, 0.85
@@ -131,7 +131,7 @@ def strayed(races: Races) -> npt.NDArray[np.bool_]:
     """Which drones missed their gate: nothing ahead of them shows where it is."""
     gates = races.gates.shape[1]
     flying = np.flatnonzero(races.next_gate < gates)
-    found = (races.endings > 1).any(axis=1)
+    found: npt.NDArray[np.bool_] = np.any(races.endings > Ending.PASSED, axis=1)
     x, y, _, turn = races.waypoints(flying).T
     ahead = x * np.cos(turn) + y * np.sin(turn)
     found[flying] |= (ahead < -_BEHIND_M) | (np.hypot(x, y) > _ASTRAY_M)
@@ -172,7 +172,8 @@ def loss(answer: Tensor, truth: Tensor) -> Tensor:
     """The mean error of answers (n, 6): of a place relative to its distance, and of a direction."""
     error = (answer - truth).abs()
     far = truth[:, :3].norm(dim=1, keepdim=True) + _NEAR_M / 10
-    return (error[:, :3] / far).mean() + _DIRECTION_WEIGHT * error[:, 3:].mean()
+    mean: Tensor = (error[:, :3] / far).mean() + _DIRECTION_WEIGHT * error[:, 3:].mean()
+    return mean
 
 
 def _relit(pictures: Tensor, jitter: float, rng: np.random.Generator) -> Tensor:

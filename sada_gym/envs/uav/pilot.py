@@ -1,9 +1,13 @@
-"""Pilots: networks that see where the next gate is, and models that choose actions themselves."""
+"""Pilots: networks that see where the next gate is, and models that choose actions themselves.
+
+Either gets what its drone sees, and gives what the flight controller is told, in lockstep, each as
+if it were alone.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numba as nb
 import numpy as np
@@ -20,9 +24,6 @@ from sada_gym.envs.uav.races import Races
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.threads import one_thread
 
-PilotLike: TypeAlias = WaypointNetwork | Acting
-"""What can fly: a perception network, or an SB3 model of the racing task."""
-
 TILE = 8
 """The network always sees this many pictures at once, padded: a batch of another size would give
 other last bits, and a closed loop makes another flight of them."""
@@ -37,6 +38,7 @@ _kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 Floats = npt.NDArray[np.float64]
 
 
+@runtime_checkable
 class Pilot(Protocol):
     """What flies drones."""
 
@@ -50,6 +52,10 @@ class Pilot(Protocol):
     def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
         """Choose actions (n, 4) for some of the drones."""
         ...
+
+
+PilotLike: TypeAlias = WaypointNetwork | Acting | Pilot
+"""What can fly: a perception network, an SB3 model of the racing task, or a pilot as it is."""
 
 
 class WaypointPilot:
@@ -142,12 +148,14 @@ def pilot(agent: PilotLike) -> Pilot:
     """What flies drones as an agent has it.
 
     Args:
-        agent: A perception network, or an SB3 model.
+        agent: A perception network, an SB3 model, or a pilot as it is.
 
     Raises:
         ValueError: If a model's spaces are not the racing task's.
     """
-    return WaypointPilot(agent) if isinstance(agent, WaypointNetwork) else TaskPilot(agent)
+    if isinstance(agent, WaypointNetwork):
+        return WaypointPilot(agent)
+    return agent if isinstance(agent, Pilot) else TaskPilot(agent)
 
 
 def motion(poses: Floats) -> npt.NDArray[np.float32]:
