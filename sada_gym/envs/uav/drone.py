@@ -302,7 +302,9 @@ class World:
         self._solid[slot] = tuple(kept)
 
     def place(self, slot: int, state: Array) -> None:
-        """Set a slot's drone to a state (13,)."""
+        """Set a slot's drone to a state (13,); an empty slot stays empty."""
+        if not self._bodies[slot]:
+            return
         body, values = self._bodies[slot][0], state.tolist()
         pybullet.resetBasePositionAndOrientation(
             body, values[:3], values[3:7], physicsClientId=self._client

@@ -189,7 +189,8 @@ class Races:
                 no finite number is lost.
         """
         told = np.array(actions, np.float64)
-        silent = ~np.isfinite(told).all(axis=1)
+        # no such number may reach PyBullet, where the others are
+        silent = ~np.isfinite(told).all(axis=1) | _lost(self.states[which])
         self.steps[which] += 1
         for i in which[silent].tolist():
             self._miss(i, Ending.LOST)
@@ -203,6 +204,9 @@ class Races:
                 self._fly(world, which[here], told[here])
         self._since[which] += 1
         self._judge(which)
+        for i in which[self.next_gate[which] == self.gates.shape[1]].tolist():
+            # it would fall to the ground, and cost the others time there
+            self._worlds[i // SLOTS].clear(i % SLOTS)
 
     def close(self) -> None:
         """Free the worlds; doing it again is fine."""

@@ -140,6 +140,21 @@ def test_numbers_that_are_none_lose_a_drone():
     assert races.endings[0, 1:].tolist() == [Ending.PASSED] * 3
 
 
+def test_a_drone_that_is_lost_leaves_the_others_alone():
+    made = starts(2)
+    alone = outcome(made[:1])
+    races = Races(made)
+    while len(which := races.under_way()):
+        if races.steps[0] % 7 == 3:
+            races.place(1, np.full(13, np.nan))
+        if races.steps[0] % 7 == 5:
+            races.place(1, np.full(13, 1e200))
+        races.step(which, Clumsy().act(races, which))
+    np.testing.assert_array_equal(races.endings[0], alone.endings[0])
+    np.testing.assert_array_equal(races.states[0], alone.states[0])
+    assert (races.endings[1] == Ending.LOST).sum() > 5
+
+
 def test_one_miss_breeds_no_other():
     anchors = TEMPLATES[3].displaced(np.zeros((1, 6)))
     races = Races(set_off(Tracks(anchors), [0]))
