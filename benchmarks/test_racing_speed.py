@@ -12,9 +12,10 @@ import pytest
 
 from sada_gym.agents.pilot.network import WaypointNetwork
 from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
-from sada_gym.envs.uav.drone import SIMULATION_HZ, SLOTS, World, upright
+from sada_gym.envs.uav.drone import SIMULATION_HZ, upright
 from sada_gym.envs.uav.pilot import WaypointPilot
 from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.world import SLOTS, World
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)

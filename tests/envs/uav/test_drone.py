@@ -8,13 +8,12 @@ from sada_gym.envs.uav.drone import (
     MASS_KG,
     MAX_ROTOR_N,
     SIMULATION_HZ,
-    SLOTS,
-    World,
     control,
     headings,
     upright,
 )
 from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.world import SLOTS, World
 
 DT = 1 / SIMULATION_HZ
 GATE = np.array([[5.0, 0.0, CENTRE_HEIGHT_M, 0.0]])
