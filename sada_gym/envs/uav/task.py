@@ -29,7 +29,7 @@ from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.races import GATES_AHEAD, POLICY_HZ, Ending, Observation, Races, Start
 from sada_gym.envs.uav.track import GATES
 
-PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.1, 1.0, -10.0, -1.0
+PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.5, 2.0, -5.0, -0.5
 
 _FIRST = np.zeros(1, np.intp)
 
@@ -63,8 +63,8 @@ class RacingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
     | `motion` | `Box(-1, 1, (9,), float32)` | velocity in the level frame, in 16 m/s; the world's up in the drone's frame; turning rates about the drone's axes, in 10 rad/s |
 
     ## Rewards
-    A step: 0.1 for every metre nearer to the next gate's opening, 1 for a gate passed, -1 for
-    touching a frame or the ground, -10 for a gate missed.
+    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, -0.5 for
+    touching a frame or the ground, -5 for a gate missed.
 
     ## Starting State
     Between two gates of a random track of the course, flying.
