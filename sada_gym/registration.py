@@ -85,6 +85,11 @@ INNER_TASKS: tuple[Registration, ...] = (
         entry_point="sada_gym.envs.driving:DrivingTaskEnv",
         vector_entry_point="sada_gym.envs.driving:DrivingTaskVectorEnv",
     ),
+    Registration(
+        id="SADA-RacingTask-v0",
+        entry_point="sada_gym.envs.uav:RacingTaskEnv",
+        vector_entry_point="sada_gym.envs.uav:RacingTaskVectorEnv",
+    ),
 )
 """What the agents under attack are trained on: no adversary environments."""
 

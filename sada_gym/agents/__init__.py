@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 from sada_gym.generators import generators_kept
 
 if TYPE_CHECKING:
+    from stable_baselines3 import PPO
     from stable_baselines3.common.base_class import BaseAlgorithm
 
     from sada_gym.agents.detector.model import Detector
+    from sada_gym.agents.pilot.network import WaypointNetwork
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,23 @@ def load_driver(agent: str) -> BaseAlgorithm:
     verify(shipped)
     with generators_kept():
         return PPO.load(shipped.path, device="cpu")
+
+
+def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
+    """Load a shipped pilot by name, or a safetensors file with one's weights.
+
+    Raises:
+        ValueError: If there is no such agent or file, or the shipped file's SHA-256 is off.
+    """
+    from sada_gym.agents.pilot.weights import load
+
+    if isinstance(agent, str) and not agent.endswith(".safetensors"):
+        shipped = card(agent, "SADA-UAV")
+        verify(shipped)
+        return load(shipped.path)
+    if not Path(agent).is_file():
+        raise ValueError(f"Expected a file with a pilot's weights, got {agent}: no such file.")
+    return load(Path(agent))
 
 
 def verify(agent: AgentCard) -> None:

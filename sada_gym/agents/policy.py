@@ -71,17 +71,18 @@ class Policy:
         self,
         seen: Mapping[str, npt.NDArray[Any]],
         which: npt.NDArray[np.intp],
-        where: Callable[[int], str],
+        where: Callable[[int], str] | None = None,
     ) -> npt.NDArray[np.float64]:
         """Choose actions (n, k) for some of the agents.
 
         Args:
             seen: What they see, each key (n, ...).
             which: (n,) which of the agents they are.
-            where: Says in a few words where an agent is, for messages.
+            where: Says in a few words where an agent is, for messages; None where NaN may be given.
 
         Raises:
-            ValueError: If the model gives anything but k finite numbers an agent.
+            ValueError: If the model gives anything but k numbers an agent, or, with `where`, one
+                that is not finite.
         """
         batch: Batch = dict(seen)
         for stage in self._stages:
@@ -93,7 +94,12 @@ class Policy:
             try:
                 actions = self._predict(tile)
             except ValueError as error:  # torch's distributions refuse NaN by themselves
-                raise self._broken(where(rows[self._first_refused(tile)]), "an error") from error
+                refused = self._refused(tile)
+                if not refused.any():
+                    raise
+                if where is not None:
+                    raise self._broken(where(rows[refused.argmax()]), "an error") from error
+                actions = self._one_by_one(tile, refused)
             if np.shape(actions) != (TILE, *self._action_shape):
                 raise ValueError(
                     f"Expected actions of shape {(TILE, *self._action_shape)} from "
@@ -101,7 +107,7 @@ class Policy:
                 )
             actions = np.asarray(actions)[: len(rows)]
             wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-            if wrong.size:
+            if wrong.size and where is not None:
                 raise self._broken(where(rows[wrong[0]]), str(actions[wrong[0]].tolist()))
             parts.append(actions)
         return np.clip(np.concatenate(parts).astype(np.float64), -1.0, 1.0)
@@ -116,13 +122,23 @@ class Policy:
             actions, _ = self.model.predict(padded, deterministic=True)
         return actions
 
-    def _first_refused(self, tile: Batch) -> int:
-        for row in range(len(next(iter(tile.values())))):
+    def _refused(self, tile: Batch) -> npt.NDArray[np.bool_]:
+        """For which of the agents in a tile the model gives an error, each shown by itself."""
+        refused = np.zeros(len(next(iter(tile.values()))), np.bool_)
+        for row in range(len(refused)):
             try:
                 self._predict({key: value[row : row + 1] for key, value in tile.items()})
             except ValueError:
-                return row
-        return 0
+                refused[row] = True
+        return refused
+
+    def _one_by_one(self, tile: Batch, refused: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
+        """Actions (TILE, k), NaN for those who got none."""
+        actions = np.full((TILE, *self._action_shape), np.nan)
+        for row in np.flatnonzero(~refused).tolist():
+            seen = {key: value[row : row + 1] for key, value in tile.items()}
+            actions[row] = self._predict(seen)[0]
+        return actions
 
     def _broken(self, where: str, given: str) -> ValueError:
         return ValueError(

@@ -1,0 +1,79 @@
+"""UAV racing's speed, as ratios within one run: `make bench`. No test fails on a time.
+
+The yardsticks are real time, and bare PyBullet stepping of the same bodies.
+"""
+
+import statistics
+import time
+
+import numpy as np
+import pybullet
+import pytest
+
+from sada_gym.agents.pilot.network import WaypointNetwork
+from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
+from sada_gym.envs.uav.drone import SIMULATION_HZ, upright
+from sada_gym.envs.uav.pilot import WaypointPilot
+from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.world import SLOTS, World
+
+RNG = np.random.default_rng(0)
+MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)
+SEEDS = RNG.integers(2**31, size=LOCKSTEP).tolist()
+STEPS = 1_000
+SPEEDS: dict[str, float] = {}
+"""Simulated seconds of one drone in a second, by what was measured."""
+
+
+class Looking(WaypointPilot):
+    """Sees with an untrained network, but flies as it is told: the full cost of usual flights."""
+
+    def act(self, races, which):
+        super().act(races, which)
+        return Reference().act(races, which)
+
+
+def record(benchmark, name, simulated_s):
+    SPEEDS[name] = simulated_s / statistics.median(benchmark.stats.stats.data)
+    benchmark.extra_info["times real time"] = SPEEDS[name]
+
+
+def flown(application, count):
+    return sum(info["time_s"] for info in application.evaluate(MU[:count], SEEDS[:count]).infos)
+
+
+@pytest.mark.parametrize(
+    ("name", "agent", "count"),
+    [
+        ("a batch, told the truth", Reference(), LOCKSTEP),
+        ("a batch, seeing", Looking(WaypointNetwork()), LOCKSTEP),
+        ("one race, seeing", Looking(WaypointNetwork()), 1),
+    ],
+)
+def test_evaluations(benchmark, name, agent, count):
+    application = UAVApplication(4, agent=agent)
+    simulated_s = flown(application, count)
+    benchmark.pedantic(flown, args=(application, count), rounds=3)
+    record(benchmark, name, simulated_s)
+
+
+def test_bare_stepping(benchmark):
+    world = World()
+    for slot in range(SLOTS):
+        world.fill(slot, upright((0, 0, 200), 0))
+
+    def step():
+        for _ in range(STEPS):
+            pybullet.stepSimulation(world._client)
+
+    benchmark.pedantic(step, rounds=5)
+    record(benchmark, "bare stepping", SLOTS * STEPS / SIMULATION_HZ)
+    world.close()
+
+
+def test_the_ratios(capsys):
+    with capsys.disabled():
+        print(f"\n{time.strftime('%F')}: simulated seconds of one drone in a second")
+        for name, speed in SPEEDS.items():
+            share = speed / SPEEDS["bare stepping"]
+            print(f"{name:>25}: {speed:8.0f} ({100 * share:.1f} % of bare stepping)")

@@ -1,0 +1,121 @@
+"""Draw the pictures of docs/environments/uav.md into docs/images: `python docs/draw_uav.py`.
+
+`--pilot` names another pilot than the shipped one, or a file of weights; `--samples` gives tracks
+that an adversary made, as samples-3.npz, samples-4.npz and samples-5.npz in one folder.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from sada_gym import agents
+from sada_gym.envs.uav.application import UAVApplication
+from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.pictures import Film, Plan
+from sada_gym.envs.uav.templates import TEMPLATES
+from sada_gym.envs.uav.track import Tracks, line
+
+IMAGES = Path(__file__).parent / "images"
+CELL, LABEL, TRACKS = 220, 24, 4
+INK = (31, 41, 51)
+
+
+def grid(rows: list[list[tuple[str, Image.Image]]]) -> Image.Image:
+    """Pictures in rows, each with a line of text above it."""
+    width, height = rows[0][0][1].size
+    whole = Image.new("RGB", (len(rows[0]) * width, len(rows) * (height + LABEL)), "white")
+    draw, font = ImageDraw.Draw(whole), ImageFont.load_default(14)
+    for i, row in enumerate(rows):
+        for j, (text, picture) in enumerate(row):
+            draw.text((j * width + 6, i * (height + LABEL) + 4), text, fill=INK, font=font)
+            whole.paste(picture, (j * width, i * (height + LABEL) + LABEL))
+    return whole
+
+
+def plan(anchors: int, mu: np.ndarray) -> Image.Image:
+    """A track from above."""
+    placed = TEMPLATES[anchors].displaced(mu[None])
+    return Plan(Tracks(placed).gates[0], line(placed[0]), CELL).picture()
+
+
+def tracks(rng: np.random.Generator) -> Image.Image:
+    """The templates, each beside random tracks."""
+    rows = []
+    for anchors, template in TEMPLATES.items():
+        d = len(template.parameters)
+        row = [(f"{anchors} anchors, undisturbed", plan(anchors, np.zeros(d)))]
+        row += [("uniform mu", plan(anchors, rng.uniform(-1, 1, d))) for _ in range(TRACKS)]
+        rows.append(row)
+    return grid(rows)
+
+
+def made(folder: Path) -> Image.Image:
+    """Tracks that an adversary made."""
+    rows = []
+    for anchors in TEMPLATES:
+        mu = np.load(folder / f"samples-{anchors}.npz", allow_pickle=False)["mu"]
+        chosen = np.linspace(0, len(mu) - 1, TRACKS + 1).astype(int)
+        rows.append([(f"{anchors} anchors", plan(anchors, mu[i])) for i in chosen])
+    return grid(rows)
+
+
+def seen(application: UAVApplication) -> Image.Image:
+    """What the pilot sees: moments of one race, in several looks, and as it gets them."""
+    large, small = camera(CELL * 3 // 4, CELL), camera()
+    rows = [[], []]
+    for seed, share in ((1, 0.05), (2, 0.3), (3, 0.5), (4, 0.7), (5, 0.9)):
+        film = Film.of(application, np.zeros(len(application.parameters)), seed)
+        state = film.states[[int(share * len(film.states))]]
+        gates = film.start.gates[None]
+        (fine,) = large.draw(gates, state, [seed])
+        (coarse,) = small.draw(gates, state, [seed])
+        rows[0].append((f"{film.times_s[int(share * len(film.states))]:.1f} s", fine))
+        rows[1].append(("as the pilot gets it", coarse))
+    size = (CELL, CELL * 3 // 4)
+    return grid(
+        [
+            [(t, Image.fromarray(p).resize(size, Image.Resampling.NEAREST)) for t, p in r]
+            for r in rows
+        ]
+    )
+
+
+def films(application: UAVApplication, rng: np.random.Generator) -> tuple[Film, Film | None]:
+    """A race without a miss and one below the threshold, of uniform mu, the first of each."""
+    mu = rng.uniform(-1, 1, (64, len(application.parameters)))
+    outcomes = application.evaluate(mu, list(range(len(mu))))
+    passed = int((outcomes.score == 1).argmax())
+    film = Film.of(application, mu[passed], passed)
+    assert film.score == 1, "No race of 64 without a miss."
+    if not outcomes.fooled.any():
+        return film, None
+    failed = int(outcomes.fooled.argmax())
+    return film, Film.of(application, mu[failed], failed)
+
+
+def main() -> None:
+    """Draw all of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pilot", default="waypoint-pid")
+    parser.add_argument("--samples", type=Path)
+    parser.add_argument("--out", type=Path, default=IMAGES)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    pictures = {"tracks": tracks(rng)}
+    application = UAVApplication(4, agent=agents.load_pilot(arguments.pilot))
+    pictures["seen"] = seen(application)
+    passed, failed = films(application, rng)
+    pictures["passed"] = Image.fromarray(passed.summary())
+    if failed is not None:
+        pictures["failed"] = Image.fromarray(failed.summary())
+    if arguments.samples is not None:
+        pictures["made"] = made(arguments.samples)
+    for name, picture in pictures.items():
+        picture.save(arguments.out / f"uav-{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""UAV racing under attack: the shape of the track; Q is the share of gates passed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym import agents
+from sada_gym.application import Application, Frame, Scored
+from sada_gym.envs.uav.course import set_off
+from sada_gym.envs.uav.pilot import Pilot, PilotLike, pilot
+from sada_gym.envs.uav.races import Ending, Races
+from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.templates import template
+from sada_gym.envs.uav.track import Tracks
+from sada_gym.parameters import Mu
+
+LOCKSTEP = 64
+"""So many races are flown at a time."""
+
+
+class UAVApplication(Application):
+    """A frozen pilot on tracks between displaced anchor points.
+
+    Args:
+        anchors: 3, 4 or 5 anchor points.
+        agent: A shipped pilot's name, a perception network, or an SB3 model.
+        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
+
+    Raises:
+        ValueError: If there is no such track or agent, or the agent's spaces are not the task's.
+    """
+
+    name = "SADA-UAV"
+    fooling_threshold = 0.7
+    sample_size = 100
+
+    def __init__(
+        self,
+        anchors: int = 3,
+        *,
+        agent: str | PilotLike = "waypoint-pid",
+        agent_id: str | None = None,
+    ) -> None:
+        self.anchors, self.template = anchors, template(anchors)
+        self.parameters = self.template.parameters
+        if isinstance(agent, str):
+            self.agent_name, self.agent = agent, agents.load_pilot(agent)
+        else:
+            self.agent_name, self.agent = agent_id or type(agent).__name__, agent
+        self._pilot = pilot(self.agent)
+        self._agent_id = agent_id
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The resolved keywords that a score depends on."""
+        return {"anchors": self.anchors}
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the pilot's weights, or the name that its owner gave it."""
+        return self._agent_id or self._pilot.fingerprint
+
+    def tracks(self, mu: Mu) -> Tracks:
+        """The tracks of mu, (n, d)."""
+        return Tracks(self.template.displaced(mu))
+
+    def races(self, mu: Mu, seeds: Sequence[int]) -> Races:
+        """Drones at the starts of the tracks of mu, n of them; close them after use."""
+        return Races(set_off(self.tracks(mu), seeds))
+
+    def fly(self, races: Races, watch: Callable[[Races], None] | None = None) -> None:
+        """Let the pilot fly all races to their ends; `watch` looks on before every decision."""
+        _fly(self._pilot, races, watch)
+
+    def reference_score(
+        self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
+    ) -> npt.NDArray[np.float64]:
+        """What the privileged pilot scores: who fails where it passes is to blame, not the track.
+
+        Args:
+            mu: (n, d), values in [-1, 1].
+            seeds: n seeds; 0 for all by default.
+
+        Returns:
+            (n,) Q of the guidance told the gates' true poses.
+        """
+        batch = self.parameters.validate(mu)
+        scores = np.empty(len(batch))
+        for rows, races in self._batches(batch, seeds or [0] * len(batch)):
+            _fly(Reference(), races)
+            scores[rows] = races.score
+        return scores
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        scores, extras = np.empty(len(mu)), []
+        for rows, races in self._batches(mu, seeds):
+            self.fly(races)
+            scores[rows] = races.score
+            tracks = self.tracks(mu[rows])
+            turns, closest = np.abs(tracks.turns_deg()).max(axis=1), tracks.closest_m()
+            for i in range(len(races)):
+                ended = races.endings[i]
+                extras.append(
+                    {
+                        "gates_passed": int((ended == Ending.PASSED).sum()),
+                        "endings": [Ending(code).name.lower() for code in ended],
+                        "touched": races.touched[i].tolist(),
+                        "time_s": float(races.time_s[i]),
+                        "length_m": float(tracks.length_m[i]),
+                        "sharpest_turn_deg": float(turns[i]),
+                        "closest_m": float(closest[i]),
+                    }
+                )
+        return Scored(scores, extras)
+
+    def _batches(self, mu: Mu, seeds: Sequence[int]) -> Iterator[tuple[slice, Races]]:
+        for start in range(0, len(mu), LOCKSTEP):
+            rows = slice(start, min(start + LOCKSTEP, len(mu)))
+            races = self.races(mu[rows], seeds[rows])
+            try:
+                yield rows, races
+            finally:
+                races.close()
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """What the camera sees where the pilot first misses, beside a map of the race."""
+        from sada_gym.envs.uav.pictures import Film
+
+        return Film.of(self, mu, seed).summary()
+
+    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
+        """The whole race: what the camera sees, beside a map."""
+        from sada_gym.envs.uav.pictures import Film
+
+        film = Film.of(self, mu, seed)
+        return film.frames(), film.score
+
+
+def _fly(by: Pilot, races: Races, watch: Callable[[Races], None] | None = None) -> None:
+    by.start(len(races))
+    while len(which := races.under_way()):
+        if watch is not None:
+            watch(races)
+        races.step(which, by.act(races, which))

@@ -1,0 +1,84 @@
+"""How races set off: those of the benchmark from the start, those of training from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sada_gym.envs.uav.guidance import TOP_SPEED_M_S
+from sada_gym.envs.uav.races import Start
+from sada_gym.envs.uav.templates import TEMPLATES, template
+from sada_gym.envs.uav.track import GATES, Tracks, along
+
+START_SHIFT_M = 0.3
+"""How far, along x and along y, a seed moves the drone from the start at most."""
+START_TURN_DEG = 5.0
+"""How far it turns the drone at most."""
+
+_BOUNDS = {"spread": 1.0, "shift_m": 1.0, "turned_deg": 45.0, "speed_m_s": TOP_SPEED_M_S}
+
+
+@dataclass(frozen=True)
+class Course:
+    """A distribution of races on tracks around the templates.
+
+    A race may begin between any two gates; it is a lap all the same.
+
+    Attributes:
+        anchors: The numbers of anchor points that occur.
+        spread: Every number of mu is at most this far from 0.
+        shift_m: How far from the track's line, along x and along y, a drone starts at most.
+        turned_deg: How far it is turned at most.
+        speed_m_s: How fast it starts at most, to where it heads.
+    """
+
+    anchors: tuple[int, ...] = tuple(TEMPLATES)
+    spread: float = 0.25
+    shift_m: float = 0.5
+    turned_deg: float = 15.0
+    speed_m_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Reject what there is not, and what could start in a frame."""
+        if not self.anchors:
+            raise ValueError("Expected anchors to hold at least one number, got none.")
+        for count in self.anchors:
+            template(count)
+        for name, most in _BOUNDS.items():
+            given = getattr(self, name)
+            if not 0.0 <= given <= most:
+                raise ValueError(f"Expected {name} from 0 to {most:g}, got {given!r}.")
+
+    def draw(self, rng: np.random.Generator) -> Start:
+        """Draw one race."""
+        chosen = template(int(self.anchors[rng.integers(len(self.anchors))]))
+        mu = rng.uniform(-self.spread, self.spread, (1, len(chosen.parameters)))
+        anchors = chosen.displaced(mu)
+        first = int(rng.integers(GATES))
+        (place,), _ = along(anchors[0], np.array([(first + 0.5) / GATES]))
+        x, y = place[:2] + rng.uniform(-self.shift_m, self.shift_m, 2)
+        turned = np.deg2rad(rng.uniform(-self.turned_deg, self.turned_deg))
+        heading, speed = float(place[3] + turned), float(rng.uniform(0, self.speed_m_s))
+        return Start(
+            gates=np.roll(Tracks(anchors).gates[0], -first, axis=0),
+            place=(float(x), float(y), float(place[2]), heading),
+            seed=int(rng.integers(2**31)),
+            velocity=(speed * float(np.cos(heading)), speed * float(np.sin(heading)), 0.0),
+        )
+
+
+def set_off(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
+    """The benchmark's races on some tracks: at rest near the start, as the seeds say."""
+    starts = []
+    for gates, (x, y, z, heading), seed in zip(tracks.gates, tracks.starts, seeds, strict=True):
+        draw = np.random.default_rng(seed).uniform(-1, 1, 3).tolist()
+        place = (
+            float(x) + START_SHIFT_M * draw[0],
+            float(y) + START_SHIFT_M * draw[1],
+            float(z),
+            float(heading) + float(np.deg2rad(START_TURN_DEG)) * draw[2],
+        )
+        starts.append(Start(gates, place, seed))
+    return starts

@@ -1,0 +1,236 @@
+"""Courses for a person to look at: what the drone's camera sees, and the track from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from sada_gym.application import Frame
+from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.drone import headings
+from sada_gym.envs.uav.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.races import POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.track import line
+
+if TYPE_CHECKING:
+    from sada_gym.envs.uav.application import UAVApplication
+
+VIEW_ROWS, VIEW_COLUMNS = 384, 512
+_BAR = 26
+_MARGIN_M = 5.0
+_FINER = 2
+
+Colour = tuple[int, int, int]
+_FIELD: Colour = (226, 236, 214)
+_LINE: Colour = (190, 203, 174)
+_FLOWN: Colour = (37, 99, 235)
+_INK: Colour = (31, 41, 51)
+_PASSED: Colour = (22, 163, 74)
+_MISSED: Colour = (220, 38, 38)
+_AHEAD: Colour = (107, 114, 128)
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A race as it was flown.
+
+    Attributes:
+        name: Of the track.
+        start: What the race was made of.
+        line: (m, 2) the track's line.
+        states: (k, 13) of the drone before every decision, and at the end.
+        endings: (k, g) what had become of each gate by then.
+        times_s: (k,).
+    """
+
+    name: str
+    start: Start
+    line: Array
+    states: Array
+    endings: npt.NDArray[np.int8]
+    times_s: Array
+
+    @classmethod
+    def of(cls, application: UAVApplication, mu: npt.ArrayLike, seed: int) -> Film:
+        """Fly the race of one mu, (d,), and keep all decisions."""
+        row = application.parameters.validate(np.asarray(mu)[None])
+        races = application.races(row, [seed])
+        states, endings, times = [], [], []
+
+        def watch(races: Races) -> None:
+            states.append(races.states[0].copy())
+            endings.append(races.endings[0].copy())
+            times.append(float(races.time_s[0]))
+
+        application.fly(races, watch)
+        watch(races)
+        races.close()
+        return cls(
+            name=f"{application.anchors} anchors",
+            start=races.starts[0],
+            line=line(application.template.displaced(row)[0]),
+            states=np.array(states),
+            endings=np.array(endings),
+            times_s=np.array(times),
+        )
+
+    @property
+    def score(self) -> float:
+        """The share of gates passed."""
+        return float((self.endings[-1] == Ending.PASSED).mean())
+
+    def summary(self) -> Frame:
+        """The camera's picture where the first gate is missed (or half-way), beside the track."""
+        step, said = self._moment()
+        passed = int((self.endings[-1] == Ending.PASSED).sum())
+        pair = self._pair(step, self.endings[-1], self._ways(len(self.states)))
+        text = (
+            f"{self.name}: {passed} of {len(self.start.gates)} gates passed in "
+            f"{self.times_s[-1]:.1f} s   {said}"
+        )
+        return np.asarray(_under(pair, text))
+
+    def frames(self) -> list[Frame]:
+        """Every decision: the camera's picture beside the track."""
+        shots: list[Frame] = []
+        for step, (state, endings) in enumerate(zip(self.states, self.endings, strict=True)):
+            passed = int((endings == Ending.PASSED).sum())
+            missed = int((endings > Ending.PASSED).sum())
+            ahead = len(endings) - passed - missed
+            said = f"to gate {passed + missed + 1}" if ahead else "over"
+            text = (
+                f"{self.name}   {self.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
+                f"m/s   {passed} passed   {missed} missed   {said}"
+            )
+            pair = self._pair(step, endings, self._ways(step + 1))
+            shots.append(np.asarray(_under(pair, text)))
+        return shots + shots[-1:] * (POLICY_HZ - 1)  # a second to read how it ended
+
+    def _moment(self) -> tuple[int, str]:
+        """The decision that the summary shows, and what to say of it."""
+        missed = self.endings > Ending.PASSED
+        if not missed.any():
+            return len(self.states) // 2, "seen: half-way"
+        late = int(missed.any(axis=1).argmax())
+        gate = int(missed[late].argmax())
+        x, y, _, heading = self.start.gates[gate]
+        flown = self.states[:late]
+        ahead = (x - flown[:, 0]) * np.cos(heading) + (y - flown[:, 1]) * np.sin(heading)
+        since = int((self.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
+        near = np.hypot(x - flown[since:, 0], y - flown[since:, 1])
+        before = np.flatnonzero(ahead[since:] > 0)
+        step = before[near[before].argmin()] if before.size else 0
+        return max(since, since + int(step) - POLICY_HZ // 4), f"seen: before gate {gate + 1}"
+
+    def _ways(self, until: int) -> tuple[Array, ...]:
+        """The ways flown, apart where the drone was set into a missed gate."""
+        missed = (self.endings[:until] > Ending.PASSED).sum(axis=1)
+        cuts = np.flatnonzero(np.diff(missed)) + 1
+        return tuple(np.split(self.states[:until, :2], cuts))
+
+    def _pair(
+        self, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
+    ) -> Image.Image:
+        state = self.states[step]
+        of = camera(VIEW_ROWS, VIEW_COLUMNS)
+        (view,) = of.draw(self.start.gates[None], state[None], [self.start.seed])
+        drone = np.array([*state[:2], headings(state[None])[0]])
+        plan = Plan(self.start.gates, self.line).picture(endings, ways, drone)
+        return _beside(Image.fromarray(view), plan)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A track from above, and where it lies in a square picture.
+
+    Attributes:
+        gates: (g, 4) x, y, z and heading.
+        line: (m, 2) the track's line.
+        size: Pixels of the picture's side.
+    """
+
+    gates: Array
+    line: Array
+    size: int = VIEW_ROWS
+
+    def picture(
+        self,
+        endings: npt.ArrayLike | None = None,
+        flown: tuple[Array, ...] = (),
+        drone: Array | None = None,
+    ) -> Image.Image:
+        """Draw it.
+
+        Args:
+            endings: (g,) of `Ending`; by default all gates are ahead.
+            flown: Ways, (k, 2) each.
+            drone: x, y and heading.
+        """
+        side = self.size * _FINER
+        picture = Image.new("RGB", (side, side), _FIELD)
+        draw = ImageDraw.Draw(picture)
+        draw.line(self._pixels(np.vstack([self.line, self.line[:1]])), fill=_LINE, width=5)
+        for way in flown:
+            draw.line(self._pixels(way), fill=_FLOWN, width=4)
+        codes = np.zeros(len(self.gates), int) if endings is None else np.asarray(endings)
+        font = ImageFont.load_default(11 * _FINER)
+        for number, (gate, code) in enumerate(zip(self.gates, codes.tolist(), strict=True), 1):
+            colour = _AHEAD if code == Ending.AHEAD else _MISSED
+            colour = _PASSED if code == Ending.PASSED else colour
+            self._gate(draw, gate, colour)
+            aside = gate[:2] + 2.9 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
+            (place,) = self._pixels(aside[None])
+            draw.text(place, str(number), fill=colour, font=font, anchor="mm")
+        if drone is not None:
+            self._drone(draw, drone)
+        return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)
+
+    def _gate(self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour) -> None:
+        ahead = np.array([np.cos(gate[3]), np.sin(gate[3])])
+        left = np.array([-ahead[1], ahead[0]]) * OUTER_WIDTH_M / 2
+        ends = self._pixels(np.stack([gate[:2] + left, gate[:2] - left]))
+        draw.line(ends, fill=colour, width=4 * _FINER)
+        draw.line(self._pixels(np.stack([gate[:2], gate[:2] + 1.2 * ahead])), fill=colour, width=4)
+
+    def _drone(self, draw: ImageDraw.ImageDraw, drone: Array) -> None:
+        turned = drone[2] + np.deg2rad([0, 140, 220])
+        size = np.array([1.6, 1.3, 1.3]) * 7 * _FINER
+        (x, y) = self._pixels(drone[None, :2])[0]
+        corners = [
+            (x + float(s * np.cos(a)), y - float(s * np.sin(a)))
+            for s, a in zip(size, turned, strict=True)
+        ]
+        draw.polygon(corners, fill=_INK, outline="white")
+
+    def _pixels(self, points: Array) -> list[tuple[float, float]]:
+        """Places in the picture of places in m, (k, 2)."""
+        all_points = np.vstack([self.gates[:, :2], self.line])
+        low, high = all_points.min(axis=0) - _MARGIN_M, all_points.max(axis=0) + _MARGIN_M
+        side = self.size * _FINER
+        scale = side / float((high - low).max())
+        off = (points - (low + high) / 2) * scale
+        return [
+            (float(np.clip(side / 2 + x, -side, 2 * side)), float(side / 2 - y)) for x, y in off
+        ]
+
+
+def _under(picture: Image.Image, text: str) -> Image.Image:
+    """A picture with a line of text below it."""
+    whole = Image.new("RGB", (picture.width, picture.height + _BAR), "white")
+    whole.paste(picture, (0, 0))
+    font = ImageFont.load_default(15)
+    ImageDraw.Draw(whole).text((8, picture.height + 4), text, fill=_INK, font=font)
+    return whole
+
+
+def _beside(left: Image.Image, right: Image.Image) -> Image.Image:
+    pair = Image.new("RGB", (left.width + right.width, left.height), "white")
+    pair.paste(left, (0, 0))
+    pair.paste(right, (left.width, 0))
+    return pair

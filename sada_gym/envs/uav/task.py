@@ -1,0 +1,300 @@
+"""SADA-RacingTask: the inner task, on which racing pilots are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from sada_gym.application import Frame
+from sada_gym.envs.checks import (
+    checked_actions,
+    checked_num_envs,
+    checked_render_mode,
+    reset_mask,
+    spread_seeds,
+    warn_without_render_mode,
+)
+from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.races import GATES_AHEAD, POLICY_HZ, Ending, Observation, Races, Start
+from sada_gym.envs.uav.track import GATES
+
+PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.5, 2.0, -5.0, -0.5
+
+_FIRST = np.zeros(1, np.intp)
+
+OBSERVATION_SPACE = spaces.Dict(
+    {
+        "gates": spaces.Box(-1.0, 1.0, (5 * GATES_AHEAD,), np.float32),
+        "motion": spaces.Box(-1.0, 1.0, (9,), np.float32),
+    }
+)
+ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (4,), np.float32)
+
+
+class RacingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
+    """A racing drone flies a lap through twelve gates.
+
+    ## Description
+    The drone is a rigid body in PyBullet with a flight controller at 240 Hz; the pilot decides at
+    20 Hz. It is told where the next two gates are: this is no task of seeing. A gate is passed when
+    the drone crosses its opening, in its direction and in the gates' order. Frames are solid.
+
+    ## Action Space
+    `Box(-1, 1, (4,), float32)`: wanted velocity to where the drone heads, to its left and up, 1 is
+    16 m/s (over the ground both together at most 16 m/s); turning rate, 1 is 4 rad/s to the left.
+
+    ## Observation Space
+    `Dict`; the level frame has x to where the drone heads, y to the left, z up:
+
+    | key | space | what |
+    | --- | --- | --- |
+    | `gates` | `Box(-1, 1, (10,), float32)` | of the next gate and the one after it: the opening's x, y, z in the level frame, in 20 m, and cosine and sine of its heading there |
+    | `motion` | `Box(-1, 1, (9,), float32)` | velocity in the level frame, in 16 m/s; the world's up in the drone's frame; turning rates about the drone's axes, in 10 rad/s |
+
+    ## Rewards
+    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, -0.5 for
+    touching a frame or the ground, -5 for a gate missed.
+
+    ## Starting State
+    Between two gates of a random track of the course, flying.
+
+    ## Episode End
+    Terminated after the last gate, or where the drone is lost: on its back on the ground, or out of
+    the world. Truncated when a gate was not passed in 10 s. `info` holds `gates_passed`, `time_s`,
+    `is_success`.
+
+    ## Arguments
+    - `course=Course()`: what tracks and starts are drawn from.
+    - `render_mode=None`: `"rgb_array"` gives the picture of the drone's camera.
+
+    ## Version History
+    - v0: initial version.
+    """  # noqa: E501 - a table's row
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
+
+    def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        # a copy: SB3's VecNormalize changes the space that it is given
+        self.observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)  # type: ignore[assignment]
+        self.action_space = ACTION_SPACE
+        self._lessons = _Lessons(course or Course(), 1)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Set off on a new track."""
+        super().reset(seed=seed, options=options)
+        self._lessons.start(0, self.np_random)
+        return self._observation(), self._lessons.info(0)
+
+    def step(
+        self, action: npt.NDArray[Any]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Fly for a twentieth of a second."""
+        reward = self._lessons.step(checked_actions(action, self.action_space, "an action")[None])
+        terminated, truncated = self._lessons.over()
+        info = self._lessons.info(0)
+        return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> Frame | None:
+        """Give the camera's picture."""
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
+        frame: Frame = self._lessons.look(_FIRST)[0]
+        return frame
+
+    def close(self) -> None:
+        """Free the world; doing it again is fine."""
+        self._lessons.close()
+
+    def _observation(self) -> Observation:
+        return {key: value[0] for key, value in self._lessons.races.observe(_FIRST).items()}
+
+
+class RacingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+    """`RacingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
+
+    Args:
+        course: What tracks and starts are drawn from.
+        num_envs: Number of drones.
+        render_mode: `"rgb_array"` gives the picture of each drone's camera.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        **RacingTaskEnv.metadata,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
+    ) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.num_envs = checked_num_envs(num_envs)
+        self.single_observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)
+        self.single_action_space = ACTION_SPACE
+        self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
+        self.action_space = batch_space(ACTION_SPACE, num_envs)
+        self._lessons = _Lessons(course or Course(), num_envs)
+        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._everyone = np.arange(num_envs)
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """One generator a drone."""
+        return tuple(self._generators)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Set off on new tracks, all or those in the boolean array `options["reset_mask"]`.
+
+        Args:
+            seed: An int (drone i gets seed + i) or a sequence of one seed a drone.
+            options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
+        """
+        seeds = spread_seeds(seed, self.num_envs)
+        for i in reset_mask(options, self.num_envs):
+            given = seeds[i]
+            if given is not None:
+                self._generators[i] = seeding.np_random(given)[0]
+            self._lessons.start(i, self._generators[i])
+        infos: dict[str, Any] = {}
+        for i in range(self.num_envs):
+            infos = self._add_info(infos, self._lessons.info(i), i)
+        return self._lessons.races.observe(self._everyone), infos
+
+    def step(
+        self, actions: npt.NDArray[Any]
+    ) -> tuple[
+        Observation,
+        npt.NDArray[np.float64],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Fly for a twentieth of a second; who has ended sets off anew."""
+        reward = self._lessons.step(checked_actions(actions, self.action_space, "actions"))
+        terminated, truncated = self._lessons.over()
+        over = np.flatnonzero(terminated | truncated)
+        last = self._lessons.races.observe(over)
+        infos: dict[str, Any] = {}
+        for i in self._everyone.tolist():
+            info = self._lessons.info(i)
+            if terminated[i] or truncated[i]:
+                row = int(np.searchsorted(over, i))
+                seen = {key: value[row] for key, value in last.items()}
+                infos = self._add_info(infos, {"final_obs": seen, "final_info": info}, i)
+                self._lessons.start(i, self._generators[i])
+                info = self._lessons.info(i)
+            infos = self._add_info(infos, info, i)
+        observation = self._lessons.races.observe(self._everyone)
+        return observation, reward, terminated, truncated, infos
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Give the picture of each drone's camera."""
+        if self.render_mode is None:
+            warn_without_render_mode()
+            return None
+        return tuple(self._lessons.look(self._everyone))
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002 - Gymnasium's signature
+        """Free the worlds."""
+        self._lessons.close()
+
+
+class _Lessons:
+    """Races of a course, with what each step is worth: for scalar and vector alike."""
+
+    def __init__(self, course: Course, count: int) -> None:
+        self._course, self._count = course, count
+        self._waiting: dict[int, Start] = {}
+        self._races: Races | None = None
+
+    @property
+    def races(self) -> Races:
+        """The drones."""
+        if self._races is None:
+            raise ResetNeeded("Expected reset() first: no drone has set off yet.")
+        return self._races
+
+    def start(self, i: int, rng: np.random.Generator) -> None:
+        """Let drone i set off on a new track."""
+        start = self._course.draw(rng)
+        if self._races is not None:
+            self._races.begin(i, start)
+            return
+        self._waiting[i] = start
+        if len(self._waiting) == self._count:
+            self._races = Races([self._waiting[k] for k in range(self._count)])
+
+    def step(self, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Fly, and give what it was worth, (n,)."""
+        races = self.races
+        if np.logical_or(*self.over()).any():
+            raise ResetNeeded("Expected reset() before step(): a race has ended.")
+        everyone = np.arange(len(races))
+        gate = races.next_gate.copy()
+        touched = races.touched.copy()
+        before = self._distances(gate)
+        races.step(everyone, actions)
+        ended = races.endings[everyone, gate]
+        passed, missed = ended == Ending.PASSED, ended > Ending.PASSED
+        nearer = np.where(passed, before, before - self._distances(gate))
+        worth: npt.NDArray[np.float64] = (
+            PROGRESS_REWARD_PER_M * np.where(missed, 0.0, nearer)
+            + GATE_REWARD * passed
+            + MISS_REWARD * missed
+            + TOUCH_REWARD * (races.touched & ~touched).any(axis=1)
+        )
+        return worth
+
+    def over(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Which races have ended, and for which time is up."""
+        endings = self.races.endings
+        late = (endings == Ending.LATE).any(axis=1)
+        done = (endings == Ending.LOST).any(axis=1) | (endings[:, -1] == Ending.PASSED)
+        return done, late
+
+    def info(self, i: int) -> dict[str, Any]:
+        """How far drone i came."""
+        passed = int((self.races.endings[i] == Ending.PASSED).sum())
+        return {
+            "gates_passed": passed,
+            "time_s": float(self.races.time_s[i]),
+            "is_success": passed == GATES,
+        }
+
+    def look(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+        """Draw what some of the cameras see."""
+        looks = [self.races.starts[i].seed for i in which.tolist()]
+        return camera().draw(self.races.gates[which], self.races.states[which], looks)
+
+    def close(self) -> None:
+        """Free the drones' worlds."""
+        if self._races is not None:
+            self._races.close()
+            self._races = None
+            self._waiting = {}
+
+    def _distances(self, gate: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+        """How far drones are from the openings of some gates, (n,)."""
+        races = self.races
+        centres = races.gates[np.arange(len(races)), gate, :3]
+        away: npt.NDArray[np.float64] = np.sqrt(((races.states[:, :3] - centres) ** 2).sum(axis=1))
+        return away

@@ -1,0 +1,180 @@
+"""From anchor points to gates: a closed quadratic B-spline with gates at equal arc length."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numba as nb
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
+
+GATES = 12
+"""On every track, one lap."""
+DEGREE = 2
+_SAMPLES = 600
+"""Chords by which a lap is measured."""
+
+Array = npt.NDArray[np.float64]
+
+_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
+
+
+class Tracks:
+    """The tracks of a batch of anchor points.
+
+    A track is built by itself, from arrays of one size: it never depends on the others.
+
+    Args:
+        anchors: (n, k, 2) in m, in the order of flight; k is at least 3.
+
+    Attributes:
+        gates: (n, GATES, 4) x, y, z of the opening's centre, and the heading of flight.
+        starts: (n, 4) x, y, z and heading: half a gate's spacing before the first gate.
+        length_m: (n,) of the lap.
+    """
+
+    def __init__(self, anchors: Array) -> None:
+        count = len(anchors)
+        self.anchors = anchors
+        self.gates = np.empty((count, GATES, 4))
+        self.starts = np.empty((count, 4))
+        self.length_m = np.empty(count)
+        share = np.append(0.5, np.arange(GATES) + 1.0) / GATES  # of the start and the gates
+        for i, points in enumerate(anchors):
+            places, self.length_m[i] = along(points, share)
+            self.starts[i], self.gates[i] = places[0], places[1:]
+
+    def turns_deg(self) -> Array:
+        """How far the heading turns from the start, and from every gate, to the next: (n, GATES).
+
+        Left is positive.
+        """
+        heading = np.column_stack([self.starts[:, 3], self.gates[:, :, 3]])
+        turned = (np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi
+        degrees: Array = np.rad2deg(turned)
+        return degrees
+
+    def closest_m(self) -> Array:
+        """The smallest distance between two frames of a track, (n,); 0 where they overlap."""
+        return np.array([_closest(gates) for gates in self.gates])
+
+    def start_m(self) -> Array:
+        """The distance from the start to the nearest frame, (n,)."""
+        return np.array(
+            [_nearest(gates, start) for gates, start in zip(self.gates, self.starts, strict=True)]
+        )
+
+
+def line(anchors: Array, count: int = 200) -> Array:
+    """The lap of one track, (count, 2) points from the start on."""
+    return along(anchors, np.linspace(0, 1, count))[0][:, :2]
+
+
+def along(anchors: Array, share: Array) -> tuple[Array, float]:
+    """Places on one track.
+
+    Args:
+        anchors: (k, 2).
+        share: (m,) of the lap, in [0, 1].
+
+    Returns:
+        (m, 4) x, y, z and heading there, and the lap's length in m.
+    """
+    count = len(anchors)
+    parameter = np.linspace(0, count, _SAMPLES + 1)
+    points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
+    step = np.hypot(*np.diff(points, axis=0).T)
+    travelled = np.append(0.0, np.cumsum(step))
+    at = np.interp(share * travelled[-1], travelled, parameter)
+    spline = _spline(anchors)
+    place, tangent = spline(at), spline.derivative()(at)
+    heading = np.arctan2(tangent[:, 1], tangent[:, 0])
+    return np.column_stack([place, np.full(len(at), CENTRE_HEIGHT_M), heading]), float(
+        travelled[-1]
+    )
+
+
+def _spline(anchors: Array) -> BSpline:
+    count = len(anchors)
+    return BSpline(_knots(count), anchors[np.arange(count + DEGREE) % count], DEGREE)
+
+
+def _knots(count: int) -> Array:
+    """Uniform ones, so that the lap's parameter runs from 0 to the number of anchors."""
+    return np.arange(-DEGREE, count + DEGREE + 1, dtype=np.float64)
+
+
+@lru_cache
+def _basis(count: int) -> Array:
+    """What every anchor weighs in every sample of a lap."""
+    parameter = np.linspace(0, count, _SAMPLES + 1)
+    basis: Array = BSpline.design_matrix(parameter, _knots(count), DEGREE).toarray()
+    return basis
+
+
+@_kernel
+def _corners(gate: Array) -> Array:
+    """The four corners of a frame, seen from above."""
+    cosine, sine = math.cos(gate[3]), math.sin(gate[3])
+    corners = np.empty((4, 2))
+    for k in range(4):
+        x = DEPTH_M / 2 if k in (0, 3) else -DEPTH_M / 2
+        y = OUTER_WIDTH_M / 2 if k < 2 else -OUTER_WIDTH_M / 2
+        corners[k, 0] = gate[0] + x * cosine - y * sine
+        corners[k, 1] = gate[1] + x * sine + y * cosine
+    return corners
+
+
+@_kernel
+def to_frame(gate: Array, x: float, y: float) -> float:
+    """The distance of a point from a frame, seen from above; 0 inside of it."""
+    cosine, sine = math.cos(gate[3]), math.sin(gate[3])
+    dx, dy = x - gate[0], y - gate[1]
+    forward = max(abs(dx * cosine + dy * sine) - DEPTH_M / 2, 0.0)
+    side = max(abs(-dx * sine + dy * cosine) - OUTER_WIDTH_M / 2, 0.0)
+    return math.hypot(forward, side)
+
+
+@_kernel
+def _cross(one: Array, other: Array) -> bool:
+    """Whether the middle lines of two frames cross."""
+    ax, ay = -math.sin(one[3]), math.cos(one[3])
+    bx, by = -math.sin(other[3]), math.cos(other[3])
+    dx, dy = other[0] - one[0], other[1] - one[1]
+    across = ax * by - ay * bx
+    if abs(across) < 1e-12:
+        return False
+    half = OUTER_WIDTH_M / 2
+    along_one, along_other = (dx * by - dy * bx) / across, (dx * ay - dy * ax) / across
+    crosses: bool = max(abs(along_one), abs(along_other)) <= half
+    return crosses
+
+
+@_kernel
+def _closest(gates: Array) -> float:
+    least = math.inf
+    for i in range(len(gates)):
+        for j in range(i):
+            dx, dy = gates[i, 0] - gates[j, 0], gates[i, 1] - gates[j, 1]
+            if math.hypot(dx, dy) > OUTER_WIDTH_M + DEPTH_M + least:
+                continue
+            if _cross(gates[i], gates[j]):
+                return 0.0
+            # two rectangles that do not cross are nearest at a corner of one of them
+            for a, b in ((i, j), (j, i)):
+                corners = _corners(gates[a])
+                for k in range(4):
+                    least = min(least, to_frame(gates[b], corners[k, 0], corners[k, 1]))
+    return least
+
+
+@_kernel
+def _nearest(gates: Array, place: Array) -> float:
+    least = math.inf
+    for i in range(len(gates)):
+        least = min(least, to_frame(gates[i], place[0], place[1]))
+    return least

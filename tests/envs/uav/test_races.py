@@ -1,0 +1,265 @@
+import numpy as np
+import pytest
+
+from sada_gym.envs.uav.course import Course, set_off
+from sada_gym.envs.uav.drone import upright
+from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.races import GATE_LIMIT_S, POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.templates import TEMPLATES
+from sada_gym.envs.uav.track import GATES, Tracks
+
+H = CENTRE_HEIGHT_M
+ROW = np.array([[8.0 * k, 0.0, H, 0.0] for k in range(1, 5)])
+"""Four gates one behind another."""
+FORWARD = np.array([0.5, 0.0, 0.0, 0.0])
+ONE = np.zeros(1, np.intp)
+
+
+def race(place, *, gates=ROW, velocity=(8.0, 0.0, 0.0), first=0):
+    return Races([Start(gates, (*place, 0.0), velocity=velocity, first=first)])
+
+
+def fly(races, action, seconds):
+    for _ in range(round(seconds * POLICY_HZ)):
+        which = races.under_way()
+        if not len(which):
+            return
+        races.step(which, np.tile(action, (len(which), 1)))
+
+
+def test_gates_are_passed_in_order_and_the_race_is_over():
+    races = race((4, 0, H))
+    fly(races, FORWARD, 1.0)
+    assert races.next_gate[0] == 1
+    fly(races, FORWARD, 10.0)
+    assert races.endings[0].tolist() == [Ending.PASSED] * 4
+    assert len(races.under_way()) == 0
+    assert races.score[0] == 1.0
+    assert races.time_s[0] == pytest.approx((32 - 4) / 8, abs=0.15)
+    assert not races.touched.any()
+
+
+@pytest.mark.parametrize(
+    ("place", "passed"),
+    [
+        ((4, 0, H), True),
+        ((4, OPENING_WIDTH_M / 2 - 0.2, H), True),
+        ((4, -OPENING_WIDTH_M / 2 + 0.2, H + 0.9), True),
+        ((4, 2.0, H), False),
+        ((4, 0, H + 2.2), False),
+        ((12, 0, H), False),
+    ],
+)
+def test_only_the_opening_counts(place, passed):
+    races = race(place)
+    fly(races, FORWARD, 0.8)
+    assert races.endings[0, 0] == (Ending.PASSED if passed else Ending.AHEAD)
+    assert races.next_gate[0] == int(passed)
+
+
+def test_the_wrong_direction_does_not_count():
+    races = race((12, 0, H), velocity=(-8.0, 0.0, 0.0))
+    fly(races, -FORWARD, 1.0)
+    assert races.states[0, 0] < 8
+    assert races.endings[0, 0] == Ending.AHEAD
+
+
+def test_a_gate_out_of_order_does_not_count():
+    races = race((12, 0, H))
+    fly(races, FORWARD, 1.0)
+    assert races.states[0, 0] > 16
+    assert not races.endings.any()
+
+
+def test_who_takes_ten_seconds_misses_the_gate_and_goes_on_in_it():
+    races = race((4, 0, H), velocity=(0.0, 0.0, 0.0))
+    fly(races, np.zeros(4), GATE_LIMIT_S - 1 / POLICY_HZ)
+    assert races.endings[0, 0] == Ending.AHEAD
+    fly(races, np.zeros(4), 1 / POLICY_HZ)
+    assert races.endings[0].tolist() == [Ending.LATE, Ending.AHEAD, Ending.AHEAD, Ending.AHEAD]
+    assert races.next_gate[0] == 1
+    np.testing.assert_array_equal(races.states[0], upright((8, 0, H), 0.0))
+    fly(races, FORWARD, 2.0)
+    assert races.endings[0, 1] == Ending.PASSED
+
+
+def test_the_ten_seconds_begin_at_each_gate():
+    races = race((4, 0, H))
+    fly(races, FORWARD, 0.8)
+    assert races.next_gate[0] == 1
+    fly(races, np.zeros(4), GATE_LIMIT_S - 0.6)
+    assert races.next_gate[0] == 1
+    fly(races, np.zeros(4), 0.6)
+    assert races.endings[0, :2].tolist() == [Ending.PASSED, Ending.LATE]
+
+
+def test_who_always_waits_misses_all_and_the_race_ends():
+    races = race((4, 0, H))
+    fly(races, np.zeros(4), 60.0)
+    assert races.endings[0].tolist() == [Ending.LATE] * 4
+    assert races.score[0] == 0.0
+    assert races.time_s[0] == pytest.approx(4 * GATE_LIMIT_S)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_pilot_that_diverges_misses_gates_and_nothing_breaks(bad):
+    races = race((4, 0, H))
+    actions = FORWARD.copy()
+    actions[1] = bad
+    fly(races, actions, 5.0)
+    assert races.endings[0].tolist() == [Ending.LOST] * 4
+    assert races.steps[0] == 4
+    assert np.isfinite(races.states).all()
+
+
+def test_who_leaves_the_world_is_lost():
+    races = race((4, 0, H))
+    fly(races, np.array([0.0, 0.0, 1.0, 0.0]), 5.0)
+    assert races.endings[0, 0] == Ending.LOST
+    assert len(races.under_way()) == 1
+
+
+def test_who_lies_on_its_back_is_lost():
+    races = race((4, 0, H))
+    state = upright((4, 0, 0.1), 0.0)
+    state[3:7] = [1.0, 0.0, 0.0, 0.0]
+    races.place(0, state)
+    races.step(ONE, np.zeros((1, 4)))
+    assert races.endings[0, 0] == Ending.LOST
+
+
+def test_numbers_that_are_none_lose_a_drone():
+    races = race((4, 0, H))
+    state = upright((4, 0, H), 0.0)
+    state[7] = np.nan
+    races.place(0, state)
+    races.step(ONE, FORWARD[None])
+    assert races.endings[0, 0] == Ending.LOST
+    fly(races, FORWARD, 10.0)
+    assert races.endings[0, 1:].tolist() == [Ending.PASSED] * 3
+
+
+def test_a_drone_that_is_lost_leaves_the_others_alone():
+    made = starts(2)
+    alone = outcome(made[:1])
+    races = Races(made)
+    while len(which := races.under_way()):
+        if races.steps[0] % 7 == 3:
+            races.place(1, np.full(13, np.nan))
+        if races.steps[0] % 7 == 5:
+            races.place(1, np.full(13, 1e200))
+        races.step(which, Clumsy().act(races, which))
+    np.testing.assert_array_equal(races.endings[0], alone.endings[0])
+    np.testing.assert_array_equal(races.states[0], alone.states[0])
+    assert (races.endings[1] == Ending.LOST).sum() > 5
+
+
+def test_one_miss_breeds_no_other():
+    anchors = TEMPLATES[3].displaced(np.zeros((1, 6)))
+    races = Races(set_off(Tracks(anchors), [0]))
+    pilot = Reference()
+    while len(which := races.under_way()):
+        asleep = races.next_gate[0] == 4
+        races.step(which, np.zeros((1, 4)) if asleep else pilot.act(races, which))
+    expected = [Ending.PASSED] * GATES
+    expected[4] = Ending.LATE
+    assert races.endings[0].tolist() == expected
+
+
+class Clumsy:
+    """A pilot in a hurry, which touches frames and misses gates."""
+
+    def act(self, races, which):
+        return Reference(14.0).act(races, which)
+
+
+def outcome(starts):
+    races = Races(starts)
+    while len(which := races.under_way()):
+        races.step(which, Clumsy().act(races, which))
+    races.close()
+    return races
+
+
+def starts(count):
+    rng = np.random.default_rng(4)
+    made = []
+    for i in range(count):
+        anchors = (3, 4, 5)[i % 3]
+        mu = rng.uniform(-1, 1, (1, 2 * anchors))
+        made += set_off(Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))])
+    return made
+
+
+def test_a_race_does_not_depend_on_who_else_races():
+    made = starts(17)
+    together = outcome(made)
+    passed = together.endings == Ending.PASSED
+    assert (passed & together.touched).any()  # touching a frame is no miss in itself
+    assert (passed & ~together.touched).any()
+    assert not passed.all()
+    order = np.random.default_rng(0).permutation(17)
+    batches = [order, order[:16], [16, 3, 16, 3, 3], *([i] for i in range(12, 17))]
+    for rows in batches:
+        again = outcome([made[i] for i in rows])
+        for name in ("endings", "touched", "time_s", "states", "steps"):
+            np.testing.assert_array_equal(
+                getattr(again, name), getattr(together, name)[list(rows)], err_msg=name
+            )
+
+
+def test_a_race_begun_anew_is_as_in_a_new_world():
+    made = starts(3)
+    fresh = outcome([made[2]])
+    races = Races([made[0], made[1]])
+    for _ in range(70):
+        races.step(np.arange(2), Clumsy().act(races, np.arange(2)))
+    races.begin(1, made[2])
+    while races.next_gate[1] < GATES:
+        races.step(ONE + 1, Clumsy().act(races, ONE + 1))
+    np.testing.assert_array_equal(races.endings[1], fresh.endings[0])
+    np.testing.assert_array_equal(races.states[1], fresh.states[0])
+    assert races.time_s[1] == fresh.time_s[0]
+
+
+def test_gates_before_the_first_count_as_passed():
+    races = race((20, 0, H), first=2)
+    assert races.endings[0].tolist() == [1, 1, 0, 0]
+    fly(races, FORWARD, 5.0)
+    assert races.score[0] == 1.0
+
+
+def test_seeds_move_the_start_a_little_and_fix_the_look():
+    tracks = Tracks(TEMPLATES[4].displaced(np.zeros((50, 8))))
+    made = set_off(tracks, range(50))
+    off = np.array([start.place for start in made]) - tracks.starts
+    assert np.abs(off[:, :2]).max() <= 0.3
+    assert np.abs(off[:, 2]).max() == 0
+    assert np.abs(np.rad2deg(off[:, 3])).max() <= 5
+    assert np.unique(off[:, 0]).size == 50
+    assert [start.seed for start in made] == list(range(50))
+    np.testing.assert_array_equal(made[7].place, set_off(tracks, range(50))[7].place)
+
+
+def test_a_course_begins_before_any_gate():
+    rng = np.random.default_rng(0)
+    made = [Course().draw(rng) for _ in range(60)]
+    for start in made:
+        first = start.gates[0]
+        away = first[:2] - start.place[:2]
+        ahead = away[0] * np.cos(first[3]) + away[1] * np.sin(first[3])
+        assert 1.5 < ahead < 7.0
+        assert np.hypot(*start.velocity[:2]) <= 10.0
+
+
+def test_what_pilots_are_told_is_in_their_level_frame():
+    state = upright((4, 0, H), np.pi / 2)
+    state[7:10] = [8.0, 0.0, 1.6]
+    races = race((0, 0, H))
+    races.place(0, state)
+    seen = races.observe(ONE)
+    np.testing.assert_allclose(seen["gates"][0, :5], [0, -0.2, 0, 0, -1], atol=1e-6)
+    np.testing.assert_allclose(seen["gates"][0, 5:], [0, -0.6, 0, 0, -1], atol=1e-6)
+    np.testing.assert_allclose(seen["motion"][0], [0, -0.5, 0.1, 0, 0, 1, 0, 0, 0], atol=1e-6)
+    assert seen["gates"].dtype == seen["motion"].dtype == np.float32

@@ -1,0 +1,199 @@
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_sb3
+
+from sada_gym.contract import check_outcomes
+from sada_gym.envs.uav.application import UAVApplication
+from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
+from sada_gym.envs.uav.races import Ending
+from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.envs.uav.track import GATES
+from sada_gym.purity import assert_pure, draw_worlds
+
+
+def application(anchors=3, speed_m_s=10.0):
+    return UAVApplication(anchors, agent=Reference(speed_m_s))
+
+
+def test_scores_are_pure():
+    # at that speed it touches frames and misses gates
+    assert_pure(application(4, 13.0), n=17, sizes=(5, 16), other_process=True)
+
+
+def test_more_races_than_fly_at_a_time_are_the_same():
+    hasty = application(5, 12.0)
+    mu, seeds = draw_worlds(hasty, 66, 3)
+    together = hasty.evaluate(mu, seeds).score
+    np.testing.assert_array_equal(hasty.evaluate(mu[60:], seeds[60:]).score, together[60:])
+
+
+@pytest.mark.parametrize("anchors", [3, 4, 5])
+def test_the_environments_keep_gymnasiums_and_sb3s_rules(anchors):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(UAVEnv(anchors, agent=Reference()), skip_render_check=True)
+        check_env_sb3(UAVEnv(anchors, agent=Reference()))
+
+
+def test_the_batch_equals_the_scalar_environments():
+    batch = UAVVectorEnv(4, agent=Reference(13.0), num_envs=3)
+    batch.reset(seed=5)
+    mu = draw_worlds(batch.application, 3, 0)[0]
+    _, rewards, *_ = batch.step(mu)
+    for i in range(3):
+        env = UAVEnv(4, agent=Reference(13.0))
+        env.reset(seed=5 + i)
+        assert env.step(mu[i])[1] == rewards[i]
+
+
+def test_what_an_evaluation_tells():
+    flown = application(4)
+    check_outcomes(flown)
+    (info,) = flown.evaluate(np.zeros((1, 8)), [0]).infos
+    assert info["score"] == 1.0
+    assert info["gates_passed"] == GATES
+    assert info["endings"] == ["passed"] * GATES
+    assert info["touched"] == [False] * GATES
+    assert 9 < info["time_s"] < 12
+    assert info["length_m"] == pytest.approx(96, abs=0.5)
+    assert 30 < info["sharpest_turn_deg"] < 47
+    assert 6 < info["closest_m"] < 8
+
+
+def test_a_sharp_crowded_track_says_so():
+    mu = np.array([[1, 1, -1, 1, 0, -1.0]])
+    info = application(3).evaluate(mu, [0]).infos[0]
+    plain = application(3).evaluate(0 * mu, [0]).infos[0]
+    assert info["sharpest_turn_deg"] > plain["sharpest_turn_deg"] + 10
+    assert info["closest_m"] < plain["closest_m"] - 3
+    assert info["length_m"] < plain["length_m"] - 40
+
+
+GOLDEN = {
+    3: [(12, 11.5958, 67.231), (12, 11.3625, 57.891), (12, 10.4833, 61.512)],
+    4: [(12, 9.7417, 61.956), (12, 9.4833, 49.531), (12, 9.1500, 63.970)],
+    5: [(12, 11.7625, 92.818), (12, 10.1083, 62.418), (12, 11.4500, 60.123)],
+}
+"""Of the reference, which touches nothing there: gates passed, time in s, sharpest turn in deg."""
+
+
+@pytest.mark.parametrize("anchors", GOLDEN)
+def test_golden_races(anchors):
+    rows = [0, 1, 3] if anchors == 4 else [0, 1, 2]
+    mu = np.random.default_rng(anchors).uniform(-1, 1, (8, 2 * anchors)).round(1)[rows]
+    found = [
+        (info["gates_passed"], info["time_s"], info["sharpest_turn_deg"])
+        for info in application(anchors).evaluate(mu, rows).infos
+    ]
+    np.testing.assert_allclose(found, GOLDEN[anchors], atol=1e-3)
+
+
+def test_the_reference_says_which_tracks_can_be_flown():
+    slow = UAVApplication(3, agent=Reference(2.0))
+    mu = draw_worlds(slow, 4, 0)[0]
+    assert (slow.reference_score(mu) > 0.9).all()
+    np.testing.assert_array_equal(
+        slow.reference_score(mu, [5, 6, 7, 8]), application(3).evaluate(mu, [5, 6, 7, 8]).score
+    )
+
+
+class Diverging:
+    """A pilot whose network is broken after a while."""
+
+    fingerprint = "broken"
+
+    def start(self, count):
+        self.steps = 0
+
+    def act(self, races, which):
+        self.steps += 1
+        actions = Reference().act(races, which)
+        return actions * np.nan if self.steps > 60 else actions
+
+
+def test_a_pilot_that_diverges_misses_what_is_left():
+    outcomes = UAVApplication(5, agent=Diverging()).evaluate(np.zeros((2, 10)), [0, 1])
+    for info in outcomes.infos:
+        assert 0 < info["gates_passed"] < 6
+        assert info["endings"][info["gates_passed"] :] == ["lost"] * (GATES - info["gates_passed"])
+    assert outcomes.fooled.all()
+
+
+def test_watchers_see_every_decision():
+    flown = application(3)
+    races = flown.races(np.zeros((2, 6), np.float32), [0, 1])
+    seen = []
+    flown.fly(races, lambda races: seen.append(races.states.copy()))
+    assert len(seen) == races.steps.max()
+    assert (races.endings == Ending.PASSED).all()
+    races.close()
+
+
+def test_an_application_can_be_sent_to_another_process():
+    again = pickle.loads(pickle.dumps(application(4)))
+    mu, seeds = draw_worlds(again, 2, 0)
+    np.testing.assert_array_equal(
+        again.evaluate(mu, seeds).score, application(4).evaluate(mu, seeds).score
+    )
+
+
+def test_settings_and_fingerprint_name_what_a_score_belongs_to():
+    assert application(5).settings == {"anchors": 5}
+    assert UAVApplication(3, agent=Reference(), agent_id="mine").fingerprint == "mine"
+    assert UAVApplication(3, agent=Reference(), agent_id="mine").agent_name == "mine"
+    assert Reference(9.0).fingerprint != Reference(10.0).fingerprint
+
+
+@pytest.mark.parametrize("anchors", [2, 6, "3"])
+def test_other_numbers_of_anchors_are_refused(anchors):
+    with pytest.raises(ValueError, match="Expected anchors among 3, 4, 5, got"):
+        UAVApplication(anchors, agent=Reference())
+
+
+class Stranger:
+    """A model of another task."""
+
+    def __init__(self, sees, acts):
+        self.observation_space, self.action_space = sees, acts
+
+    def predict(self, observation, *, deterministic):
+        raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("sees", "acts"),
+    [
+        (spaces.Box(0, 1, (7,), np.float32), ACTION_SPACE),
+        (OBSERVATION_SPACE, spaces.Discrete(3)),
+        (OBSERVATION_SPACE, spaces.Box(-1, 1, (2,), np.float32)),
+    ],
+)
+def test_a_model_of_another_task_is_named_with_both_spaces(sees, acts):
+    message = r"Expected an agent with observations Dict\(.*, got observations .*SADA-RacingTask-v0"
+    with pytest.raises(ValueError, match=message):
+        UAVApplication(3, agent=Stranger(sees, acts))
+
+
+def test_an_unknown_pilot_is_refused():
+    with pytest.raises(ValueError, match=r"Expected .*'no-such-pilot'"):
+        UAVApplication(3, agent="no-such-pilot")
+
+
+def test_the_docstring_gives_ranges_and_endings_as_they_are():
+    from sada_gym.envs.uav.templates import LEAST_SPACING_M, TEMPLATES
+
+    for anchors, chosen in TEMPLATES.items():
+        row = f"| {anchors} | {2 * anchors} | {chosen.range_m:g} |"
+        assert row in UAVEnv.__doc__
+    assert f"at least {LEAST_SPACING_M} m apart" in UAVEnv.__doc__
+
+
+def test_the_inner_task_is_no_adversary_environment():
+    assert gym.spec("SADA-RacingTask-v0").kwargs == {}
