@@ -95,6 +95,11 @@ class UAVApplication(Application):
             scores[rows] = races.score
         return scores
 
+    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_]:
+        """On which tracks the privileged pilot is not fooled, (n,); arguments as `evaluate`."""
+        passed: npt.NDArray[np.bool_] = self.reference_score(mu, seeds) > self.fooling_threshold
+        return passed
+
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = np.empty(len(mu)), []
         for rows, races in self._batches(mu, seeds):

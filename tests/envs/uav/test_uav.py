@@ -197,3 +197,10 @@ def test_the_docstring_gives_ranges_and_endings_as_they_are():
 
 def test_the_inner_task_is_no_adversary_environment():
     assert gym.spec("SADA-RacingTask-v0").kwargs == {}
+
+
+def test_a_track_is_feasible_where_the_privileged_pilot_is_not_fooled(monkeypatch):
+    ours = application()
+    assert ours.feasible(np.zeros((2, 6)), [0, 1]).tolist() == [True, True]
+    monkeypatch.setattr(UAVApplication, "fooling_threshold", 1.0)
+    assert ours.feasible(np.zeros((1, 6)), [0]).tolist() == [False]
