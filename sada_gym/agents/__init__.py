@@ -64,6 +64,13 @@ AGENTS = (
         "210c212fbdbe1bc38b7b269ed15049ce335872f03e77bfbe09c71b9c913226b6",
         "imitates an expert, at the default camera in four weathers; the default",
     ),
+    AgentCard(
+        "cil-augmented",
+        "SADA-Driving",
+        "driver/cil-augmented.zip",
+        "73aa7706fb15cc1f4b0394f032cda9eb9a179bb29975e8cd7fd2be44f6b315e7",
+        "the same, with another camera each drive and stronger changes of the light",
+    ),
 )
 
 
