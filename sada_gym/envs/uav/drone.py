@@ -104,19 +104,21 @@ def _wanted_force(velocity: Array, wanted: Array) -> Array:
 def _rotors(thrust: float, torque: Array) -> Array:
     """Share thrust and torques among the rotors; where they can't give all, yaw yields first."""
     share = np.empty(4)
-    yaw = torque[2] / (4 * TORQUE_PER_THRUST_M)
-    yaw = min(max(yaw, -_YAW_SHARE * MAX_ROTOR_N), _YAW_SHARE * MAX_ROTOR_N)
-    low, high = math.inf, -math.inf
+    most = 0.0
     for i in range(4):
-        share[i] = (
-            _SIGNS[i, 1] * torque[0] / (4 * ARM_Y_M)
-            - _SIGNS[i, 0] * torque[1] / (4 * ARM_X_M)
-            + _SIGNS[i, 2] * yaw
+        share[i] = _SIGNS[i, 1] * torque[0] / (4 * ARM_Y_M) - _SIGNS[i, 0] * torque[1] / (
+            4 * ARM_X_M
         )
-        low, high = min(low, share[i]), max(high, share[i])
-    each = min(max(thrust / 4, -low), MAX_ROTOR_N - high)
+        most = max(most, abs(share[i]))
+    each = min(max(thrust / 4, most), MAX_ROTOR_N - most)
+    yaw = torque[2] / (4 * TORQUE_PER_THRUST_M)
     for i in range(4):
-        share[i] = min(max(each + share[i], 0.0), MAX_ROTOR_N)
+        share[i] += each
+        room = min(share[i], MAX_ROTOR_N - share[i], _YAW_SHARE * MAX_ROTOR_N)
+        room = max(room, 0.0)
+        yaw = min(max(yaw, -room), room)
+    for i in range(4):
+        share[i] = min(max(share[i] + _SIGNS[i, 2] * yaw, 0.0), MAX_ROTOR_N)
     return share
 
 

@@ -185,3 +185,12 @@ def test_closing_twice_is_fine_and_pickling_is_not():
         pickle.dumps(world)
     world.close()
     world.close()
+
+
+def test_it_sinks_while_it_turns_as_fast_as_it_can(world):
+    flight = Flight(world, [0], [upright((0, 0, 9), 0.0)])
+    for turn in (4.0, -4.0) * 4:
+        flight.fly([6.0, 0.0, -3.0, turn], 0.1)
+    speed = np.concatenate(flight.path)[SIMULATION_HZ // 2 :, 9]
+    assert (speed < -2.0).all()
+    assert (np.diff(np.concatenate(flight.path)[:, 2]) <= 1e-3).all()
