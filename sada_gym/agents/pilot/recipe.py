@@ -54,7 +54,7 @@ class Reinforcement:
 
     course: Course = MILD
     drones: int = 32
-    steps: int = 600_000
+    steps: int = 800_000
     rollout: int = 128
     batch: int = 512
     epochs: int = 8
