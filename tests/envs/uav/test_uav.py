@@ -77,20 +77,19 @@ def test_a_sharp_crowded_track_says_so():
 
 
 GOLDEN = {
-    3: [(12, 11.5958, 67.231), (12, 11.3625, 57.891), (12, 10.4833, 61.512)],
-    4: [(12, 9.7417, 61.956), (12, 9.4833, 49.531), (12, 9.1500, 63.970)],
-    5: [(12, 11.7625, 92.818), (12, 10.1083, 62.418), (12, 11.4500, 60.123)],
+    3: [(12, 11.6083, 67.231), (12, 11.4167, 57.891), (12, 10.5, 61.512)],
+    4: [(12, 9.7708, 61.956), (12, 9.5625, 49.531), (12, 10.4042, 68.298)],
+    5: [(12, 10.7, 92.818), (12, 10.2125, 62.418), (12, 11.4875, 60.123)],
 }
 """Of the reference, which touches nothing there: gates passed, time in s, sharpest turn in deg."""
 
 
 @pytest.mark.parametrize("anchors", GOLDEN)
 def test_golden_races(anchors):
-    rows = [0, 1, 3] if anchors == 4 else [0, 1, 2]
-    mu = np.random.default_rng(anchors).uniform(-1, 1, (8, 2 * anchors)).round(1)[rows]
+    mu = np.random.default_rng(anchors).uniform(-1, 1, (8, 2 * anchors)).round(1)[:3]
     found = [
         (info["gates_passed"], info["time_s"], info["sharpest_turn_deg"])
-        for info in application(anchors).evaluate(mu, rows).infos
+        for info in application(anchors).evaluate(mu, [0, 1, 2]).infos
     ]
     np.testing.assert_allclose(found, GOLDEN[anchors], atol=1e-3)
 
