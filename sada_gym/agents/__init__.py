@@ -85,10 +85,10 @@ def card(name: str, application: str | None = None) -> AgentCard:
     Raises:
         ValueError: If there is none of that name, or it serves another application.
     """
-    known = names(application)
     for agent in AGENTS:
-        if name in known and agent.name == name:
+        if agent.name == name and application in (None, agent.application):
             return agent
+    known = names(application)
     close = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""
     raise ValueError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")

@@ -293,3 +293,14 @@ def test_making_and_loading_a_driver_reseeds_nobodys_generators(tmp_path, model,
     np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), before[1])
     assert random.getstate() == before[2]
+
+
+def test_agents_of_two_applications_may_share_a_name(monkeypatch):
+    cards = [agents.AgentCard("ppo", of, of, "", "") for of in ("SADA-Driving", "SADA-UAV")]
+    monkeypatch.setattr(agents, "AGENTS", tuple(cards))
+    assert [agents.card("ppo", of).application for of in ("SADA-UAV", "SADA-Driving")] == [
+        "SADA-UAV",
+        "SADA-Driving",
+    ]
+    with pytest.raises(ValueError, match="an agent's name among , got 'ppo'"):
+        agents.card("ppo", "SADA-Detection")
