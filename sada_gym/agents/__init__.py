@@ -71,6 +71,20 @@ AGENTS = (
         "73aa7706fb15cc1f4b0394f032cda9eb9a179bb29975e8cd7fd2be44f6b315e7",
         "the same, with another camera each drive and stronger changes of the light",
     ),
+    AgentCard(
+        "waypoint-pid",
+        "SADA-UAV",
+        "pilot/waypoint-pid.safetensors",
+        "5e1875faf59f0182f668f72927ae6d30b31c681b43df6ffc9d964af00318dc4e",
+        "sees where the next gate is and flies there; trained on mild tracks; the default",
+    ),
+    AgentCard(
+        "ppo",
+        "SADA-UAV",
+        "pilot/ppo.safetensors",
+        "1bef25ac997fb343f56daca0d6a306937303df193dd5e44f68132ca2b25dd02d",
+        "told where the next two gates are, without a camera; learnt to fly by PPO",
+    ),
 )
 
 

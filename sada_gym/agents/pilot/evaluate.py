@@ -29,7 +29,7 @@ class TrackFigures:
     """What was measured on the tracks of one number of anchor points.
 
     Attributes:
-        template_gates: Met on the undisturbed template, in several looks.
+        template_gates: Met on the undisturbed template.
         template_passed: How many of them were passed.
         mild_gates: Met on mild tracks that training never saw.
         mild_passed: How many of them were passed.
@@ -55,7 +55,7 @@ def measure(
     Args:
         pilot: A perception network, or an SB3 model.
         seed: Fixes mu and looks.
-        looks: In which the template is flown.
+        looks: Seeds with which the template is flown.
         mild: Mild tracks.
         samples: Uniform mu.
     """

@@ -64,8 +64,8 @@ def write_card(
 {settings}
 
 Measured by `python -m sada_gym.agents.pilot.evaluate FILE --seed {seed + 1_000}`: the undisturbed
-template in 32 looks; 100 mild tracks that the training did not see; and uniform mu, fooled where
-Q <= 0.7.
+template with 32 seeds; 100 mild tracks that the training did not see; and 400 uniform mu, fooled
+where Q <= 0.7.
 
 {text}
 """,
