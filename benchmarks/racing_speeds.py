@@ -2,8 +2,9 @@
 
 `python benchmarks/racing_speeds.py` prints it. The rule: the highest speed, in steps of 0.5 m/s
 from 8 m/s up, at which the guidance told the truth passes at least 98 % of the gates of every
-template and 95 % of those of mild tracks without touching anything, and scores above 0.7 on at
-least 99 % of uniform mu; all lower speeds must do so, too. No pilot that sees is asked.
+template and 95 % of those of mild tracks, has the next gate in its camera's view at as many of them
+when it begins to fly there, and scores above 0.7 on at least 99 % of uniform mu; all lower speeds
+must do so, too. No pilot that sees is asked.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import argparse
 import numpy as np
 
 from sada_gym.envs.uav.application import LOCKSTEP
+from sada_gym.envs.uav.camera import COLUMNS, ROWS, camera
 from sada_gym.envs.uav.course import set_off
 from sada_gym.envs.uav.races import Ending, Races
 from sada_gym.envs.uav.reference import Reference
@@ -22,17 +24,27 @@ TEMPLATE_SHARE, MILD_SHARE, FEASIBLE_SHARE, THRESHOLD = 0.98, 0.95, 0.99, 0.7
 
 
 def fly(anchors, mu, seeds, speed_m_s):
-    """Fly the tracks of mu; give passed, touched (n, g) and the times (n,)."""
+    """Fly the tracks of mu; give passed, touched, seen (n, g) and the times (n,)."""
     pilot, parts = Reference(speed_m_s), []
     tracks = Tracks(TEMPLATES[anchors].displaced(mu))
     starts = set_off(tracks, seeds)
     for first in range(0, len(starts), LOCKSTEP):
         races = Races(starts[first : first + LOCKSTEP])
+        seen, last = np.zeros(races.endings.shape, bool), np.full(len(races), -1)
         while len(which := races.under_way()):
+            for i in which[races.next_gate[which] != last[which]].tolist():
+                last[i] = gate = races.next_gate[i]
+                seen[i, gate] = in_view(races.states[i], races.gates[i, gate])
             races.step(which, pilot.act(races, which))
-        parts.append((races.endings == Ending.PASSED, races.touched, races.time_s))
+        parts.append((races.endings == Ending.PASSED, races.touched, seen, races.time_s))
         races.close()
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
+def in_view(state, gate):
+    """Whether a drone's camera sees the middle of a gate."""
+    (column, row), *_ = camera().project(state[:7], gate[None, :3])
+    return 0 <= column < COLUMNS and 0 <= row < ROWS
 
 
 def figures(anchors, speed_m_s, *, templates, mild, uniform):
@@ -46,11 +58,13 @@ def figures(anchors, speed_m_s, *, templates, mild, uniform):
 
     row = {}
     for name, width, count in (("template", 0.0, templates), ("mild", MILD, mild)):
-        passed, touched, _ = flown(width, count)
+        passed, touched, seen, _ = flown(width, count)
         row[name], row[f"{name}, untouched"] = passed.mean(), (passed & ~touched).mean()
-    passed, touched, time_s = flown(1.0, uniform)
+        row[f"{name}, seen"] = seen.mean()
+    passed, touched, seen, time_s = flown(1.0, uniform)
     score = passed.mean(axis=1)
     row["uniform"], row["uniform, untouched"] = score.mean(), (passed & ~touched).mean()
+    row["uniform, seen"] = seen.mean()
     row["feasible"] = (score > THRESHOLD).mean()
     row["time"] = time_s.mean()
     return row
@@ -65,8 +79,8 @@ def main():
     parser.add_argument("--uniform", type=int, default=300)
     arguments = parser.parse_args()
     print(
-        "| m/s | anchors | template, passed (untouched) | mild, passed (untouched) "
-        "| uniform, passed (untouched) | uniform with Q > 0.7 | mean time | holds |\n"
+        "| m/s | anchors | template, passed (untouched; seen) | mild, passed (untouched; seen) "
+        "| uniform, passed (untouched; seen) | uniform with Q > 0.7 | mean time | holds |\n"
         "| --- | --- | --- | --- | --- | --- | --- | --- |"
     )
     best, unbroken = None, True
@@ -80,13 +94,14 @@ def main():
                 uniform=arguments.uniform,
             )
             holds = (
-                row["template, untouched"] >= TEMPLATE_SHARE
-                and row["mild, untouched"] >= MILD_SHARE
+                min(row["template"], row["template, seen"]) >= TEMPLATE_SHARE
+                and min(row["mild"], row["mild, seen"]) >= MILD_SHARE
                 and row["feasible"] >= FEASIBLE_SHARE
             )
             unbroken = unbroken and holds
             cells = [
-                f"{100 * row[name]:.1f} % ({100 * row[f'{name}, untouched']:.1f} %)"
+                f"{100 * row[name]:.1f} % ({100 * row[f'{name}, untouched']:.1f}; "
+                f"{100 * row[f'{name}, seen']:.1f})"
                 for name in ("template", "mild", "uniform")
             ]
             print(

@@ -106,6 +106,7 @@ class UAVApplication(Application):
             self.fly(races)
             scores[rows] = races.score
             tracks = self.tracks(mu[rows])
+            kept = self.template.kept(mu[rows])
             turns, closest = np.abs(tracks.turns_deg()).max(axis=1), tracks.closest_m()
             for i in range(len(races)):
                 ended = races.endings[i]
@@ -118,6 +119,7 @@ class UAVApplication(Application):
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(turns[i]),
                         "closest_m": float(closest[i]),
+                        "kept": float(kept[i]),
                     }
                 )
         return Scored(scores, extras)

@@ -14,7 +14,7 @@ from sada_gym.envs.uav.gates import BARS, DEPTH_M
 
 ROWS, COLUMNS = 48, 64
 """Of what the pilots see."""
-FIELD_OF_VIEW_DEG = 110.0
+FIELD_OF_VIEW_DEG = 90.0
 """From the left to the right."""
 TILT_DEG = 10.0
 """Upwards, from the drone's own forward axis."""

@@ -8,10 +8,10 @@ from sada_gym.envs.uav.pilot import PilotLike
 
 
 class UAVEnv(AdversaryEnv):
-    """A frozen pilot flies a racing drone through twelve gates.
+    """A frozen pilot flies a racing drone through eight gates.
 
     ## Description
-    Three, four or five anchor points control a closed quadratic B-spline; twelve gates stand on it
+    Three, four or five anchor points control a closed quadratic B-spline; eight gates stand on it
     at equal arc length and face along it. The adversary moves the anchor points, so that a track
     has sharper turns, and a short one is a crowded one. The score Q is the share of the gates that
     the drone passes on one lap. Where it does not pass a gate in 10 s, or is lost, the gate is
@@ -26,11 +26,12 @@ class UAVEnv(AdversaryEnv):
 
     | anchors | size | range in m |
     | --- | --- | --- |
-    | 3 | 6 | 10 |
-    | 4 | 8 | 8 |
-    | 5 | 10 | 6.5 |
+    | 3 | 6 | 18.5 |
+    | 4 | 8 | 15 |
+    | 5 | 10 | 13 |
 
-    For every mu all frames are at least 0.9 m apart.
+    For every mu all frames are at least 0.9 m apart: where they would not be, which is so for one
+    uniform mu in twenty, all displacements are reduced by one share until they are.
 
     ## Observation Space
     `Box(-1, 1, (2 anchors + 2,), float32)`: last mu, last score, share of the steps left; zeros
@@ -47,8 +48,8 @@ class UAVEnv(AdversaryEnv):
     `fooled` (score <= 0.7), `seed`, `parameters`, `gates_passed`, `endings` (for each gate
     `passed`, `late` or `lost`), `touched` (whether the drone hit anything on its way to each gate),
     `time_s` (the time for the course), and of the track `length_m`, `sharpest_turn_deg` (the
-    greatest change of heading from a gate to the next) and `closest_m` (the smallest distance
-    between two frames).
+    greatest change of heading from a gate to the next), `closest_m` (the smallest distance between
+    two frames) and `kept` (how much of the displacements was kept, mostly 1).
 
     ## Arguments
     - `anchors=3`: 3, 4 or 5; each has an id of its own, such as `SADA-UAV-4Anchors-v0`.

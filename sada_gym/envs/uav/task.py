@@ -43,7 +43,7 @@ ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (4,), np.float32)
 
 
 class RacingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
-    """A racing drone flies a lap through twelve gates.
+    """A racing drone flies a lap through eight gates.
 
     ## Description
     The drone is a rigid body in PyBullet with a flight controller at 240 Hz; the pilot decides at

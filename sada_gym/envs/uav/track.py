@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 
 from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
 
-GATES = 12
+GATES = 8
 """On every track, one lap."""
 DEGREE = 2
 _SAMPLES = 600

@@ -79,7 +79,7 @@ def test_good_flying_is_rewarded_and_standing_still_is_not():
         worth += reward
         assert not truncated
     assert info["is_success"]
-    assert info["gates_passed"] == 12
+    assert info["gates_passed"] == GATES
     assert worth > 50
     env.reset(seed=1)
     steps, truncated = 0, False

@@ -18,7 +18,7 @@ from sada_gym.envs.uav.track import GATES
 from sada_gym.purity import assert_pure, draw_worlds
 
 
-def application(anchors=3, speed_m_s=10.0):
+def application(anchors=3, speed_m_s=9.5):
     return UAVApplication(anchors, agent=Reference(speed_m_s))
 
 
@@ -61,10 +61,11 @@ def test_what_an_evaluation_tells():
     assert info["gates_passed"] == GATES
     assert info["endings"] == ["passed"] * GATES
     assert info["touched"] == [False] * GATES
-    assert 9 < info["time_s"] < 12
-    assert info["length_m"] == pytest.approx(96, abs=0.5)
-    assert 30 < info["sharpest_turn_deg"] < 47
-    assert 6 < info["closest_m"] < 8
+    assert 8 < info["time_s"] < 11
+    assert info["length_m"] == pytest.approx(80, abs=0.5)
+    assert 45 < info["sharpest_turn_deg"] < 60
+    assert 6 < info["closest_m"] < 9
+    assert info["kept"] == 1.0
 
 
 def test_a_sharp_crowded_track_says_so():
@@ -77,9 +78,9 @@ def test_a_sharp_crowded_track_says_so():
 
 
 GOLDEN = {
-    3: [(12, 11.6083, 67.231), (12, 11.4167, 57.891), (12, 10.5, 61.512)],
-    4: [(12, 9.7708, 61.956), (12, 9.5625, 49.531), (12, 10.4042, 68.298)],
-    5: [(12, 10.7, 92.818), (12, 10.2125, 62.418), (12, 11.4875, 60.123)],
+    3: [(8, 11.8667, 106.273), (8, 11.4375, 78.486), (8, 9.7875, 100.441)],
+    4: [(8, 8.875, 85.336), (8, 8.6542, 78.039), (8, 8.6708, 138.314)],
+    5: [(8, 9.125, 165.173), (8, 10.3167, 127.071), (8, 12.325, 99.263)],
 }
 """Of the reference, which touches nothing there: gates passed, time in s, sharpest turn in deg."""
 
