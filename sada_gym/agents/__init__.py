@@ -71,6 +71,13 @@ AGENTS = (
         "73aa7706fb15cc1f4b0394f032cda9eb9a179bb29975e8cd7fd2be44f6b315e7",
         "the same, with another camera each drive and stronger changes of the light",
     ),
+    AgentCard(
+        "ppo",
+        "SADA-Driving",
+        "driver/ppo.zip",
+        "14ea7ff9c211769788996e9ec07291fd20bf6433f57c640035dd1a9ccab01596",
+        "cil, trained on by PPO on the driving task",
+    ),
 )
 
 
