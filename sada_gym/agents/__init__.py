@@ -72,6 +72,13 @@ AGENTS = (
         "the same, with another camera each drive and stronger changes of the light",
     ),
     AgentCard(
+        "ppo",
+        "SADA-Driving",
+        "driver/ppo.zip",
+        "14ea7ff9c211769788996e9ec07291fd20bf6433f57c640035dd1a9ccab01596",
+        "cil, trained on by PPO on the driving task",
+    ),
+    AgentCard(
         "waypoint-pid",
         "SADA-UAV",
         "pilot/waypoint-pid.safetensors",
