@@ -2,9 +2,9 @@
 
 `python benchmarks/racing_speeds.py` prints it. The rule: the highest speed, in steps of 0.5 m/s
 from 8 m/s up, at which the guidance told the truth passes at least 98 % of the gates of every
-template and 95 % of those of mild tracks, has the next gate in its camera's view at as many of them
-when it begins to fly there, and scores above 0.7 on at least 99 % of uniform mu; all lower speeds
-must do so, too. No pilot that sees is asked.
+template and 95 % of those of mild tracks, and scores above 0.7 on at least 99 % of uniform mu; all
+lower speeds must do so, too. No pilot that sees is asked. In brackets: passed and nothing touched;
+and at how many gates the next one was in the camera's view when the flight there began.
 """
 
 import argparse
@@ -94,8 +94,8 @@ def main():
                 uniform=arguments.uniform,
             )
             holds = (
-                min(row["template"], row["template, seen"]) >= TEMPLATE_SHARE
-                and min(row["mild"], row["mild, seen"]) >= MILD_SHARE
+                row["template"] >= TEMPLATE_SHARE
+                and row["mild"] >= MILD_SHARE
                 and row["feasible"] >= FEASIBLE_SHARE
             )
             unbroken = unbroken and holds

@@ -27,7 +27,7 @@ from sada_gym.registration import TABLE, find_spec, register_environments
 IDS = sada_gym.env_ids()
 GENERAL_IDS = [row.id for row in TABLE if not row.kwargs]
 FEW_SIZES = (1, 5, 16, 17, 70)
-FEW_WORLDS = {"SADA-Driving": 7}
+FEW_WORLDS = {"SADA-Driving": 7, "SADA-UAV": 17}
 """Where an evaluation is many episodes, these fill tiles of agents in as many ways."""
 
 
@@ -156,7 +156,8 @@ def test_scores_are_pure(env_id: str) -> None:
     general = env_id in GENERAL_IDS
     if application.name in FEW_WORLDS:
         n = FEW_WORLDS[application.name]
-        assert_pure(application, n=n, sizes=None if general else (3, 4), other_process=general)
+        sizes = None if general else (n // 2, n // 2 + 1)
+        assert_pure(application, n=n, sizes=sizes, other_process=general)
     else:
         sizes = None if general else FEW_SIZES
         assert_pure(application, sizes=sizes, other_process=general)

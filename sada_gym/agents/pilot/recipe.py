@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sada_gym.envs.uav.course import Course
 
-MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=10.0)
+MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=12.0)
 """Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
 
 

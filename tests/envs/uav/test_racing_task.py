@@ -11,6 +11,7 @@ from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.races import Ending
 from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
+from sada_gym.envs.uav.track import GATES
 from sada_gym.sb3 import SB3VecEnv
 
 ID = "SADA-RacingTask-v0"
