@@ -78,20 +78,6 @@ AGENTS = (
         "14ea7ff9c211769788996e9ec07291fd20bf6433f57c640035dd1a9ccab01596",
         "cil, trained on by PPO on the driving task",
     ),
-    AgentCard(
-        "waypoint-pid",
-        "SADA-UAV",
-        "pilot/waypoint-pid.safetensors",
-        "5e1875faf59f0182f668f72927ae6d30b31c681b43df6ffc9d964af00318dc4e",
-        "sees where the next gate is and flies there; trained on mild tracks; the default",
-    ),
-    AgentCard(
-        "ppo",
-        "SADA-UAV",
-        "pilot/ppo.safetensors",
-        "1bef25ac997fb343f56daca0d6a306937303df193dd5e44f68132ca2b25dd02d",
-        "told where the next two gates are, without a camera; learnt to fly by PPO",
-    ),
 )
 
 

@@ -1,9 +1,9 @@
 """The undisturbed tracks, one for each number of anchor points, and how far mu moves an anchor.
 
-Every template is a regular course of 80 m, flown anticlockwise. Where anchors come to lie so that two
-frames would touch or nearly so, they are drawn back towards the template, all by one share, until
-they do not: every mu gives a track that can be built. The range is the widest, in steps of half a
-metre, at which no more than a twentieth of uniform mu are drawn back. No pilot was asked.
+Every template is a regular course of 80 m, flown anticlockwise. Where anchors come to lie so that
+two frames would touch or nearly so, they are drawn back towards the template, all by one share,
+until they do not: every mu gives a track that can be built. The range is the widest, in steps of
+half a metre, at which no more than a twentieth of uniform mu are drawn back. No pilot was asked.
 """
 
 from __future__ import annotations
