@@ -86,7 +86,10 @@ def test_report_alone_runs_nothing(done, references):
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["--suite", "papers"], "Expected the suite to be one of paper, quick; got 'papers'"),
+        (
+            ["--suite", "papers"],
+            "Expected the suite to be one of paper, quick, driving; got 'papers'",
+        ),
         (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
         (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
         ([*SMALL, "-a", "randm"], "Did you mean random"),
