@@ -8,7 +8,6 @@ network is fitted to all that was gathered so far.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +17,7 @@ from torch import Tensor
 
 from sada_gym.agents.driver.network import new_model
 from sada_gym.agents.driver.recipe import Imitation
+from sada_gym.agents.training import batches
 from sada_gym.envs.driving.camera import camera
 from sada_gym.envs.driving.drives import Drives, Ending, Observation
 from sada_gym.envs.driving.expert import Expert
@@ -119,7 +119,7 @@ def fit(
     mean = 0.0
     for _ in range(epochs):
         losses = []
-        for rows in _batches(len(answers), settings.batch, rng):
+        for rows in batches(len(answers), settings.batch, rng):
             batch = {key: torch.from_numpy(value[rows]) for key, value in observations.items()}
             batch["image"] = _disturbed(batch["image"], settings.light_jitter, rng)
             actions = policy.action_net(policy.features_extractor(batch))
@@ -145,9 +145,3 @@ def _disturbed(images: Tensor, jitter: float, rng: np.random.Generator) -> Tenso
     light = images.permute(0, 3, 1, 2).float() / 255
     gain = 1 + draw(jitter, 1) + draw(jitter / 4, 3)
     return (light * gain + draw(jitter / 4, 1)).clamp_(0, 1)
-
-
-def _batches(count: int, size: int, rng: np.random.Generator) -> Iterator[npt.NDArray[np.intp]]:
-    order = rng.permutation(count)
-    for start in range(0, count, size):
-        yield order[start : start + size]

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from typing import Any
 
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.utils import LinearSchedule, safe_mean
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from torch import nn
 
 from sada_gym import agents
 from sada_gym.agents.driver.network import new_model
 from sada_gym.agents.driver.recipe import Reinforcement
+from sada_gym.agents.training import Report
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from sada_gym.generators import generators_kept
 from sada_gym.sb3 import SB3VecEnv
 
 
-class _Lessons(BaseCallback):
+class _Lessons(Report):
     """Keeps the driver as it is until values are known; says now and then how drives went.
 
     Args:
@@ -29,25 +27,12 @@ class _Lessons(BaseCallback):
     """
 
     def __init__(self, kept: Sequence[nn.Parameter], value_steps: int) -> None:
-        super().__init__()
+        super().__init__("arrived")
         self._kept, self._value_steps = kept, value_steps
-        self._started = time.monotonic()
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_rollout_start(self) -> None:
         for parameter in self._kept:
             parameter.requires_grad_(self.num_timesteps >= self._value_steps)
-
-    def _on_rollout_end(self) -> None:
-        episodes: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
-        print(
-            f"{self.num_timesteps:,} steps: reward {safe_mean([e['r'] for e in episodes]):.1f}, "
-            f"arrived {safe_mean(list(self.model.ep_success_buffer or [])):.2f}, "
-            f"{time.monotonic() - self._started:.0f} s",
-            flush=True,
-        )
 
 
 def reinforce(settings: Reinforcement, *, seed: int) -> PPO:

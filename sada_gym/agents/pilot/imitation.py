@@ -8,7 +8,6 @@ network is fitted to all that was gathered so far.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ from torch import Tensor
 
 from sada_gym.agents.pilot.network import WaypointNetwork, light, new_network
 from sada_gym.agents.pilot.recipe import Imitation
+from sada_gym.agents.training import batches
 from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.pilot import WaypointPilot, in_drone, motion
 from sada_gym.envs.uav.races import Ending, Races
@@ -153,7 +153,7 @@ def fit(
     mean = 0.0
     for _ in range(epochs):
         losses = []
-        for rows in _batches(len(gathered), settings.batch, rng):
+        for rows in batches(len(gathered), settings.batch, rng):
             pictures, felt, truth = gathered.batch(rows)
             answer = network(_relit(pictures, settings.light_jitter, rng), felt)
             value = loss(answer, truth)
@@ -185,9 +185,3 @@ def _relit(pictures: Tensor, jitter: float, rng: np.random.Generator) -> Tensor:
 
     gain = 1 + draw(jitter, 1) + draw(jitter / 3, 3)
     return (pictures * gain + draw(jitter / 3, 1)).clamp_(0, 1)
-
-
-def _batches(count: int, size: int, rng: np.random.Generator) -> Iterator[npt.NDArray[np.intp]]:
-    order = rng.permutation(count)
-    for start in range(0, count, size):
-        yield order[start : start + size]

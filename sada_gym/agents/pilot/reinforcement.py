@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.utils import LinearSchedule, safe_mean
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sada_gym.agents.pilot.recipe import Reinforcement
+from sada_gym.agents.training import Report
 from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
 from sada_gym.generators import generators_kept
 from sada_gym.sb3 import SB3VecEnv
 
 _LOG_NOISE = -1.0
 """Of the actions that it begins with: 0.37; with SB3's own, 1, few drones reach a gate."""
-
-
-class _Report(BaseCallback):
-    """Says now and then how the last races went."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._started = time.process_time()
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_end(self) -> None:
-        episodes: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
-        print(
-            f"{self.num_timesteps:,} steps: reward {safe_mean([e['r'] for e in episodes]):.1f}, "
-            f"finished {safe_mean(list(self.model.ep_success_buffer or [])):.2f}, "
-            f"{time.process_time() - self._started:.0f} s",
-            flush=True,
-        )
 
 
 def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
@@ -80,6 +59,6 @@ def reinforce(settings: Reinforcement, *, seed: int) -> PPO:
     )
     with generators_kept():  # SB3 learns with the global ones
         model.set_random_seed(seed)
-        model.learn(settings.steps, callback=_Report())
+        model.learn(settings.steps, callback=Report("finished"))
     env.close()
     return model
