@@ -15,8 +15,9 @@ class UAVEnv(AdversaryEnv):
     at equal arc length and face along it. The adversary moves the anchor points, so that a track
     has sharper turns, and a short one is a crowded one. The score Q is the share of the gates that
     the drone passes on one lap. Where it does not pass a gate in 10 s, or is lost, the gate is
-    missed: the drone is set at rest into that gate, and the race goes on to the next. Hitting a
-    frame knocks the drone about, but is not itself a miss. The drone is a rigid body in PyBullet;
+    missed: the drone is set back at rest into the last gate that it passed, and the race goes on to
+    the gate after the missed one. Hitting a frame knocks the drone about, but is not itself a miss.
+    The drone is a rigid body in PyBullet;
     templates, ranges and spacing are our own, since the paper's were never published. The seed
     fixes light and background, and moves the start by up to 0.3 m along x and y, and 5 degrees.
 

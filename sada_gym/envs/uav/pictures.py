@@ -129,7 +129,7 @@ class Film:
         return max(since, since + int(step) - POLICY_HZ // 4), f"seen: before gate {gate + 1}"
 
     def _ways(self, until: int) -> tuple[Array, ...]:
-        """The ways flown, apart where the drone was set into a missed gate."""
+        """The ways flown, apart where the drone was set back."""
         missed = (self.endings[:until] > Ending.PASSED).sum(axis=1)
         cuts = np.flatnonzero(np.diff(missed)) + 1
         return tuple(np.split(self.states[:until, :2], cuts))

@@ -2,8 +2,8 @@
 
 A gate is passed when the drone crosses its opening, in the gate's direction and in the gates'
 order. Where that takes longer than `GATE_LIMIT_S`, or the drone is lost (on its back on the ground,
-out of the world, or told something that is no number), the gate is missed: the drone is set at rest
-into that gate, and the race goes on to the one after it.
+out of the world, or told something that is no number), the gate is missed: the drone is set back at
+rest into the last gate that it passed, and the race goes on to the one after the missed gate.
 """
 
 from __future__ import annotations
@@ -238,10 +238,10 @@ class Races:
                 self._miss(i, Ending.LOST if astray else Ending.LATE)
 
     def _miss(self, i: int, how: Ending) -> None:
-        """The race goes on in the gate that was missed."""
-        gate = self.next_gate[i]
-        self.endings[i, gate] = how
+        """Set a drone back where it came from; the race goes on without the gate it missed."""
+        self.endings[i, self.next_gate[i]] = how
         self.next_gate[i] += 1
         self._since[i] = 0
-        x, y, z, heading = self.gates[i, gate].tolist()
-        self.place(i, upright((x, y, z), heading))
+        passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
+        last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
+        self.place(i, upright(last[:3], last[3]))

@@ -72,16 +72,26 @@ def test_a_gate_out_of_order_does_not_count():
     assert not races.endings.any()
 
 
-def test_who_takes_ten_seconds_misses_the_gate_and_goes_on_in_it():
+def test_who_takes_ten_seconds_misses_the_gate_and_is_set_back_at_the_start():
     races = race((4, 0, H), velocity=(0.0, 0.0, 0.0))
-    fly(races, np.zeros(4), GATE_LIMIT_S - 1 / POLICY_HZ)
+    fly(races, np.array([-0.1, 0.0, 0.0, 0.0]), GATE_LIMIT_S - 1 / POLICY_HZ)
     assert races.endings[0, 0] == Ending.AHEAD
     fly(races, np.zeros(4), 1 / POLICY_HZ)
     assert races.endings[0].tolist() == [Ending.LATE, Ending.AHEAD, Ending.AHEAD, Ending.AHEAD]
     assert races.next_gate[0] == 1
-    np.testing.assert_array_equal(races.states[0], upright((8, 0, H), 0.0))
-    fly(races, FORWARD, 2.0)
+    np.testing.assert_array_equal(races.states[0], upright((4, 0, H), 0.0))
+    fly(races, FORWARD, 3.0)
     assert races.endings[0, 1] == Ending.PASSED
+
+
+def test_who_misses_a_gate_is_set_back_at_the_last_that_it_passed():
+    races = race((4, 0, H))
+    fly(races, FORWARD, 0.8)
+    assert races.endings[0, :2].tolist() == [Ending.PASSED, Ending.AHEAD]
+    for missed in (1, 2):
+        fly(races, np.zeros(4), GATE_LIMIT_S)
+        assert races.endings[0, missed] == Ending.LATE
+        np.testing.assert_array_equal(races.states[0], upright((8, 0, H), 0.0))
 
 
 def test_the_ten_seconds_begin_at_each_gate():
@@ -155,10 +165,10 @@ def test_a_drone_that_is_lost_leaves_the_others_alone():
     assert (races.endings[1] == Ending.LOST).sum() > 5
 
 
-def test_one_miss_breeds_no_other():
+def test_after_a_miss_the_race_goes_on_to_the_gate_after():
     anchors = TEMPLATES[3].displaced(np.zeros((1, 6)))
     races = Races(set_off(Tracks(anchors), [0]))
-    pilot = Reference()
+    pilot = Reference(8.0)
     while len(which := races.under_way()):
         asleep = races.next_gate[0] == 4
         races.step(which, np.zeros((1, 4)) if asleep else pilot.act(races, which))
