@@ -95,7 +95,8 @@ def gather(
     rng: np.random.Generator,
 ) -> int:
     """Fly for a round, told the truth in a share of the races; gives how many went astray."""
-    pilot, reference, drones = WaypointPilot(network), Reference(), settings.drones
+    speed, drones = settings.course.speed_m_s, settings.drones
+    pilot, reference = WaypointPilot(network, speed), Reference(speed)
     races = Races([settings.course.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
     told = rng.random(drones) < reference_share

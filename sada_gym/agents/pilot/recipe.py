@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.guidance import SPEED_M_S
 
-MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=12.0)
+MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
 """Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
 
 
@@ -15,7 +16,7 @@ class Imitation:
     """Settings of an imitation by DAgger.
 
     Attributes:
-        course: What is flown.
+        course: What is flown; the guidance flies at its speed.
         drones: In lockstep.
         rounds: Of flying and fitting; the reference flies the first.
         steps: Gathered in a round.
