@@ -100,7 +100,7 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
         for old in known:
             for new in tables:
                 if old.name == new.name:
-                    changes += [f"{old.name}: {c}" for c in _changes(_rule(old), _rule(new))]
+                    changes += [f"{old.name}: {c}" for c in _changes(rule(old), rule(new))]
         if changes:
             raise ValueError(
                 f"Expected the settings that the benchmark in {out} was started with, got others: "
@@ -179,7 +179,8 @@ def _refuse_other(
         )
 
 
-def _rule(table: Table) -> dict[str, object]:
+def rule(table: Table) -> dict[str, object]:
+    """What of a table decides its cells' results."""
     return table.model_dump(mode="json", include={"budget", "budget_of", "samples"})
 
 

@@ -172,13 +172,13 @@ def write_results(out: Path) -> Results:
     if not there:
         raise ValueError(f"Expected finished cells in {out}, got none yet. Run the benchmark.")
     tables = [table.name for table in settings.tables]
-    there.sort(key=lambda one: _order(one[0].settings, tables))
+    there.sort(key=lambda one: cell_order(one[0].settings, tables))
     cells = tuple(_cell_result(report) for report, _ in there)
     results = Results(
         format=FORMAT,
         settings=settings,
         targets=_targets([report for report, _ in there]),
-        rows=tuple(_rows(cells)),
+        rows=tuple(rows_of_cells(cells)),
         cells=cells,
     )
     write_model(out / RESULTS_FILE, results)
@@ -187,8 +187,8 @@ def write_results(out: Path) -> Results:
     return results
 
 
-def _order(cell: CellSettings, tables: Sequence[str]) -> tuple[Any, ...]:
-    """Sort by what is known first, then by name, so that it does not matter what came when."""
+def cell_order(cell: CellKey, tables: Sequence[str]) -> tuple[Any, ...]:
+    """Key to sort cells: what is known first, then by name, whatever came when."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
         return (known.index(name) if name in known else len(known), name)
@@ -240,7 +240,7 @@ def _targets(reports: Sequence[CellReport]) -> tuple[Target, ...]:
     return tuple(found.values())
 
 
-def _rows(cells: Sequence[CellResult]) -> Iterator[Row]:
+def rows_of_cells(cells: Sequence[CellResult]) -> Iterator[Row]:
     """Give the rows of each table and agent: over all tracks, then of each track."""
     for table, agent in dict.fromkeys((cell.table, cell.agent) for cell in cells):
         of_both = [cell for cell in cells if (cell.table, cell.agent) == (table, agent)]

@@ -9,6 +9,7 @@ from sada_gym.cli.benchmark import ListingCommand, benchmark
 from sada_gym.cli.catalogue import adversaries, agents, envs
 from sada_gym.cli.check import check
 from sada_gym.cli.console import SpreadingCommand, debugging
+from sada_gym.cli.merge import merge
 
 app = typer.Typer(
     name="sada-gym",
@@ -35,6 +36,7 @@ app.command()(adversaries)
 app.command(cls=SpreadingCommand)(attack)
 app.command(cls=SpreadingCommand)(check)
 app.command(cls=ListingCommand)(benchmark)
+app.command(cls=ListingCommand)(merge)
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ from sada_gym.benchmark.folder import BenchmarkSettings
 from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.benchmark.plan import ReferenceMark
-from sada_gym.benchmark.results import CellResult, Results, Target, _rows
+from sada_gym.benchmark.results import CellResult, Results, Target, rows_of_cells
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.benchmark.tables import short_name, write_tables
 from sada_gym.results import FeasibleRate
@@ -74,7 +74,11 @@ def report(tmp_path, cells, notes=()):
     )
     settings = BenchmarkSettings(tables=(TABLE,), packages={"numpy": "2.0"})
     results = Results(
-        format=1, settings=settings, targets=targets, rows=tuple(_rows(cells)), cells=tuple(cells)
+        format=1,
+        settings=settings,
+        targets=targets,
+        rows=tuple(rows_of_cells(cells)),
+        cells=tuple(cells),
     )
     return write_tables(tmp_path, results, notes).read_text(), results
 

@@ -1,0 +1,96 @@
+"""Results of several benchmarks as one: of other applications, seeds or machines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from sada_gym.adversaries import refuse_unknown
+from sada_gym.benchmark.folder import BenchmarkSettings, rule
+from sada_gym.benchmark.results import (
+    FORMAT,
+    RESULTS_FILE,
+    CellResult,
+    Results,
+    Target,
+    cell_order,
+    rows_of_cells,
+)
+from sada_gym.benchmark.suite import Table
+from sada_gym.benchmark.tables import write_tables
+from sada_gym.results import read_model, write_model
+
+
+def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ()) -> Results:
+    """Merge files of results, and write results.json and table.md.
+
+    Args:
+        files: Each a results.json, or a folder that holds one.
+        out: The folder to write to; it is made.
+        tables: Names of the tables to take over; all by default.
+
+    Raises:
+        ValueError: If a file is none of ours, or they do not belong together.
+    """
+    paths = [path / RESULTS_FILE if path.is_dir() else path for path in files]
+    merged = merge([read_model(path, Results) for path in paths], tables=tables)
+    out.mkdir(parents=True, exist_ok=True)
+    write_model(out / RESULTS_FILE, merged)
+    write_tables(out, merged)
+    return merged
+
+
+def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
+    """Put results together as if one benchmark had given them, ranks and all.
+
+    Args:
+        parts: At least one.
+        tables: Names of the tables to take over; all by default.
+
+    Raises:
+        ValueError: If they were made with other packages, rules of a table, or versions of what
+            was attacked; if two hold the same run; or if none holds a table that is asked for.
+    """
+    if not parts:
+        raise ValueError("Expected at least one file of results, got none.")
+    packages = parts[0].settings.packages
+    known: dict[str, Table] = {}
+    targets: dict[tuple[str, str], Target] = {}
+    cells: dict[tuple[Any, ...], CellResult] = {}
+    for part in parts:
+        _refuse_other("packages", packages, part.settings.packages)
+        for table in part.settings.tables:
+            first = known.setdefault(table.name, table)
+            _refuse_other(f"the rule of table {table.name}", rule(first), rule(table))
+        for cell in part.cells:
+            key = (cell.table, cell.track, cell.agent, cell.label, cell.seed)
+            if key in cells:
+                raise ValueError(f"Expected every run once, got {cell} twice. Leave one out.")
+            cells[key] = cell
+        for target in part.targets:
+            place = (target.track, target.agent)
+            other = targets.get(place, target)
+            same = target.model_copy(update={"seeds": other.seeds})
+            _refuse_other(f"{target.track} against {target.agent}", other, same)
+            seeds = tuple(sorted({*other.seeds, *target.seeds}))
+            targets[place] = target.model_copy(update={"seeds": seeds})
+    refuse_unknown("table", tables, list(known))
+    names = [name for name in known if not tables or name in tables]
+    chosen = sorted(
+        (cell for cell in cells.values() if cell.table in names),
+        key=lambda cell: cell_order(cell, list(known)),
+    )
+    attacked = dict.fromkeys((cell.track, cell.agent) for cell in chosen)
+    return Results(
+        format=FORMAT,
+        settings=BenchmarkSettings(tables=tuple(known[name] for name in names), packages=packages),
+        targets=tuple(targets[place] for place in attacked),
+        rows=tuple(rows_of_cells(chosen)),
+        cells=tuple(chosen),
+    )
+
+
+def _refuse_other(what: str, first: object, other: object) -> None:
+    if first != other:
+        raise ValueError(f"Expected results of one kind, but {what} differ: {first} and {other}.")

@@ -1,0 +1,88 @@
+import pytest
+from bench_toys import ANALYTIC, make_reference, suite
+from typer.testing import CliRunner
+
+from sada_gym.benchmark.merge import merge, merge_files
+from sada_gym.benchmark.results import Results
+from sada_gym.benchmark.run import run_benchmark
+from sada_gym.cli import app
+from sada_gym.results import read_model
+
+WHOLE = suite("ideal", "archive", "random", budgets=(90, 60), seeds=2)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    references = tmp_path_factory.mktemp("references")
+    make_reference(references, ANALYTIC)
+    out = tmp_path_factory.mktemp("whole")
+    return run_benchmark(WHOLE, out, references=references).results
+
+
+def part(results, keep):
+    """The results of a benchmark that ran only some of the cells."""
+    cells = tuple(cell for cell in results.cells if keep(cell))
+    targets = tuple(
+        target.model_copy(update={"seeds": tuple(sorted({cell.seed for cell in cells}))})
+        for target in results.targets
+    )
+    # its own rows must not matter
+    return results.model_copy(update={"cells": cells, "targets": targets, "rows": ()})
+
+
+@pytest.mark.parametrize("key", ["label", "seed", "table"])
+def test_parts_make_the_whole(whole, key):
+    first = getattr(whole.cells[0], key)
+    halves = [
+        part(whole, lambda cell: getattr(cell, key) != first),
+        part(whole, lambda cell: getattr(cell, key) == first),
+    ]
+    assert merge(halves) == merge(halves[::-1]) == whole
+
+
+def test_one_table_can_be_taken_over(whole):
+    merged = merge([whole], tables=["n60"])
+    assert merged.comparisons() == [("n60", "")]
+    assert merged.rows == tuple(row for row in whole.rows if row.table == "n60")
+
+
+def test_what_does_not_belong_together_is_refused(whole):
+    with pytest.raises(ValueError, match="at least one file"):
+        merge([])
+    with pytest.raises(ValueError, match=r"every run once, got ideal on .* twice"):
+        merge([whole, whole])
+    with pytest.raises(ValueError, match="n7"):
+        merge([whole], tables=["n7"])
+    empty = part(whole, lambda cell: False)
+    packages = {**whole.settings.packages, "numpy": "1.0"}
+    settings = whole.settings.model_copy(update={"packages": packages})
+    with pytest.raises(ValueError, match="packages differ"):
+        merge([whole, empty.model_copy(update={"settings": settings})])
+    first, *others = whole.settings.tables
+    budget = first.budget.model_copy(update={"queries": 7})
+    tables = (first.model_copy(update={"budget": budget}), *others)
+    settings = whole.settings.model_copy(update={"tables": tables})
+    with pytest.raises(ValueError, match="rule of table n90 differ"):
+        merge([whole, empty.model_copy(update={"settings": settings})])
+    target = whole.targets[0].model_copy(update={"version": 9})
+    with pytest.raises(ValueError, match=rf"{ANALYTIC} against .* differ"):
+        merge([whole, empty.model_copy(update={"targets": (target,)})])
+
+
+def test_files_and_folders_are_merged_on_the_command_line(whole, tmp_path):
+    for name, seed in (("a", 0), ("b", 1)):
+        (tmp_path / name).mkdir()
+        chosen = part(whole, lambda cell, seed=seed: cell.seed == seed)
+        (tmp_path / name / "results.json").write_text(chosen.model_dump_json())
+    out = tmp_path / "out"
+    arguments = ["merge", tmp_path / "a", tmp_path / "b" / "results.json", "--out", out]
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    assert result.exit_code == 0, result.output
+    assert "12 runs, 1 tracks and agents" in result.stdout.replace("\n", " ")
+    assert read_model(out / "results.json", Results) == whole
+    assert (out / "table.md").read_text().startswith("# Benchmark results")
+
+
+def test_a_folder_without_results_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"results\.json"):
+        merge_files([tmp_path], tmp_path / "out")
