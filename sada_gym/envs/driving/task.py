@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 
-from sada_gym.application import Frame
-from sada_gym.envs.checks import (
-    checked_actions,
-    checked_num_envs,
-    checked_render_mode,
-    reset_mask,
-    spread_seeds,
-    warn_without_render_mode,
-)
 from sada_gym.envs.driving.camera import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.drives import (
@@ -38,10 +24,9 @@ from sada_gym.envs.driving.drives import (
 from sada_gym.envs.driving.expert import CRUISE_M_S
 from sada_gym.envs.driving.route import COMMANDS
 from sada_gym.envs.driving.town import LANE_WIDTH_M
+from sada_gym.envs.task import TaskEnv, TaskVectorEnv
 
 ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0
-
-_FIRST = np.zeros(1, np.intp)
 
 OBSERVATION_SPACE = spaces.Dict(
     {
@@ -53,7 +38,7 @@ OBSERVATION_SPACE = spaces.Dict(
 ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-class DrivingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
+class DrivingTaskEnv(TaskEnv):
     """A car with a camera follows a route through a town.
 
     ## Description
@@ -97,42 +82,10 @@ class DrivingTaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        # a copy: SB3's VecNormalize changes the space that it is given
-        self.observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)  # type: ignore[assignment]
-        self.action_space = ACTION_SPACE
-        self._lessons = _Lessons(course or Course(), 1)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Set off on a new route."""
-        super().reset(seed=seed, options=options)
-        self._lessons.start(0, self.np_random)
-        return self._observation(), self._lessons.info(0)
-
-    def step(
-        self, action: npt.NDArray[Any]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive for a fifth of a second."""
-        reward = self._lessons.step(checked_actions(action, self.action_space, "an action")[None])
-        terminated, truncated = self._lessons.over()
-        info = self._lessons.info(0)
-        return self._observation(), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
-
-    def render(self) -> Frame | None:
-        """Give the camera's picture."""
-        if self.render_mode is None:
-            warn_without_render_mode()
-            return None
-        frame: Frame = self._lessons.drives.look(_FIRST)[0]
-        return frame
-
-    def _observation(self) -> Observation:
-        return {key: value[0] for key, value in self._lessons.drives.observe(_FIRST).items()}
+        super().__init__(_Lessons(course or Course(), 1), render_mode=render_mode)
 
 
-class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+class DrivingTaskVectorEnv(TaskVectorEnv):
     """`DrivingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
@@ -149,81 +102,14 @@ class DrivingTaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], n
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        self.num_envs = checked_num_envs(num_envs)
-        self.single_observation_space: spaces.Dict = deepcopy(OBSERVATION_SPACE)
-        self.single_action_space = ACTION_SPACE
-        self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
-        self.action_space = batch_space(ACTION_SPACE, num_envs)
-        self._lessons = _Lessons(course or Course(), num_envs)
-        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
-        self._everyone = np.arange(num_envs)
-
-    @property  # type: ignore[misc]
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """One generator a car."""
-        return tuple(self._generators)
-
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Set off on new routes, all or those in the boolean array `options["reset_mask"]`.
-
-        Args:
-            seed: An int (car i gets seed + i) or a sequence of one seed a car.
-            options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
-        """
-        seeds = spread_seeds(seed, self.num_envs)
-        for i in reset_mask(options, self.num_envs):
-            given = seeds[i]
-            if given is not None:
-                self._generators[i] = seeding.np_random(given)[0]
-            self._lessons.start(i, self._generators[i])
-        infos: dict[str, Any] = {}
-        for i in range(self.num_envs):
-            infos = self._add_info(infos, self._lessons.info(i), i)
-        return self._lessons.drives.observe(self._everyone), infos
-
-    def step(
-        self, actions: npt.NDArray[Any]
-    ) -> tuple[
-        Observation,
-        npt.NDArray[np.float64],
-        npt.NDArray[np.bool_],
-        npt.NDArray[np.bool_],
-        dict[str, Any],
-    ]:
-        """Drive for a fifth of a second; who has ended sets off anew."""
-        reward = self._lessons.step(checked_actions(actions, self.action_space, "actions"))
-        terminated, truncated = self._lessons.over()
-        over = np.flatnonzero(terminated | truncated)
-        last = self._lessons.drives.observe(over)
-        infos: dict[str, Any] = {}
-        for i in self._everyone.tolist():
-            info = self._lessons.info(i)
-            if terminated[i] or truncated[i]:
-                row = int(np.searchsorted(over, i))
-                seen = {key: value[row] for key, value in last.items()}
-                infos = self._add_info(infos, {"final_obs": seen, "final_info": info}, i)
-                self._lessons.start(i, self._generators[i])
-                info = self._lessons.info(i)
-            infos = self._add_info(infos, info, i)
-        observation = self._lessons.drives.observe(self._everyone)
-        return observation, reward, terminated, truncated, infos
-
-    def render(self) -> tuple[Frame, ...] | None:
-        """Give each camera's picture."""
-        if self.render_mode is None:
-            warn_without_render_mode()
-            return None
-        return tuple(self._lessons.drives.look(self._everyone))
+        lessons = _Lessons(course or Course(), num_envs)
+        super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
 
 
 class _Lessons:
     """Drives of a course, with what each step is worth: for scalar and vector alike."""
+
+    observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
     def __init__(self, course: Course, count: int) -> None:
         self._course, self._count = course, count
@@ -275,3 +161,14 @@ class _Lessons:
             "lateral_m": float(self.drives.lateral_m[i]),
             "is_success": bool(self.drives.ending[i] == Ending.ARRIVED),
         }
+
+    def observe(self, which: npt.NDArray[np.intp]) -> Observation:
+        """What some of the drivers perceive."""
+        return self.drives.observe(which)
+
+    def look(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+        """Draw what some of the cameras see."""
+        return self.drives.look(which)
+
+    def close(self) -> None:
+        """Do nothing: cars hold nothing that is to be freed."""

@@ -1,0 +1,214 @@
+"""The inner tasks' environments: what those of driving and racing have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_env_sb3
+
+import sada_gym  # noqa: F401 - registers
+from sada_gym.envs.driving.drives import LANE_TOLERANCE_M
+from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
+from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
+from sada_gym.sb3 import SB3VecEnv
+
+
+class Task(NamedTuple):
+    """One inner task, and how to bring its episodes to an end."""
+
+    id: str
+    env: type[gym.Env]
+    vector_env: type[gym.vector.VectorEnv]
+    many: int
+    steps: int
+    actions: Callable[[np.random.Generator], np.ndarray]
+    """Draws those of `many` agents, under which some episodes end within the steps."""
+    least_ends: int
+    fatal: list[float]
+    """The action that ends an episode within 201 steps ..."""
+    ended: Callable[[dict[str, Any]], bool]
+    """... and whether it ended so."""
+    not_begun: str
+    over: str
+
+
+def careless_driving(rng):
+    steering = rng.normal(0, 0.25, 3).clip(-1, 1)
+    return np.column_stack([steering, np.full(3, 0.6)]).astype(np.float32)
+
+
+def careless_flying(rng):
+    # mostly forward and down, so that some hit frames and the ground
+    return rng.normal([0.5, 0.0, -0.1, 0.0], 0.3, (18, 4)).clip(-1, 1).astype(np.float32)
+
+
+def left_the_lane(info):
+    failed = info["TimeLimit.truncated"] is False and info["is_success"] is False
+    return failed and info["lateral_m"] > LANE_TOLERANCE_M
+
+
+def was_late(info):
+    return info["TimeLimit.truncated"] is True
+
+
+TASKS = [
+    Task(
+        "SADA-DrivingTask-v0",
+        DrivingTaskEnv,
+        DrivingTaskVectorEnv,
+        many=3,
+        steps=60,
+        actions=careless_driving,
+        least_ends=4,
+        fatal=[0.6, 1.0],
+        ended=left_the_lane,
+        not_begun="no car has set off yet",
+        over="a drive has ended",
+    ),
+    Task(
+        "SADA-RacingTask-v0",
+        RacingTaskEnv,
+        RacingTaskVectorEnv,
+        many=18,
+        steps=80,
+        actions=careless_flying,
+        least_ends=1,
+        fatal=[0.0, 0.0, 0.0, 0.0],
+        ended=was_late,
+        not_begun="no drone has set off yet",
+        over="a race has ended",
+    ),
+]
+
+
+@pytest.fixture(params=TASKS, ids=[task.id for task in TASKS])
+def task(request):
+    return request.param
+
+
+def same(one, other):
+    """Whether two nests of dictionaries and arrays are equal to the last bit."""
+    if isinstance(one, dict):
+        return set(one) == set(other) and all(same(one[key], other[key]) for key in one)
+    if one is None or other is None:
+        return one is other
+    one, other = np.asarray(one), np.asarray(other)
+    if one.dtype == object:
+        return len(one) == len(other) and all(map(same, one, other))
+    return np.array_equal(one, other)
+
+
+def row(batch, i):
+    """What environment i of a batch observes."""
+    return {key: value[i] for key, value in batch.items()}
+
+
+@pytest.mark.filterwarnings("error")
+def test_it_keeps_gymnasiums_and_sb3s_rules(task):
+    check_env(gym.make(task.id, render_mode="rgb_array").unwrapped)
+    check_env_sb3(gym.make(task.id).unwrapped)
+
+
+def test_the_batch_equals_single_environments(task):
+    batch = gym.make_vec(task.id, num_envs=task.many)
+    single = SyncVectorEnv([task.env] * task.many, autoreset_mode=AutoresetMode.SAME_STEP)
+    assert same(batch.reset(seed=5)[0], single.reset(seed=5)[0])
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(task.steps):
+        actions = task.actions(rng)
+        ours, theirs = batch.step(actions), single.step(actions)
+        assert all(map(same, ours, theirs))
+        ends += int((ours[2] | ours[3]).sum())
+    assert ends >= task.least_ends
+    batch.close()
+    single.close()
+
+
+def test_sb3_gets_the_batch_as_a_vec_env(task):
+    env = SB3VecEnv(task.vector_env(num_envs=2))
+    env.seed(3)
+    first = env.reset()
+    alone, _ = task.env().reset(seed=3)
+    assert same(row(first, 0), alone)
+    ended = None
+    for _ in range(201):
+        seen, reward, done, infos = env.step(np.tile(task.fatal, (2, 1)))
+        assert reward.dtype == np.float32
+        if done[0]:
+            ended = infos[0]
+            break
+    assert ended is not None
+    assert task.ended(ended)
+    assert not same(ended["terminal_observation"], row(seen, 0))
+    env.close()
+
+
+def test_sb3_is_given_only_what_resets_as_it_expects(task):
+    env = SyncVectorEnv([task.env], autoreset_mode=AutoresetMode.NEXT_STEP)
+    with pytest.raises(ValueError, match=r"mode SAME_STEP, got .*NEXT_STEP"):
+        SB3VecEnv(env)
+
+
+def test_some_of_a_batch_can_set_off_anew(task):
+    batch = task.vector_env(num_envs=2)
+    batch.reset(seed=0)
+    for _ in range(4):
+        seen = batch.step(np.tile(task.fatal, (2, 1)))[0]
+    anew, _ = batch.reset(seed=[7, None], options={"reset_mask": np.array([True, False])})
+    alone, _ = task.env().reset(seed=7)
+    assert same(row(anew, 0), alone)
+    assert same(row(seen, 1), row(anew, 1))
+    batch.close()
+
+
+def test_a_batch_has_members_and_a_seed_for_each(task):
+    with pytest.raises(ValueError, match="at least one environment, got num_envs=0"):
+        task.vector_env(num_envs=0)
+    with pytest.raises(ValueError, match=r"Expected 2 seeds, .* got 1"):
+        task.vector_env(num_envs=2).reset(seed=[1])
+
+
+def test_a_step_needs_a_reset(task):
+    env, action = task.env(), np.array(task.fatal, np.float32)
+    with pytest.raises(ResetNeeded, match=task.not_begun):
+        env.step(action)
+    env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, terminated, truncated, _ = env.step(action)
+        over = terminated or truncated
+    with pytest.raises(ResetNeeded, match=task.over):
+        env.step(action)
+    env.close()
+
+
+def test_an_action_of_another_shape_is_named(task):
+    env = task.env()
+    env.reset(seed=0)
+    size = len(task.fatal)
+    with pytest.raises(ValueError, match=rf"an action of shape \({size},\), got \(3,\)"):
+        env.step(np.zeros(3, np.float32))
+
+
+@pytest.mark.parametrize("number", [np.nan, "left"])
+def test_an_action_of_no_finite_numbers_is_named(task, number):
+    env = task.env()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="Expected an action of finite numbers, got"):
+        env.step(np.array([number, *task.fatal[1:]]))
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_closing_twice_is_fine(task, many):
+    env = task.vector_env(num_envs=2) if many else task.env()
+    env.reset(seed=0)
+    env.close()
+    env.close()
