@@ -73,10 +73,10 @@ def figures(anchors, speed_m_s, *, templates, mild, uniform):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--low", type=float, default=8.0)
-    parser.add_argument("--high", type=float, default=12.0)
+    parser.add_argument("--high", type=float, default=12.5)
     parser.add_argument("--templates", type=int, default=32)
     parser.add_argument("--mild", type=int, default=100)
-    parser.add_argument("--uniform", type=int, default=300)
+    parser.add_argument("--uniform", type=int, default=1000)
     arguments = parser.parse_args()
     print(
         "| m/s | anchors | template, passed (untouched; seen) | mild, passed (untouched; seen) "

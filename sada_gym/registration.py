@@ -54,6 +54,16 @@ def _driving(suffix: str = "", **kwargs: Any) -> Registration:
     )
 
 
+def _uav(suffix: str = "", **kwargs: Any) -> Registration:
+    module = "sada_gym.envs.uav"
+    return Registration(
+        id=f"SADA-UAV{suffix}-v0",
+        entry_point=f"{module}:UAVEnv",
+        vector_entry_point=f"{module}:UAVVectorEnv",
+        kwargs=kwargs,
+    )
+
+
 TABLE: tuple[Registration, ...] = (
     Registration(
         id="SADA-Analytic-v0",
@@ -77,6 +87,10 @@ TABLE: tuple[Registration, ...] = (
     _driving("-Straight", task="straight"),
     _driving("-OneCurve", task="one_curve"),
     _driving("-Navigation", task="navigation"),
+    _uav(),
+    _uav("-3Anchors", anchors=3),
+    _uav("-4Anchors", anchors=4),
+    _uav("-5Anchors", anchors=5),
 )
 
 INNER_TASKS: tuple[Registration, ...] = (

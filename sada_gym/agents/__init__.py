@@ -78,6 +78,20 @@ AGENTS = (
         "14ea7ff9c211769788996e9ec07291fd20bf6433f57c640035dd1a9ccab01596",
         "cil, trained on by PPO on the driving task",
     ),
+    AgentCard(
+        "waypoint-pid",
+        "SADA-UAV",
+        "pilot/waypoint-pid.safetensors",
+        "3538a32f3d4a3e963f4c01e5879912ac58382d800c5f4702965c50a36d3563f0",
+        "sees where the next gate is and flies there; trained on mild tracks; the default",
+    ),
+    AgentCard(
+        "ppo",
+        "SADA-UAV",
+        "pilot/ppo.safetensors",
+        "70c492152a23c96cb5e229bb34e4c7ad2376cdb6de504483fd1cd59af397a46e",
+        "told where the next two gates are, without a camera; learnt to fly by PPO",
+    ),
 )
 
 

@@ -198,6 +198,7 @@ _OTHER_AGENTS = Table(
 _DRIVING_TRACKS = tuple(
     f"SADA-Driving-{task}-v0" for task in ("Straight", "OneCurve", "Navigation")
 )
+_RACING_TRACKS = tuple(f"SADA-UAV-{anchors}Anchors-v0" for anchors in (3, 4, 5))
 _MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
 
 SUITES: tuple[Suite, ...] = (
@@ -220,6 +221,20 @@ SUITES: tuple[Suite, ...] = (
         tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
         contenders=CONTENDERS,
         seeds=3,
+    ),
+    Suite(
+        name="racing",
+        tracks=_RACING_TRACKS,
+        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
+        contenders=CONTENDERS,
+        seeds=3,
+    ),
+    Suite(
+        name="table-1",
+        tracks=(*CLASS_COLUMNS.values(), *_DRIVING_TRACKS, *_RACING_TRACKS),
+        tables=(_PAPER_BUDGETS,),
+        contenders=CONTENDERS,
+        seeds_of=dict.fromkeys((*_MAIN_TRACKS, *_DRIVING_TRACKS, *_RACING_TRACKS), 3),
     ),
 )
 

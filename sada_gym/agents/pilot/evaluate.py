@@ -24,63 +24,27 @@ if TYPE_CHECKING:
     from sada_gym.envs.uav.pilot import PilotLike
 
 
-TEMPLATE_SHARE, MILD_SHARE = 0.98, 0.95
-"""Of the gates of the undisturbed templates and of mild tracks: what a shipped pilot must pass."""
-
-
 @dataclass(frozen=True)
-class Nominal:
-    """How a pilot flies the tracks that it was trained for, of one number of anchor points.
+class TrackFigures:
+    """What was measured on the tracks of one number of anchor points.
 
     Attributes:
         template_gates: Met on the undisturbed template.
         template_passed: How many of them were passed.
         mild_gates: Met on mild tracks that training never saw.
         mild_passed: How many of them were passed.
+        samples: Uniform mu.
+        fooled: How many of them fooled the pilot.
+        mean_score: Their mean Q.
     """
 
     template_gates: int
     template_passed: int
     mild_gates: int
     mild_passed: int
-
-    @property
-    def holds(self) -> bool:
-        """Whether the shares passed are those that a shipped pilot must have."""
-        return (
-            self.template_passed >= TEMPLATE_SHARE * self.template_gates
-            and self.mild_passed >= MILD_SHARE * self.mild_gates
-        )
-
-
-@dataclass(frozen=True)
-class TrackFigures:
-    """What was measured on the tracks of one number of anchor points.
-
-    Attributes:
-        nominal: On tracks as trained for.
-        samples: Uniform mu.
-        fooled: How many of them fooled the pilot.
-        mean_score: Their mean Q.
-    """
-
-    nominal: Nominal
     samples: int
     fooled: int
     mean_score: float
-
-
-def fly_nominal(
-    application: UAVApplication, rng: np.random.Generator, *, looks: int = 32, mild: int = 100
-) -> Nominal:
-    """Fly the template, with so many seeds, and so many mild tracks."""
-    counts = []
-    for width, count in ((0.0, looks), (MILD.spread, mild)):
-        mu = rng.uniform(-width, width, (count, len(application.parameters)))
-        seeds = rng.integers(2**31, size=count).tolist()
-        score = application.evaluate(mu, seeds).score
-        counts += [count * GATES, round(float(score.sum()) * GATES)]
-    return Nominal(*counts)
 
 
 def measure(
@@ -99,11 +63,19 @@ def measure(
     for anchors in TEMPLATES:
         application = UAVApplication(anchors, agent=pilot)
         rng = np.random.default_rng(seed)
-        nominal = fly_nominal(application, rng, looks=looks, mild=mild)
+
+        def passed(width: float, count: int) -> tuple[int, int]:
+            mu = rng.uniform(-width, width, (count, len(application.parameters)))  # noqa: B023
+            seeds = rng.integers(2**31, size=count).tolist()  # noqa: B023
+            score = application.evaluate(mu, seeds).score  # noqa: B023
+            return count * GATES, round(float(score.sum()) * GATES)
+
+        template, on_mild = passed(0.0, looks), passed(MILD.spread, mild)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
         outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
         figures[anchors] = TrackFigures(
-            nominal,
+            *template,
+            *on_mild,
             samples=samples,
             fooled=int(outcomes.fooled.sum()),
             mean_score=float(outcomes.score.mean()),
@@ -121,15 +93,14 @@ def table(figures: dict[int, TrackFigures]) -> str:
     for anchors, f in figures.items():
         low, high = wilson_interval(f.fooled, f.samples)
         lines.append(
-            f"| {anchors} | {share(f.nominal.template_passed, f.nominal.template_gates)} "
-            f"| {share(f.nominal.mild_passed, f.nominal.mild_gates)} | {f.mean_score:.2f} "
+            f"| {anchors} | {_share(f.template_passed, f.template_gates)} "
+            f"| {_share(f.mild_passed, f.mild_gates)} | {f.mean_score:.2f} "
             f"| {100 * f.fooled / f.samples:.1f} % ({100 * low:.1f} to {100 * high:.1f}) |"
         )
     return "\n".join(lines)
 
 
-def share(part: int, whole: int) -> str:
-    """Write a share with what it is a share of."""
+def _share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f} % of {whole:,}"
 
 

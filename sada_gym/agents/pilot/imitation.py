@@ -95,8 +95,7 @@ def gather(
     rng: np.random.Generator,
 ) -> int:
     """Fly for a round, told the truth in a share of the races; gives how many went astray."""
-    speed, drones = settings.course.speed_m_s, settings.drones
-    pilot, reference = WaypointPilot(network, speed), Reference(speed)
+    pilot, reference, drones = WaypointPilot(network), Reference(), settings.drones
     races = Races([settings.course.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
     told = rng.random(drones) < reference_share

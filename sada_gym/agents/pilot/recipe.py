@@ -16,7 +16,7 @@ class Imitation:
     """Settings of an imitation by DAgger.
 
     Attributes:
-        course: What is flown; the guidance flies at its speed.
+        course: What is flown.
         drones: In lockstep.
         rounds: Of flying and fitting; the reference flies the first.
         steps: Gathered in a round.

@@ -20,8 +20,7 @@ TOP_SPEED_M_S = 16.0
 TOP_TURN_RAD_S = 4.0
 """A command of 1, to the left."""
 SPEED_M_S = 11.5
-"""The one speed of the guidance: chosen by `benchmarks/racing_pilots.py`, within what
-`benchmarks/racing_speeds.py` allows."""
+"""The one speed of the guidance, chosen by `benchmarks/racing_speeds.py`."""
 LEAD = 0.25
 """It aims before the gate, at this share of the distance, so that it comes in along its axis."""
 TURN_GAIN_PER_S = 4.0

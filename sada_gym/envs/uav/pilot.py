@@ -6,7 +6,6 @@ if it were alone.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import Protocol, TypeAlias, runtime_checkable
 
@@ -64,19 +63,16 @@ class WaypointPilot:
 
     Args:
         network: The perception.
-        speed_m_s: The guidance's.
     """
 
-    def __init__(self, network: WaypointNetwork, speed_m_s: float = SPEED_M_S) -> None:
+    def __init__(self, network: WaypointNetwork) -> None:
         self.network = network.eval()
-        self._speed_m_s = speed_m_s
         self._camera = camera()
 
     @property
-    def fingerprint(self) -> str:
-        """SHA-256 over the network's weights and the speed."""
-        text = f"{agents.fingerprint(self.network)} at {self._speed_m_s:g} m/s"
-        return hashlib.sha256(text.encode()).hexdigest()
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the network's weights."""
+        return agents.fingerprint(self.network)
 
     def start(self, count: int) -> None:
         """Nothing is remembered."""
@@ -85,7 +81,7 @@ class WaypointPilot:
         """Choose actions (n, 4) for some of the drones."""
         looks = [races.starts[i].seed for i in which.tolist()]
         seen = self.waypoints(races.gates[which], races.states[which], looks)
-        actions: Floats = steer(seen, self._speed_m_s)
+        actions: Floats = steer(seen, SPEED_M_S)
         return actions
 
     def waypoints(self, gates: Floats, poses: Floats, looks: npt.ArrayLike) -> Floats:

@@ -8,7 +8,7 @@ from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.track import GATES
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
-BLIND = (4, 5)
+BLIND = (3, 6)
 MU = np.zeros(8)
 
 
@@ -30,12 +30,12 @@ def painted(picture, colour):
 @pytest.fixture(scope="module")
 def flown():
     """A race that passes all gates."""
-    return Film.of(UAVApplication(4, agent=Reference()), MU, 5)
+    return Film.of(UAVApplication(4, agent=Reference(8.0)), MU, 5)
 
 
 @pytest.fixture(scope="module")
 def application():
-    return UAVApplication(4, agent=Blinking())
+    return UAVApplication(4, agent=Blinking(8.0))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_the_summary_looks_before_the_first_gate_missed(application, failed):
     np.testing.assert_array_equal(application.render(MU, 5), failed.summary())
 
 
-def test_the_way_is_cut_where_the_drone_was_set_into_a_gate(failed):
+def test_the_way_is_cut_where_the_drone_was_set_back(failed):
     ways = failed._ways(len(failed.states))
     assert len(ways) == 1 + len(BLIND)
     assert sum(len(way) for way in ways) == len(failed.states)
