@@ -205,3 +205,12 @@ def test_a_track_is_feasible_where_the_privileged_pilot_is_not_fooled(monkeypatc
     assert ours.feasible(np.zeros((2, 6)), [0, 1]).tolist() == [True, True]
     monkeypatch.setattr(UAVApplication, "fooling_threshold", 1.0)
     assert ours.feasible(np.zeros((1, 6)), [0]).tolist() == [False]
+
+
+@pytest.mark.parametrize("name", ["waypoint-pid", "ppo"])
+def test_the_shipped_pilots_fly_the_undisturbed_tracks(name):
+    for anchors in (3, 4, 5):
+        flown = UAVApplication(anchors, agent=name)
+        outcomes = flown.evaluate(np.zeros((4, 2 * anchors)), range(4))
+        assert outcomes.score.mean() > 0.95
+        assert flown.agent_name == name
