@@ -55,9 +55,12 @@ def made(folder: Path) -> Image.Image:
     """Tracks that an adversary made."""
     rows = []
     for anchors in TEMPLATES:
-        mu = np.load(folder / f"samples-{anchors}.npz", allow_pickle=False)["mu"]
+        samples = np.load(folder / f"samples-{anchors}.npz", allow_pickle=False)
+        mu, score = samples["mu"], samples["score"]
         chosen = np.linspace(0, len(mu) - 1, TRACKS + 1).astype(int)
-        rows.append([(f"{anchors} anchors", plan(anchors, mu[i])) for i in chosen])
+        rows.append(
+            [(f"{anchors} anchors, Q = {score[i]:.2f}", plan(anchors, mu[i])) for i in chosen]
+        )
     return grid(rows)
 
 
