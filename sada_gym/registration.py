@@ -34,63 +34,39 @@ class Registration:
     kwargs: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _detection(suffix: str = "", **kwargs: Any) -> Registration:
-    module = "sada_gym.envs.detection"
+def _track(application: str, suffix: str = "", **kwargs: Any) -> Registration:
+    module = f"sada_gym.envs.{application.lower()}"
     return Registration(
-        id=f"SADA-Detection{suffix}-v0",
-        entry_point=f"{module}:DetectionEnv",
-        vector_entry_point=f"{module}:DetectionVectorEnv",
-        kwargs=kwargs,
-    )
-
-
-def _driving(suffix: str = "", **kwargs: Any) -> Registration:
-    module = "sada_gym.envs.driving"
-    return Registration(
-        id=f"SADA-Driving{suffix}-v0",
-        entry_point=f"{module}:DrivingEnv",
-        vector_entry_point=f"{module}:DrivingVectorEnv",
-        kwargs=kwargs,
-    )
-
-
-def _uav(suffix: str = "", **kwargs: Any) -> Registration:
-    module = "sada_gym.envs.uav"
-    return Registration(
-        id=f"SADA-UAV{suffix}-v0",
-        entry_point=f"{module}:UAVEnv",
-        vector_entry_point=f"{module}:UAVVectorEnv",
+        id=f"SADA-{application}{suffix}-v0",
+        entry_point=f"{module}:{application}Env",
+        vector_entry_point=f"{module}:{application}VectorEnv",
         kwargs=kwargs,
     )
 
 
 TABLE: tuple[Registration, ...] = (
-    Registration(
-        id="SADA-Analytic-v0",
-        entry_point="sada_gym.envs.analytic:AnalyticEnv",
-        vector_entry_point="sada_gym.envs.analytic:AnalyticVectorEnv",
-    ),
-    _detection(),
-    _detection("-Aeroplane", object_class="aeroplane"),
-    _detection("-Bench", object_class="bench"),
-    _detection("-Bicycle", object_class="bicycle"),
-    _detection("-Boat", object_class="boat"),
-    _detection("-Bottle", object_class="bottle"),
-    _detection("-Bus", object_class="bus"),
-    _detection("-Car", object_class="car"),
-    _detection("-Chair", object_class="chair"),
-    _detection("-DiningTable", object_class="diningtable"),
-    _detection("-Motorbike", object_class="motorbike"),
-    _detection("-Train", object_class="train"),
-    _detection("-Truck", object_class="truck"),
-    _driving(),
-    _driving("-Straight", task="straight"),
-    _driving("-OneCurve", task="one_curve"),
-    _driving("-Navigation", task="navigation"),
-    _uav(),
-    _uav("-3Anchors", anchors=3),
-    _uav("-4Anchors", anchors=4),
-    _uav("-5Anchors", anchors=5),
+    _track("Analytic"),
+    _track("Detection"),
+    _track("Detection", "-Aeroplane", object_class="aeroplane"),
+    _track("Detection", "-Bench", object_class="bench"),
+    _track("Detection", "-Bicycle", object_class="bicycle"),
+    _track("Detection", "-Boat", object_class="boat"),
+    _track("Detection", "-Bottle", object_class="bottle"),
+    _track("Detection", "-Bus", object_class="bus"),
+    _track("Detection", "-Car", object_class="car"),
+    _track("Detection", "-Chair", object_class="chair"),
+    _track("Detection", "-DiningTable", object_class="diningtable"),
+    _track("Detection", "-Motorbike", object_class="motorbike"),
+    _track("Detection", "-Train", object_class="train"),
+    _track("Detection", "-Truck", object_class="truck"),
+    _track("Driving"),
+    _track("Driving", "-Straight", task="straight"),
+    _track("Driving", "-OneCurve", task="one_curve"),
+    _track("Driving", "-Navigation", task="navigation"),
+    _track("UAV"),
+    _track("UAV", "-3Anchors", anchors=3),
+    _track("UAV", "-4Anchors", anchors=4),
+    _track("UAV", "-5Anchors", anchors=5),
 )
 
 INNER_TASKS: tuple[Registration, ...] = (
