@@ -96,11 +96,11 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
     if path.exists():
         settings = read_model(path, BenchmarkSettings)
         known = settings.tables
-        changes = _changes({"packages": settings.packages}, {"packages": now})
+        changes = differences({"packages": settings.packages}, {"packages": now})
         for old in known:
             for new in tables:
                 if old.name == new.name:
-                    changes += [f"{old.name}: {c}" for c in _changes(rule(old), rule(new))]
+                    changes += [f"{old.name}: {c}" for c in differences(rule(old), rule(new))]
         if changes:
             raise ValueError(
                 f"Expected the settings that the benchmark in {out} was started with, got others: "
@@ -170,7 +170,7 @@ def _refuse_other(
     new: CellSettings,
     view: Callable[[CellSettings], dict[str, object]],
 ) -> None:
-    changes = _changes(view(old), view(new))
+    changes = differences(view(old), view(new))
     if changes:
         raise ValueError(
             f"Expected {cell_folder(out, old)} to be a cell of the settings that are asked for, "
@@ -184,13 +184,13 @@ def rule(table: Table) -> dict[str, object]:
     return table.model_dump(mode="json", include={"budget", "budget_of", "samples"})
 
 
-def _changes(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
-    """Name what differs, down to single entries."""
+def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
+    """Name what differs between two records, down to single entries."""
     found = []
     for name in sorted({*old, *new}):
         before, now = old.get(name), new.get(name)
         if isinstance(before, Mapping) and isinstance(now, Mapping):
-            found += [f"{name}.{change}" for change in _changes(before, now)]
+            found += [f"{name}.{change}" for change in differences(before, now)]
         elif before != now:
             found.append(f"{name} was {before!r} and is {now!r}")
     return found

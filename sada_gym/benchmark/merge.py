@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sada_gym.adversaries import refuse_unknown
-from sada_gym.benchmark.folder import BenchmarkSettings, rule
+from sada_gym.benchmark.folder import BenchmarkSettings, differences, rule
 from sada_gym.benchmark.results import (
     FORMAT,
     RESULTS_FILE,
@@ -72,7 +72,9 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
             place = (target.track, target.agent)
             other = targets.get(place, target)
             same = target.model_copy(update={"seeds": other.seeds})
-            _refuse_other(f"{target.track} against {target.agent}", other, same)
+            _refuse_other(
+                f"{target.track} against {target.agent}", other.model_dump(), same.model_dump()
+            )
             seeds = tuple(sorted({*other.seeds, *target.seeds}))
             targets[place] = target.model_copy(update={"seeds": seeds})
     refuse_unknown("table", tables, list(known))
@@ -91,6 +93,10 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
     )
 
 
-def _refuse_other(what: str, first: object, other: object) -> None:
-    if first != other:
-        raise ValueError(f"Expected results of one kind, but {what} differ: {first} and {other}.")
+def _refuse_other(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:
+    changes = differences(first, other)
+    if changes:
+        raise ValueError(
+            f"Expected results of one kind, but {what} differ: {'; '.join(changes)}. "
+            "Merge what was made alike."
+        )
