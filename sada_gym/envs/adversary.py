@@ -9,18 +9,15 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, validate_seeds
 from sada_gym.envs.checks import (
-    checked_num_envs,
     checked_render_mode,
-    reset_mask,
-    spread_seeds,
     warn_without_render_mode,
 )
+from sada_gym.envs.vector import SeededVectorEnv
 
 Observation = npt.NDArray[np.float32]
 
@@ -113,7 +110,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self.application.close()
 
 
-class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     """Many adversary environments in lockstep: one `Application.evaluate` a step.
 
     It equals `SyncVectorEnv` of `AdversaryEnv` with `AutoresetMode.SAME_STEP`: where an episode
@@ -141,20 +138,13 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
         horizon: int = 1,
         render_mode: str | None = None,
     ) -> None:
+        super().__init__(num_envs=num_envs, render_mode=render_mode)
         self.application = application
-        self.num_envs = checked_num_envs(num_envs)
         self.horizon = _checked_horizon(horizon)
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.single_action_space, self.single_observation_space = _spaces(application)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._episodes = _Episodes(application, horizon, count=num_envs)
-        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
-
-    @property  # type: ignore[misc]
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """One generator an environment, as `SyncVectorEnv` has."""
-        return tuple(self._generators)
 
     def reset(
         self,
@@ -168,11 +158,7 @@ class AdversaryVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt
             seed: An int (environment i gets seed + i) or a sequence of one seed an environment.
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
-        seeds = spread_seeds(seed, self.num_envs)
-        for i in reset_mask(options, self.num_envs):
-            given = seeds[i]
-            if given is not None:
-                self._generators[i] = seeding.np_random(given)[0]
+        for i, given in self._reseeded(seed, options):
             self._episodes.start(i, self._next_seed(i) if given is None else given)
         return self._episodes.observation.copy(), {}
 

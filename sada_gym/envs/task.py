@@ -10,18 +10,15 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
-from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import Frame
 from sada_gym.envs.checks import (
     checked_actions,
-    checked_num_envs,
     checked_render_mode,
-    reset_mask,
-    spread_seeds,
     warn_without_render_mode,
 )
+from sada_gym.envs.vector import SeededVectorEnv
 
 Observation = dict[str, npt.NDArray[Any]]
 
@@ -113,7 +110,7 @@ class TaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
         return {key: value[0] for key, value in self._lessons.observe(_FIRST).items()}
 
 
-class TaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+class TaskVectorEnv(SeededVectorEnv[Observation]):
     """Lessons in lockstep: equals `SyncVectorEnv` of `TaskEnv` with `AutoresetMode.SAME_STEP`.
 
     Args:
@@ -123,20 +120,13 @@ class TaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDAr
     """
 
     def __init__(self, lessons: Lessons, *, num_envs: int, render_mode: str | None) -> None:
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        self.num_envs = checked_num_envs(num_envs)
+        super().__init__(num_envs=num_envs, render_mode=render_mode)
         self.single_observation_space: spaces.Dict = deepcopy(lessons.observation_space)
         self.single_action_space = lessons.action_space
         self.observation_space = batch_space(lessons.observation_space, num_envs)
         self.action_space = batch_space(lessons.action_space, num_envs)
         self._lessons = lessons
-        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
         self._everyone = np.arange(num_envs)
-
-    @property  # type: ignore[misc]
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """One generator an environment, as `SyncVectorEnv` has."""
-        return tuple(self._generators)
 
     def reset(
         self,
@@ -150,11 +140,7 @@ class TaskVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDAr
             seed: An int (environment i gets seed + i) or a sequence of one seed an environment.
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
-        seeds = spread_seeds(seed, self.num_envs)
-        for i in reset_mask(options, self.num_envs):
-            given = seeds[i]
-            if given is not None:
-                self._generators[i] = seeding.np_random(given)[0]
+        for i, _ in self._reseeded(seed, options):
             self._lessons.start(i, self._generators[i])
         infos: dict[str, Any] = {}
         for i in range(self.num_envs):
