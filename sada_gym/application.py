@@ -54,7 +54,7 @@ class Application(ABC):
     """A frozen agent in a world built from mu, scored over a whole episode.
 
     A subclass sets the class attributes and `parameters`, and implements `_evaluate`; it may add
-    `render` and `replay`. `_evaluate` must be pure: Q(mu, seed) is the same to the last bit
+    `render`, `view` and `replay`. `_evaluate` must be pure: Q(mu, seed) is the same to the last bit
     whatever else is in the batch. `sada-gym check` tests that.
 
     Attributes:
@@ -169,6 +169,14 @@ class Application(ABC):
             f"{type(self).__name__} draws no pictures. Implement `render(mu, seed)` in it."
         )
 
+    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """What the agent sees first in the world of mu, shape (d,), with nothing drawn into it.
+
+        By it images of worlds are compared. The default, `render`, serves applications whose
+        pictures show the world alone.
+        """
+        return self.render(mu, seed)
+
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again and give all frames of the episode and its score.
 
@@ -179,6 +187,16 @@ class Application(ABC):
 
     def close(self) -> None:  # noqa: B027 - most applications hold nothing
         """Free what the application holds; calling it twice is fine."""
+
+
+def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
+    """Check one mu, (d,), and a seed, and give them as (1, d) and a Python int.
+
+    Raises:
+        ValueError: If they are not what `Application.evaluate` takes.
+    """
+    row = parameters.validate(np.asarray(mu)[None])
+    return row, validate_seeds([seed], 1)[0]
 
 
 def validate_seeds(seeds: Sequence[int], count: int) -> list[int]:

@@ -151,24 +151,26 @@ def check_other_process(application: Application) -> str:
 
 
 def check_pictures(application: Application) -> str:
-    """Check that a picture, where there are any, is an RGB image and the same each time."""
+    """Check that pictures, where there are any, are RGB images and the same each time."""
     if type(application).render is Application.render:
         return "It draws none, which is allowed."
     mu = np.zeros(len(application.parameters), dtype=np.float32)
-    frame = application.render(mu, 0)
-    _require(
-        isinstance(frame, np.ndarray)
-        and frame.dtype == np.uint8
-        and frame.ndim == 3
-        and frame.shape[2] == 3,
-        "Expected `render` to give an array of shape (height, width, 3) and dtype uint8, got "
-        f"{type(frame).__name__} of shape {np.shape(frame)} and dtype "
-        f"{getattr(frame, 'dtype', None)}.",
-    )
-    _require(
-        np.array_equal(frame, application.render(mu, 0)),
-        "Expected the same picture of the same world, got another the second time.",
-    )
+    for draw in (application.view, application.render):
+        frame = draw(mu, 0)
+        _require(
+            isinstance(frame, np.ndarray)
+            and frame.dtype == np.uint8
+            and frame.ndim == 3
+            and frame.shape[2] == 3,
+            f"Expected `{draw.__name__}` to give an array of shape (height, width, 3) and dtype "
+            f"uint8, got {type(frame).__name__} of shape {np.shape(frame)} and dtype "
+            f"{getattr(frame, 'dtype', None)}.",
+        )
+        _require(
+            np.array_equal(frame, draw(mu, 0)),
+            f"Expected the same picture of the same world by `{draw.__name__}`, got another the "
+            "second time.",
+        )
     return f"{frame.shape[1]} x {frame.shape[0]} pixels."
 
 

@@ -169,7 +169,7 @@ def image_neighbours(
         neighbours: How many of the queries nearest in mu to draw, at least 1.
         others: How many random other queries to draw.
         seed: Picks the random queries.
-        frame: Draws the images; by default `clean_frames(application)`.
+        frame: Draws the images; by default `application.view`.
 
     Returns:
         One for each sample; none where the application draws no images.
@@ -184,7 +184,7 @@ def image_neighbours(
             "Expected at least 1 query, neighbours >= 1 and others >= 0, got "
             f"{len(asked)} queries, neighbours={neighbours}, others={others}."
         )
-    draw, rng = frame or clean_frames(application), np.random.default_rng(seed)
+    draw, rng = frame or application.view, np.random.default_rng(seed)
     found = []
     for mu, world in zip(points, checked, strict=True):
         distances = np.linalg.norm(asked.astype(np.float64) - mu, axis=1)
@@ -202,27 +202,6 @@ def image_neighbours(
         nearest = min(near, key=lambda one: one.image_distance)
         found.append(Neighbours(mu, world, picture, near[0], nearest))
     return tuple(found)
-
-
-def clean_frames(application: Application) -> FrameFunction:
-    """Give what draws the agent's own view, without boxes and text, where that can be had.
-
-    It is so for detection with the benchmark's renderer; otherwise it is `application.render`.
-    """
-    from sada_gym.envs.detection.application import DetectionApplication
-
-    if (
-        not isinstance(application, DetectionApplication)
-        or application.settings["renderer"] != "TinyRenderer"
-    ):
-        return application.render
-    from sada_gym.envs.detection.tinyrenderer import shared_renderer
-
-    def frame(mu: npt.NDArray[np.float32], seed: int) -> Frame:
-        scene = application.scene(mu, seed)
-        return shared_renderer().render(scene, application.image_size).image
-
-    return frame
 
 
 def _neighbour(row: int, frame: Frame, distance: float, sample: Frame) -> Neighbour:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Application, Frame, Scored
+from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -82,7 +82,8 @@ class AnalyticApplication(Application):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw Q over the first two coordinates, the others held at mu, and a cross at mu."""
-        point = self.parameters.validate(np.asarray(mu)[None])[0]
+        world, seed = validate_world(self.parameters, mu, seed)
+        point = world[0]
         axis = np.linspace(-1.0, 1.0, _IMAGE_SIZE, dtype=np.float32)
         grid = np.tile(point, (_IMAGE_SIZE * _IMAGE_SIZE, 1))
         grid[:, 0] = np.tile(axis, _IMAGE_SIZE)

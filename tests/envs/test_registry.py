@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import gymnasium as gym
@@ -93,11 +94,19 @@ def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) 
     frames, score = env.replay(mu, 11)
     assert score == info["score"]
     assert len(frames) >= 1
-    for frame in [*frames, env.render()]:
+    for frame in [*frames, env.render(), env.application.view(mu, 11)]:
         assert isinstance(frame, np.ndarray)
         assert frame.dtype == np.uint8
         assert frame.ndim == 3
         assert frame.shape[2] == 3
+
+
+def test_pictures_of_a_bad_seed_are_refused(env: AdversaryEnv, env_id: str) -> None:
+    (mu,) = proposals(env_id, 1)
+    draws = (env.replay, env.application.render, env.application.view)
+    for draw, seed in product(draws, [-1, 2**31, 1.5, "x"]):
+        with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\)"):
+            draw(mu, seed)
 
 
 @pytest.mark.parametrize("horizon", [1, 3])

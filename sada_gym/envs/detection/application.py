@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.application import Application, Frame, Scored
+from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.picture import annotate
 from sada_gym.envs.detection.scene import Renderer, Rendering, Scene
@@ -184,14 +184,21 @@ class DetectionApplication(Application):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The frame that the detector sees, with the object's true box and the detections."""
-        batch = self.parameters.validate(np.asarray(mu)[None])
-        rendering = self._render(self.scene(batch[0], seed))
+        rendering = self._rendering(mu, seed)
         names = {self.label: self.object_class}
         known = getattr(self.agent, "labels", None)
         if isinstance(known, Mapping):
             names = {label: name for name, label in known.items()}
         detections = self._detect([rendering.image])[0]
         return annotate(rendering, detections, names, self.label)
+
+    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """The frame that the detector sees."""
+        return self._rendering(mu, seed).image
+
+    def _rendering(self, mu: npt.ArrayLike, seed: int) -> Rendering:
+        row, seed = validate_world(self.parameters, mu, seed)
+        return self._render(self.scene(row[0], seed))
 
 
 def _shapes(

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting
-from sada_gym.application import Application, Frame, Scored
+from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.driving.camera import Mount, camera
 from sada_gym.envs.driving.driver import Driver
 from sada_gym.envs.driving.drives import Drives, Ending, Start
@@ -116,6 +116,14 @@ class DrivingApplication(Application):
         from sada_gym.envs.driving.pictures import Film
 
         return Film.of(self, mu, seed).summary()
+
+    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """What the camera sees at the start of the first route."""
+        from sada_gym.envs.driving.pictures import view
+
+        row, seed = validate_world(self.parameters, mu, seed)
+        drives = self.drives(row, [seed])
+        return view(drives.starts[0], drives.states[0])
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """All five drives, one after another: what the camera sees, beside a map."""

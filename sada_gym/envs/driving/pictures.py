@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sada_gym.application import Frame
+from sada_gym.application import Frame, validate_world
 from sada_gym.envs.driving.camera import Camera, Lens, camera
 from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Ending, Start
 from sada_gym.envs.driving.route import COMMANDS
@@ -56,7 +56,7 @@ class Film:
     @classmethod
     def of(cls, application: DrivingApplication, mu: npt.ArrayLike, seed: int) -> Film:
         """Drive the routes of one mu, (3,), and keep all steps."""
-        row = application.parameters.validate(np.asarray(mu)[None])
+        row, seed = validate_world(application.parameters, mu, seed)
         drives = application.drives(row, [seed])
         everyone = np.arange(len(drives))
         states: list[Trace] = []
@@ -129,13 +129,7 @@ class Film:
         return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
 
     def _view(self, i: int, step: int) -> Frame:
-        start = self.starts[i]
-        pose = np.array([[*self.traces[i][step][:3], start.mount.height_m]])
-        key = np.array([start.seed * (1 << 20) + step], np.uint64)
-        rays, weather = _LENS.rays(start.mount.pitch_deg)[None], np.array([start.weather])
-        frame: Frame
-        (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
-        return frame
+        return view(self.starts[i], self.traces[i][step], step)
 
     def _map(
         self, chart: _Chart, which: range | list[int], until: int | None = None
@@ -160,6 +154,16 @@ class Film:
             elif not over:
                 _dot(draw, (x, y), 1.3 * unit, _DRIVEN)
         return picture
+
+
+def view(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
+    """What the camera of a drive sees, large, from a car's state (4,) after some steps."""
+    pose = np.array([[*state[:3], start.mount.height_m]])
+    key = np.array([start.seed * (1 << 20) + step], np.uint64)
+    rays, weather = _LENS.rays(start.mount.pitch_deg)[None], np.array([start.weather])
+    frame: Frame
+    (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
+    return frame
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.application import Application, Frame, Scored
+from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.uav.course import set_off
 from sada_gym.envs.uav.pilot import Pilot, PilotLike, pilot
 from sada_gym.envs.uav.races import Ending, Races
@@ -138,6 +138,14 @@ class UAVApplication(Application):
         from sada_gym.envs.uav.pictures import Film
 
         return Film.of(self, mu, seed).summary()
+
+    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """What the camera sees at the start."""
+        from sada_gym.envs.uav.pictures import view
+
+        row, seed = validate_world(self.parameters, mu, seed)
+        (start,) = set_off(self.tracks(row), [seed])
+        return view(start, start.state)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """The whole race: what the camera sees, beside a map."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sada_gym.application import Frame
+from sada_gym.application import Frame, validate_world
 from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.drone import headings
 from sada_gym.envs.uav.gates import OUTER_WIDTH_M
@@ -59,7 +59,7 @@ class Film:
     @classmethod
     def of(cls, application: UAVApplication, mu: npt.ArrayLike, seed: int) -> Film:
         """Fly the race of one mu, (d,), and keep all decisions."""
-        row = application.parameters.validate(np.asarray(mu)[None])
+        row, seed = validate_world(application.parameters, mu, seed)
         races = application.races(row, [seed])
         states, endings, times = [], [], []
 
@@ -138,11 +138,17 @@ class Film:
         self, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
     ) -> Image.Image:
         state = self.states[step]
-        of = camera(VIEW_ROWS, VIEW_COLUMNS)
-        (view,) = of.draw(self.start.gates[None], state[None], [self.start.seed])
         drone = np.array([*state[:2], headings(state[None])[0]])
         plan = Plan(self.start.gates, self.line).picture(endings, ways, drone)
-        return _beside(Image.fromarray(view), plan)
+        return _beside(Image.fromarray(view(self.start, state)), plan)
+
+
+def view(start: Start, state: Array) -> Frame:
+    """What the drone's camera sees, large, from a state (13,)."""
+    of = camera(VIEW_ROWS, VIEW_COLUMNS)
+    frame: Frame
+    (frame,) = of.draw(start.gates[None], state[None], [start.seed])
+    return frame
 
 
 @dataclass(frozen=True)
