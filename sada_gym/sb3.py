@@ -18,6 +18,9 @@ class SB3VecEnv(VecEnv):
     Args:
         env: Such as `gymnasium.make_vec("SADA-DrivingTask-v0", num_envs=16)`.
 
+    Attributes:
+        env: The same.
+
     Raises:
         ValueError: If it resets otherwise: SB3 expects the next episode's first observation in the
             step that ends one.
@@ -30,14 +33,14 @@ class SB3VecEnv(VecEnv):
                 f"Expected a vector environment with autoreset mode SAME_STEP, got {mode}. Make it "
                 "with gymnasium.make_vec of one of this package's ids."
             )
-        self._env = env
+        self.env = env
         self._actions: npt.NDArray[Any] | None = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> Any:
         """Begin all episodes, with the seeds that `seed` set."""
         given = self._seeds if any(seed is not None for seed in self._seeds) else None
-        observation, infos = self._env.reset(seed=given)  # type: ignore[arg-type]
+        observation, infos = self.env.reset(seed=given)  # type: ignore[arg-type]
         self.reset_infos = [_row(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -50,14 +53,15 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> Any:
         """Step with them."""
         assert self._actions is not None
-        observation, reward, terminated, truncated, infos = self._env.step(self._actions)
+        observation, reward, terminated, truncated, infos = self.env.step(self._actions)
         rows = []
         for i in range(self.num_envs):
             row = _row(infos, i)
             if terminated[i] or truncated[i]:
-                row = {
-                    **row["final_info"],
-                    "terminal_observation": row["final_obs"],
+                last = row.pop("final_info")
+                row |= {
+                    **last,
+                    "terminal_observation": row.pop("final_obs"),
                     "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 }
             rows.append(row)
@@ -65,11 +69,11 @@ class SB3VecEnv(VecEnv):
 
     def close(self) -> None:
         """Close the environment."""
-        self._env.close()
+        self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Give an attribute of the environment, once for each index."""
-        value = getattr(self._env.unwrapped, attr_name)
+        value = getattr(self.env.unwrapped, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
@@ -92,15 +96,15 @@ class SB3VecEnv(VecEnv):
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
         """Give each environment's picture."""
-        pictures: Any = self._env.render()
+        pictures: Any = self.env.render()
         return [None] * self.num_envs if pictures is None else list(pictures)
 
 
 def _row(infos: dict[str, Any], i: int) -> dict[str, Any]:
-    """One environment's info; Gymnasium marks with `_key` who has a key."""
+    """One environment's info; Gymnasium marks with `_key` who has a key, if not all have."""
     row = {}
     for key, values in infos.items():
-        if not key.startswith("_") and infos[f"_{key}"][i]:
+        if not key.startswith("_") and (f"_{key}" not in infos or infos[f"_{key}"][i]):
             value = _row(values, i) if isinstance(values, dict) else values[i]
             row[key] = value.item() if isinstance(value, np.generic) else value
     return row

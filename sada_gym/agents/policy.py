@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,14 @@ from sada_gym.threads import one_thread
 
 TILE = 16
 """A network always sees this many observations at once, padded: a batch of another size would give
-other last bits, and a closed loop makes another episode of them."""
+other last bits, and a closed loop makes another episode of them. A network that gives other bits
+even to another place in the batch (narrow layers do) sees one observation at a time."""
+
+_LIBRARIES = ("stable_baselines3", "sb3_contrib")
+
+
+class _RememberingError(ValueError):
+    """A model remembers what it saw."""
 
 
 class Policy:
@@ -32,7 +40,7 @@ class Policy:
         task: The id of the task that it should have been trained on, for messages.
 
     Raises:
-        ValueError: If its spaces are others.
+        ValueError: If its spaces are others, or it has a memory of its own.
     """
 
     def __init__(
@@ -52,10 +60,18 @@ class Policy:
         self.model = model
         self._stages = stages(model, observation_space, task)
         self._action_shape = action_space.shape
+        self._tile = TILE
+        if not self._same_in_every_place(observation_space):
+            self._tile = 1
 
     @property
     def fingerprint(self) -> str | None:
-        """SHA-256 over the policy's weights and the normalisation, None where they are unknown."""
+        """SHA-256 over the policy's weights and the normalisation, None where they are unknown.
+
+        What a class of one's own does with its weights they don't tell.
+        """
+        if type(self.model).__module__.partition(".")[0] not in _LIBRARIES:
+            return None
         weights = agents.fingerprint(getattr(self.model, "policy", None))
         told = statistics(self._stages)
         if weights is None or not told:
@@ -88,9 +104,9 @@ class Policy:
         for stage in self._stages:
             batch = stage.apply(batch, which)
         parts = []
-        for start in range(0, len(which), TILE):
-            tile = {key: value[start : start + TILE] for key, value in batch.items()}
-            rows = which[start : start + TILE]
+        for start in range(0, len(which), self._tile):
+            tile = {key: value[start : start + self._tile] for key, value in batch.items()}
+            rows = which[start : start + self._tile]
             try:
                 actions = self._predict(tile)
             except ValueError as error:  # torch's distributions refuse NaN by themselves
@@ -100,9 +116,9 @@ class Policy:
                 if where is not None:
                     raise self._broken(where(rows[refused.argmax()]), "an error") from error
                 actions = self._one_by_one(tile, refused)
-            if np.shape(actions) != (TILE, *self._action_shape):
+            if np.shape(actions) != (self._tile, *self._action_shape):
                 raise ValueError(
-                    f"Expected actions of shape {(TILE, *self._action_shape)} from "
+                    f"Expected actions of shape {(self._tile, *self._action_shape)} from "
                     f"{type(self.model).__name__}, got {np.shape(actions)}."
                 )
             actions = np.asarray(actions)[: len(rows)]
@@ -112,14 +128,37 @@ class Policy:
             parts.append(actions)
         return np.clip(np.concatenate(parts).astype(np.float64), -1.0, 1.0)
 
+    def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
+        """Whether each of a tile's observations has its action in the tile turned round, too."""
+        drawn = deepcopy(observation_space)
+        drawn.seed(0)
+        seen = [drawn.sample() for _ in range(TILE)]
+        tile: Batch = {key: np.stack([one[key] for one in seen]) for key in observation_space}
+        self.start(TILE)
+        for stage in self._stages:
+            tile = stage.apply(tile, np.arange(TILE))
+        try:
+            actions = self._predict(tile)
+            turned = self._predict({key: value[::-1] for key, value in tile.items()})
+        except _RememberingError:
+            raise
+        except ValueError:
+            return True  # of NaN; `act` says for whom
+        return np.array_equal(actions, turned[::-1], equal_nan=True)
+
     def _predict(self, tile: Batch) -> npt.NDArray[Any]:
         rows = len(next(iter(tile.values())))
         padded = {
-            key: np.concatenate([value, np.repeat(value[:1], TILE - rows, axis=0)])
+            key: np.concatenate([value, np.repeat(value[:1], self._tile - rows, axis=0)])
             for key, value in tile.items()
         }
         with one_thread():
-            actions, _ = self.model.predict(padded, deterministic=True)
+            actions, memory = self.model.predict(padded, deterministic=True)
+        if memory is not None:
+            raise _RememberingError(
+                f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
+                "whose predict gives a state. Train one under VecFrameStack instead."
+            )
         return actions
 
     def _refused(self, tile: Batch) -> npt.NDArray[np.bool_]:
@@ -133,8 +172,8 @@ class Policy:
         return refused
 
     def _one_by_one(self, tile: Batch, refused: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
-        """Actions (TILE, k), NaN for those who got none."""
-        actions = np.full((TILE, *self._action_shape), np.nan)
+        """Actions of a whole tile, NaN for those who got none."""
+        actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in np.flatnonzero(~refused).tolist():
             seen = {key: value[row : row + 1] for key, value in tile.items()}
             actions[row] = self._predict(seen)[0]

@@ -14,8 +14,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper, VectorWrapper
 from stable_baselines3.common.vec_env import (
     VecCheckNan,
+    VecEnv,
     VecEnvWrapper,
     VecFrameStack,
     VecMonitor,
@@ -24,6 +26,8 @@ from stable_baselines3.common.vec_env import (
     VecVideoRecorder,
 )
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
+
+from sada_gym.sb3 import SB3VecEnv
 
 Batch = dict[str, npt.NDArray[Any]]
 """Observations of n agents, each key (n, ...)."""
@@ -136,11 +140,7 @@ def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Sta
             if wrapper.norm_obs:
                 found.append(Normalising(wrapper))
         elif not isinstance(wrapper, _LEAVE_OBSERVATIONS):
-            raise ValueError(
-                "Expected an agent trained under VecTransposeImage, VecFrameStack, VecNormalize "
-                f"or none, got the wrapper {type(wrapper).__name__}, whose work can't be repeated "
-                "here. Pass an object of your own with `predict` that does it."
-            )
+            raise _unknown_wrapper(type(wrapper).__name__)
     normalised = {
         key
         for wrapper in wrappers
@@ -149,7 +149,28 @@ def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Sta
     }
     if not _alike(held.observation_space, observation_space, normalised):
         raise _wrong_observations(held.observation_space, observation_space, task)
+    _refuse_gymnasiums(held)
     return found
+
+
+def _refuse_gymnasiums(held: VecEnv) -> None:
+    """Refuse Gymnasium's wrappers of observations and actions, in a batch or around it."""
+    for kind in (gym.ObservationWrapper, gym.ActionWrapper):
+        if any(held.env_is_wrapped(kind)):
+            raise _unknown_wrapper(f"gymnasium.{kind.__name__}")
+    around = held.env if isinstance(held, SB3VecEnv) else None
+    while isinstance(around, VectorWrapper):
+        if isinstance(around, VectorObservationWrapper | VectorActionWrapper):
+            raise _unknown_wrapper(type(around).__name__)
+        around = around.env
+
+
+def _unknown_wrapper(name: str) -> ValueError:
+    return ValueError(
+        "Expected an agent trained under VecTransposeImage, VecFrameStack, VecNormalize "
+        f"or none, got the wrapper {name}, whose work can't be repeated "
+        "here. Pass an object of your own with `predict` that does it."
+    )
 
 
 def statistics(found: list[Stage]) -> bytes:

@@ -203,6 +203,12 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         """Free what the application holds."""
         self.application.close()
 
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        seeds = super()._seeds(seed)
+        given = [one for one in seeds if one is not None]
+        validate_seeds(given, len(given))
+        return seeds
+
     def _next_seed(self, index: int) -> int:
         return _draw_seed(self._generators[index])
 

@@ -9,8 +9,6 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import validate_seeds
-
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
     """Give a render mode back.
@@ -66,7 +64,7 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
     """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
 
     Raises:
-        ValueError: If there is not one for each, or one is not from 0 to 2**31 - 1.
+        ValueError: If there is not one for each, or one is no int from 0 up.
     """
     if seed is None:
         return [None] * count
@@ -77,7 +75,12 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
-    return [None if one is None else validate_seeds([one], 1)[0] for one in seed]
+    for one in seed:
+        if one is not None and (
+            isinstance(one, bool) or not isinstance(one, int | np.integer) or one < 0
+        ):
+            raise ValueError(f"Expected seeds to be ints from 0 up, got {one!r}.")
+    return [None if one is None else int(one) for one in seed]
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:

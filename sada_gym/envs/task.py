@@ -72,9 +72,9 @@ class TaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def __init__(self, lessons: Lessons, *, render_mode: str | None) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        # a copy: SB3's VecNormalize changes the space that it is given
+        # copies: SB3's VecNormalize changes the space that it is given, and spaces hold generators
         self.observation_space: spaces.Dict = deepcopy(lessons.observation_space)  # type: ignore[assignment]
-        self.action_space = lessons.action_space
+        self.action_space = deepcopy(lessons.action_space)
         self._lessons = lessons
 
     def reset(
@@ -122,9 +122,9 @@ class TaskVectorEnv(SeededVectorEnv[Observation]):
     def __init__(self, lessons: Lessons, *, num_envs: int, render_mode: str | None) -> None:
         super().__init__(num_envs=num_envs, render_mode=render_mode)
         self.single_observation_space: spaces.Dict = deepcopy(lessons.observation_space)
-        self.single_action_space = lessons.action_space
-        self.observation_space = batch_space(lessons.observation_space, num_envs)
-        self.action_space = batch_space(lessons.action_space, num_envs)
+        self.single_action_space = deepcopy(lessons.action_space)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self._lessons = lessons
         self._everyone = np.arange(num_envs)
 

@@ -38,11 +38,15 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         """One generator an environment."""
         return tuple(self._generators)
 
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        """One seed for each environment; a subclass may allow fewer."""
+        return spread_seeds(seed, self.num_envs)
+
     def _reseeded(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
     ) -> Iterator[tuple[int, int | None]]:
         """Give those that a reset concerns, each with its seed, by then its generator's too."""
-        seeds = spread_seeds(seed, self.num_envs)
+        seeds = self._seeds(seed)
         for i in reset_mask(options, self.num_envs):
             given = seeds[i]
             if given is not None:

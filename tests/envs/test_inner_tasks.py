@@ -11,6 +11,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym  # noqa: F401 - registers
@@ -130,6 +131,34 @@ def test_the_batch_equals_single_environments(task):
     assert ends >= task.least_ends
     batch.close()
     single.close()
+
+
+def test_each_has_spaces_of_its_own(task):
+    one, other = task.env(), task.env()
+    one.action_space.seed(0)
+    other.action_space.seed(0)
+    assert same(one.action_space.sample(), other.action_space.sample())
+    batch = task.vector_env(num_envs=2)
+    assert batch.single_action_space is not task.vector_env(num_envs=2).single_action_space
+
+
+def test_any_seed_that_gymnasium_takes_is_taken_by_the_batch_too(task):
+    seed = 2**31 + 5
+    env = SB3VecEnv(task.vector_env(num_envs=2))
+    env.seed(seed)
+    assert same(row(env.reset(), 1), task.env().reset(seed=seed + 1)[0])
+    with pytest.raises(ValueError, match="Expected seeds to be ints from 0 up, got -1"):
+        task.vector_env(num_envs=1).reset(seed=-1)
+
+
+def test_sb3_gets_the_statistics_of_gymnasiums_wrapper(task):
+    env = SB3VecEnv(RecordEpisodeStatistics(task.vector_env(num_envs=1)))
+    env.reset()
+    for _ in range(201):
+        _, _, done, (info,) = env.step(np.tile(task.fatal, (1, 1)))
+        if done[0]:
+            break
+    assert info["episode"]["l"] > 1
 
 
 def test_sb3_gets_the_batch_as_a_vec_env(task):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from gymnasium.wrappers.vector import TransformAction
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
@@ -16,6 +17,7 @@ from stable_baselines3.common.vec_env import (
     VecTransposeImage,
 )
 
+import sada_gym  # noqa: F401 - registers
 from sada_gym import agents
 from sada_gym.agents.driver.network import new_model
 from sada_gym.agents.policy import TILE
@@ -25,6 +27,7 @@ from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.driver import Driver
 from sada_gym.envs.driving.drives import Drives
 from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
+from sada_gym.sb3 import SB3VecEnv
 
 SMALL = {
     "policy_kwargs": {"net_arch": [8]},
@@ -59,6 +62,13 @@ class Recorder:
         return np.tile(np.array(self.action, np.float32), (TILE, 1)), None
 
 
+def recorded(recorder):
+    """A driver, and what it is, which forgets what it was shown when the driver was made."""
+    driver = Driver(recorder)
+    recorder.shown = []
+    return driver, recorder
+
+
 def test_an_action_does_not_depend_on_who_else_drives(model):
     drives = cars(40)
     driver = Driver(model)
@@ -70,9 +80,20 @@ def test_an_action_does_not_depend_on_who_else_drives(model):
         np.testing.assert_array_equal(driver.act(drives, np.array([i]))[0], together[i])
 
 
+@pytest.mark.parametrize("widths", [[], [4], [8]])
+def test_so_it_is_where_narrow_layers_give_other_bits_in_another_place(widths):
+    model = PPO(
+        "MultiInputPolicy", DrivingTaskEnv(), **{**SMALL, "policy_kwargs": {"net_arch": widths}}
+    )
+    drives, driver = cars(40), Driver(model)
+    driver.start(40)
+    together = driver.act(drives, np.arange(40))
+    shuffled = np.random.default_rng(1).permutation(40)
+    np.testing.assert_array_equal(driver.act(drives, shuffled), together[shuffled])
+
+
 def test_a_model_sees_full_tiles_only():
-    recorder = Recorder()
-    driver = Driver(recorder)
+    driver, recorder = recorded(Recorder())
     driver.start(20)
     assert driver.act(cars(20), np.arange(20)).shape == (20, 2)
     assert [len(shown["image"]) for shown in recorder.shown] == [TILE, TILE]
@@ -80,8 +101,7 @@ def test_a_model_sees_full_tiles_only():
 
 def test_frames_are_stacked_as_in_training():
     stacked = VecFrameStack(DummyVecEnv([DrivingTaskEnv]), 3)
-    recorder = Recorder(stacked.observation_space)
-    driver = Driver(recorder)
+    driver, recorder = recorded(Recorder(stacked.observation_space))
     stacked.seed(4)
     seen = [stacked.reset()]
     rng = np.random.default_rng(4)
@@ -94,7 +114,8 @@ def test_frames_are_stacked_as_in_training():
         driver.act(drives, np.zeros(1, np.intp))
         drives.step(np.zeros(1, np.intp), action)
         seen.append(stacked.step(action)[0])
-    for shown, theirs in zip(recorder.shown, seen, strict=False):
+    assert len(recorder.shown) == 4
+    for shown, theirs in zip(recorder.shown, seen[:-1], strict=True):
         for key in OBSERVATION_SPACE:
             np.testing.assert_array_equal(shown[key][0], theirs[key][0], err_msg=key)
 
@@ -107,8 +128,7 @@ def test_stacks_of_different_cars_stay_apart():
             "command": spaces.Box(0, 1, (12,), np.float32),
         }
     )
-    recorder = Recorder(three)
-    driver = Driver(recorder)
+    driver, recorder = recorded(Recorder(three))
     drives = cars(2)
     driver.start(2)
     driver.act(drives, np.array([0, 1]))
@@ -162,14 +182,14 @@ def test_a_driver_sees_what_its_wrappers_showed_it_in_training(wrappers):
     theirs = [env.reset()]
     alone = DrivingTaskEnv()
     alone.reset(seed=4)
-    drives, driver = alone._lessons.drives, Driver(model)
+    drives, (driver, _) = alone._lessons.drives, recorded(model)
     driver.start(1)
     for _ in range(5):
         action = driver.act(drives, np.zeros(1, np.intp))
         drives.step(np.zeros(1, np.intp), action)
         theirs.append({key: value.copy() for key, value in env.step(action)[0].items()})
     assert len(model.shown) == 5
-    for shown, seen in zip(model.shown, theirs, strict=False):
+    for shown, seen in zip(model.shown, theirs[:-1], strict=True):
         for key in OBSERVATION_SPACE:
             np.testing.assert_array_equal(shown[key][:1], seen[key], err_msg=key)
 
@@ -193,6 +213,45 @@ def test_a_wrapper_that_is_not_known_is_refused():
     model = PPO("MultiInputPolicy", Dark(DummyVecEnv([DrivingTaskEnv])), **SMALL)
     with pytest.raises(ValueError, match="got the wrapper Dark, whose work can't be repeated"):
         Driver(model)
+
+
+class DarkPicture(gym.ObservationWrapper):
+    def observation(self, observation):
+        return {**observation, "image": 0 * observation["image"]}
+
+
+class OtherWay(gym.ActionWrapper):
+    def action(self, action):
+        return -action
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: DummyVecEnv([lambda: DarkPicture(DrivingTaskEnv())]), "ObservationWrapper"),
+        (lambda: DummyVecEnv([lambda: OtherWay(DrivingTaskEnv())]), "ActionWrapper"),
+        (
+            lambda: SB3VecEnv(
+                TransformAction(gym.make_vec("SADA-DrivingTask-v0", num_envs=1), lambda a: -a)
+            ),
+            "TransformAction",
+        ),
+    ],
+    ids=["observations", "actions", "a batch's actions"],
+)
+def test_gymnasiums_wrappers_of_what_is_seen_or_done_are_refused(make, name):
+    model = PPO("MultiInputPolicy", make(), **SMALL)
+    with pytest.raises(ValueError, match=f"{name}, whose work can't be repeated"):
+        Driver(model)
+
+
+def test_a_model_with_a_memory_is_refused():
+    class Remembering(Recorder):
+        def predict(self, observation, *, deterministic):
+            return super().predict(observation, deterministic=deterministic)[0], np.zeros(1)
+
+    with pytest.raises(ValueError, match="without a memory of its own, got Remembering"):
+        Driver(Remembering())
 
 
 def test_a_driver_trained_on_another_picture_is_refused_by_what_it_was_trained_on():
@@ -267,6 +326,8 @@ def test_another_driver_has_another_fingerprint(model):
     assert Driver(model).fingerprint == Driver(new_model(0)).fingerprint
     assert Driver(model).fingerprint != Driver(new_model(1)).fingerprint
     assert Driver(Recorder()).fingerprint is None
+    own = Constant("MultiInputPolicy", DrivingTaskEnv(), **SMALL)
+    assert Driver(own).fingerprint is None  # its weights do not tell what its predict does
 
 
 def test_each_command_has_a_head_of_its_own(model):
