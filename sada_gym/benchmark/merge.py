@@ -31,9 +31,14 @@ def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ())
         tables: Names of the tables to take over; all by default.
 
     Raises:
-        ValueError: If a file is none of ours, or they do not belong together.
+        ValueError: If a file is none of ours, they do not belong together, or `out` is the folder
+            of one of them.
     """
     paths = [path / RESULTS_FILE if path.is_dir() else path for path in files]
+    if out.resolve() in {path.parent.resolve() for path in paths}:
+        raise ValueError(
+            f"Expected a folder of its own for the report, got {out}, which is merged."
+        )
     merged = merge([read_model(path, Results) for path in paths], tables=tables)
     out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)

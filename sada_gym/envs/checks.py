@@ -60,6 +60,49 @@ def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArr
     return array
 
 
+def check_number(name: str, given: Any, least: float, greatest: float) -> None:
+    """Check an argument that is one number.
+
+    Raises:
+        ValueError: If it is none from least to greatest.
+    """
+    if not _is_number(given) or not least <= given <= greatest:
+        raise ValueError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
+
+
+def check_range(name: str, given: Any, least: float, greatest: float) -> None:
+    """Check an argument that is two numbers, whole ones where least and greatest are ints.
+
+    Raises:
+        ValueError: If they are no tuple from low to high between least and greatest.
+    """
+    whole = isinstance(least, int)
+    if (
+        not isinstance(given, tuple)
+        or len(given) != 2
+        or not all(isinstance(end, int) if whole else _is_number(end) for end in given)
+        or not least <= given[0] <= given[1] <= greatest
+    ):
+        raise ValueError(
+            f"Expected {name} to be a tuple of two {'ints' if whole else 'numbers'}, low and high, "
+            f"from {least:g} to {greatest:g}, got {given!r}."
+        )
+
+
+def check_kind(name: str, given: Any, kind: type[Any]) -> None:
+    """Check an argument that is an object of a class.
+
+    Raises:
+        ValueError: If it is of another class.
+    """
+    if not isinstance(given, kind):
+        raise ValueError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
+
+
+def _is_number(given: Any) -> bool:
+    return isinstance(given, int | float | np.number) and not isinstance(given, bool)
+
+
 def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
     """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
 

@@ -6,7 +6,7 @@ from sada_gym.benchmark.merge import merge, merge_files
 from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.cli import app
-from sada_gym.results import read_model
+from sada_gym.results import read_model, write_model
 
 WHOLE = suite("ideal", "archive", "random", budgets=(90, 60), seeds=2)
 
@@ -44,6 +44,17 @@ def test_one_table_can_be_taken_over(whole):
     merged = merge([whole], tables=["n60"])
     assert merged.comparisons() == [("n60", "")]
     assert merged.rows == tuple(row for row in whole.rows if row.table == "n60")
+
+
+def test_a_folder_that_is_merged_is_not_written_over(whole, tmp_path):
+    write_model(tmp_path / "results.json", whole)
+    before = (tmp_path / "results.json").read_bytes()
+    for given in (tmp_path, tmp_path / "results.json"):
+        with pytest.raises(ValueError, match="Expected a folder of its own for the report"):
+            merge_files([given], tmp_path)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [
+        ("results.json", before)
+    ]
 
 
 def test_what_does_not_belong_together_is_refused(whole):

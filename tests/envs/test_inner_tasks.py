@@ -151,6 +151,11 @@ def test_any_seed_that_gymnasium_takes_is_taken_by_the_batch_too(task):
         task.vector_env(num_envs=1).reset(seed=-1)
 
 
+def test_what_is_no_course_is_refused(task):
+    with pytest.raises(ValueError, match=r"Expected course to be a Course, got \{'spread': 1\}"):
+        task.env({"spread": 1})
+
+
 def test_sb3_gets_the_statistics_of_gymnasiums_wrapper(task):
     env = SB3VecEnv(RecordEpisodeStatistics(task.vector_env(num_envs=1)))
     env.reset()

@@ -36,6 +36,8 @@ class TrackFigures:
         samples: Uniform mu.
         fooled: How many of them fooled the pilot.
         mean_score: Their mean Q.
+        reference_passed: Share of those tracks' gates that the privileged pilot passes.
+        feasible: On how many of those tracks it is not fooled.
     """
 
     template_gates: int
@@ -45,6 +47,8 @@ class TrackFigures:
     samples: int
     fooled: int
     mean_score: float
+    reference_passed: float
+    feasible: int
 
 
 def measure(
@@ -72,13 +76,17 @@ def measure(
 
         template, on_mild = passed(0.0, looks), passed(MILD.spread, mild)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
-        outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
+        worlds = rng.integers(2**31, size=samples).tolist()
+        outcomes = application.evaluate(mu, worlds)
+        reference = application.reference_score(mu, worlds)
         figures[anchors] = TrackFigures(
             *template,
             *on_mild,
             samples=samples,
             fooled=int(outcomes.fooled.sum()),
             mean_score=float(outcomes.score.mean()),
+            reference_passed=float(reference.mean()),
+            feasible=int((reference > application.fooling_threshold).sum()),
         )
     return figures
 
@@ -87,15 +95,16 @@ def table(figures: dict[int, TrackFigures]) -> str:
     """Write the figures as a Markdown table."""
     lines = [
         "| anchors | gates passed, template | gates passed, mild tracks | mean Q, uniform mu "
-        "| fooled by uniform mu (95 % interval) |",
-        "| --- | --- | --- | --- | --- |",
+        "| fooled by uniform mu (95 % interval) | privileged pilot: gates passed | not fooled |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for anchors, f in figures.items():
         low, high = wilson_interval(f.fooled, f.samples)
         lines.append(
             f"| {anchors} | {_share(f.template_passed, f.template_gates)} "
             f"| {_share(f.mild_passed, f.mild_gates)} | {f.mean_score:.2f} "
-            f"| {100 * f.fooled / f.samples:.1f} % ({100 * low:.1f} to {100 * high:.1f}) |"
+            f"| {100 * f.fooled / f.samples:.1f} % ({100 * low:.1f} to {100 * high:.1f}) "
+            f"| {100 * f.reference_passed:.1f} % | {100 * f.feasible / f.samples:.1f} % |"
         )
     return "\n".join(lines)
 

@@ -65,7 +65,7 @@ def write_card(
 
 Measured by `python -m sada_gym.agents.pilot.evaluate FILE --seed {seed + 1_000}`: the undisturbed
 template with 32 seeds; 100 mild tracks that the training did not see; and 400 uniform mu, fooled
-where Q <= 0.7.
+where Q <= 0.7, beside the privileged pilot on the same tracks.
 
 {text}
 """,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,12 +45,12 @@ class DrivingApplication(Application):
         self,
         task: str = "navigation",
         *,
-        agent: str | Acting = "cil",
+        agent: str | Path | Acting = "cil",
         agent_id: str | None = None,
     ) -> None:
         self.task, self.routes = task, task_routes(task)
-        if isinstance(agent, str):
-            self.agent_name, self.agent = agent, agents.load_driver(agent)
+        if isinstance(agent, str | Path):
+            self.agent_name, self.agent = str(agent), agents.load_driver(str(agent))
         else:
             self.agent_name, self.agent = agent_id or type(agent).__name__, agent
         self._driver = Driver(self.agent)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sada_gym.envs.checks import check_number, check_range
 from sada_gym.envs.driving.camera import Mount
 from sada_gym.envs.driving.drives import TOP_SPEED_M_S, Start
 from sada_gym.envs.driving.layout import LAYOUTS
@@ -13,10 +14,12 @@ from sada_gym.envs.driving.route import random_route
 from sada_gym.envs.driving.town import LANE_WIDTH_M, town
 from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS, weather_index
 
-_BOUNDS: dict[str, tuple[float, float]] = {
+_RANGES: dict[str, tuple[float, float]] = {
     "height_m": (0.5, 5.0),
     "pitch_deg": (-25.0, 25.0),
     "corners": (1, 20),
+}
+_NUMBERS: dict[str, tuple[float, float]] = {
     "lateral_m": (0.0, LANE_WIDTH_M / 2),
     "turned_deg": (0.0, 90.0),
     "speed_m_s": (0.0, TOP_SPEED_M_S),
@@ -55,14 +58,10 @@ class Course:
             raise ValueError(f"Expected a tuple of weathers' names, got {self.weathers!r}.")
         for name in self.weathers:
             weather_index(name)
-        for name, (least, greatest) in _BOUNDS.items():
-            given = getattr(self, name)
-            low, high = given if isinstance(given, tuple) else (0.0, given)
-            if not least <= low <= high <= greatest:
-                raise ValueError(
-                    f"Expected {name} from low to high within {least:g} and {greatest:g}, "
-                    f"got {given}."
-                )
+        for name, bounds in _RANGES.items():
+            check_range(name, getattr(self, name), *bounds)
+        for name, bounds in _NUMBERS.items():
+            check_number(name, getattr(self, name), *bounds)
 
     def draw(self, rng: np.random.Generator) -> Start:
         """Draw one drive."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 from sada_gym.agents.wrappers import Acting
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
+from sada_gym.envs.driving.drives import POLICY_HZ
 
 
 class DrivingEnv(AdversaryEnv):
@@ -56,11 +60,13 @@ class DrivingEnv(AdversaryEnv):
     - v0: initial version.
     """  # noqa: E501 - a table's row
 
+    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": POLICY_HZ}  # noqa: RUF012
+
     def __init__(
         self,
         task: str = "navigation",
         *,
-        agent: str | Acting = "cil",
+        agent: str | Path | Acting = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
@@ -72,12 +78,14 @@ class DrivingEnv(AdversaryEnv):
 class DrivingVectorEnv(AdversaryVectorEnv):
     """`DrivingEnv` in a batch: all cars of all worlds drive in lockstep."""
 
+    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": POLICY_HZ}  # noqa: RUF012
+
     def __init__(
         self,
         task: str = "navigation",
         *,
         num_envs: int = 1,
-        agent: str | Acting = "cil",
+        agent: str | Path | Acting = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
+from sada_gym.envs.checks import check_kind
 from sada_gym.envs.driving.camera import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.drives import (
@@ -82,7 +83,9 @@ class DrivingTaskEnv(TaskEnv):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        super().__init__(_Lessons(course or Course(), 1), render_mode=render_mode)
+        super().__init__(
+            _Lessons(Course() if course is None else course, 1), render_mode=render_mode
+        )
 
 
 class DrivingTaskVectorEnv(TaskVectorEnv):
@@ -102,7 +105,7 @@ class DrivingTaskVectorEnv(TaskVectorEnv):
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        lessons = _Lessons(course or Course(), num_envs)
+        lessons = _Lessons(Course() if course is None else course, num_envs)
         super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
 
 
@@ -112,6 +115,7 @@ class _Lessons:
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
     def __init__(self, course: Course, count: int) -> None:
+        check_kind("course", course, Course)
         self._course, self._count = course, count
         self._waiting: dict[int, Start] = {}
         self._drives: Drives | None = None

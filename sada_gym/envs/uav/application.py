@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
 from sada_gym.envs.uav.course import set_off
 from sada_gym.envs.uav.pilot import Pilot, PilotLike, pilot
 from sada_gym.envs.uav.races import Ending, Races
@@ -42,13 +43,13 @@ class UAVApplication(Application):
         self,
         anchors: int = 3,
         *,
-        agent: str | PilotLike = "waypoint-pid",
+        agent: str | Path | PilotLike = "waypoint-pid",
         agent_id: str | None = None,
     ) -> None:
-        self.anchors, self.template = anchors, template(anchors)
+        self.template, self.anchors = template(anchors), int(anchors)
         self.parameters = self.template.parameters
-        if isinstance(agent, str):
-            self.agent_name, self.agent = agent, agents.load_pilot(agent)
+        if isinstance(agent, str | Path):
+            self.agent_name, self.agent = str(agent), agents.load_pilot(agent)
         else:
             self.agent_name, self.agent = agent_id or type(agent).__name__, agent
         self._pilot = pilot(self.agent)
@@ -87,10 +88,14 @@ class UAVApplication(Application):
 
         Returns:
             (n,) Q of the guidance told the gates' true poses.
+
+        Raises:
+            ValueError: If mu or the seeds are not what `evaluate` takes.
         """
         batch = self.parameters.validate(mu)
+        checked = [0] * len(batch) if seeds is None else validate_seeds(seeds, len(batch))
         scores = np.empty(len(batch))
-        for rows, races in self._batches(batch, seeds or [0] * len(batch)):
+        for rows, races in self._batches(batch, checked):
             _fly(Reference(), races)
             scores[rows] = races.score
         return scores

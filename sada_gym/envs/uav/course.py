@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sada_gym.envs.checks import check_number
 from sada_gym.envs.uav.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.races import Start
 from sada_gym.envs.uav.templates import TEMPLATES, template
@@ -41,15 +42,15 @@ class Course:
     speed_m_s: float = 10.0
 
     def __post_init__(self) -> None:
-        """Reject what there is not, and what could start in a frame."""
-        if not self.anchors:
-            raise ValueError("Expected anchors to hold at least one number, got none.")
+        """Reject what there is not, and starts far off the track."""
+        if not isinstance(self.anchors, tuple) or not self.anchors:
+            raise ValueError(
+                f"Expected anchors to be a tuple of at least one number, got {self.anchors!r}."
+            )
         for count in self.anchors:
             template(count)
         for name, most in _BOUNDS.items():
-            given = getattr(self, name)
-            if not 0.0 <= given <= most:
-                raise ValueError(f"Expected {name} from 0 to {most:g}, got {given!r}.")
+            check_number(name, getattr(self, name), 0.0, most)
 
     def draw(self, rng: np.random.Generator) -> Start:
         """Draw one race."""

@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
+
+from sada_gym.envs.uav.compiled import kernel
 
 SIMULATION_HZ = 240
 MASS_KG = 0.830
@@ -39,19 +40,18 @@ _YAW_SHARE = 0.3
 """Of a rotor's greatest thrust, that yaw may take: roll and pitch come first."""
 
 Array = npt.NDArray[np.float64]
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 _LAG = 1.0 - math.exp(-1.0 / (SIMULATION_HZ * ROTOR_LAG_S))
 _SIGNS = np.array([[1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
 """Of each rotor: the sides it is on, x and y, and the sign of its drag torque."""
 
 
-@_kernel
+@kernel
 def heading_of(x: float, y: float, z: float, w: float) -> float:
     """The heading of an attitude: where the body's x axis points, seen from above."""
     return math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
 
 
-@_kernel
+@kernel
 def rotation(x: float, y: float, z: float, w: float) -> Array:
     """The matrix of a quaternion; its columns are the body's axes."""
     r = np.empty((3, 3))
@@ -61,7 +61,7 @@ def rotation(x: float, y: float, z: float, w: float) -> Array:
     return r
 
 
-@_kernel
+@kernel
 def wanted_attitude(force: Array, heading: float) -> Array:
     """The attitude whose z axis is along a force and whose x axis points to a heading.
 
@@ -85,7 +85,7 @@ def wanted_attitude(force: Array, heading: float) -> Array:
     return r
 
 
-@_kernel
+@kernel
 def _wanted_force(velocity: Array, wanted: Array) -> Array:
     """The force over mass that brings the velocity to the wanted one, within the tilt allowed."""
     force = np.empty(3)
@@ -100,7 +100,7 @@ def _wanted_force(velocity: Array, wanted: Array) -> Array:
     return force
 
 
-@_kernel
+@kernel
 def _rotors(thrust: float, torque: Array) -> Array:
     """Share thrust and torques among the rotors; where they can't give all, yaw yields first."""
     share = np.empty(4)
@@ -122,7 +122,7 @@ def _rotors(thrust: float, torque: Array) -> Array:
     return share
 
 
-@_kernel
+@kernel
 def control(
     states: Array, commands: Array, headings: Array, rotors: Array, wrenches: Array
 ) -> None:
@@ -180,7 +180,7 @@ def headings(states: Array) -> Array:
     return _headings(np.ascontiguousarray(states))
 
 
-@_kernel
+@kernel
 def _headings(states: Array) -> Array:
     found = np.empty(len(states))
     for i in range(len(states)):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.application import UAVApplication
+from sada_gym.envs.uav.pictures import FILM_HZ
 from sada_gym.envs.uav.pilot import PilotLike
 
 
@@ -64,11 +68,13 @@ class UAVEnv(AdversaryEnv):
     - v0: initial version.
     """
 
+    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+
     def __init__(
         self,
         anchors: int = 3,
         *,
-        agent: str | PilotLike = "waypoint-pid",
+        agent: str | Path | PilotLike = "waypoint-pid",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
@@ -80,12 +86,14 @@ class UAVEnv(AdversaryEnv):
 class UAVVectorEnv(AdversaryVectorEnv):
     """`UAVEnv` in a batch: all drones of all worlds race in lockstep."""
 
+    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+
     def __init__(
         self,
         anchors: int = 3,
         *,
         num_envs: int = 1,
-        agent: str | PilotLike = "waypoint-pid",
+        agent: str | Path | PilotLike = "waypoint-pid",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,

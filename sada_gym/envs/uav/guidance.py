@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.uav.compiled import kernel
 from sada_gym.envs.uav.drone import heading_of
 from sada_gym.envs.uav.gates import OUTER_WIDTH_M
 
@@ -32,10 +32,8 @@ BACK_M = 3.0
 
 Array = npt.NDArray[np.float64]
 
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_kernel
+@kernel
 def waypoints(gates: Array, states: Array) -> Array:
     """The true waypoints: gates (n, 4) as drones (n, 13) have them before them, (n, 4)."""
     found = np.empty((len(states), 4))
@@ -51,7 +49,7 @@ def waypoints(gates: Array, states: Array) -> Array:
     return found
 
 
-@_kernel
+@kernel
 def steer(waypoints: Array, speed_m_s: float) -> Array:
     """Fly to waypoints.
 
@@ -85,6 +83,6 @@ def steer(waypoints: Array, speed_m_s: float) -> Array:
     return actions
 
 
-@_kernel
+@kernel
 def _wrapped(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from sada_gym.envs.uav.application import UAVApplication
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
+FILM_HZ = 10
+"""Frames of a replay a second: half of the decisions."""
 _BAR = 26
 _MARGIN_M = 5.0
 _FINER = 2
@@ -97,9 +99,11 @@ class Film:
         return np.asarray(_under(pair, text))
 
     def frames(self) -> list[Frame]:
-        """Every decision: the camera's picture beside the track."""
+        """`FILM_HZ` pictures a second: what the camera sees, beside the track."""
         shots: list[Frame] = []
-        for step, (state, endings) in enumerate(zip(self.states, self.endings, strict=True)):
+        last = len(self.states) - 1
+        for step in [*range(0, last, POLICY_HZ // FILM_HZ), last]:
+            state, endings = self.states[step], self.endings[step]
             passed = int((endings == Ending.PASSED).sum())
             missed = int((endings > Ending.PASSED).sum())
             ahead = len(endings) - passed - missed
@@ -110,7 +114,7 @@ class Film:
             )
             pair = self._pair(step, endings, self._ways(step + 1))
             shots.append(np.asarray(_under(pair, text)))
-        return shots + shots[-1:] * (POLICY_HZ - 1)  # a second to read how it ended
+        return shots + shots[-1:] * (FILM_HZ - 1)  # a second to read how it ended
 
     def _moment(self) -> tuple[int, str]:
         """The decision that the summary shows, and what to say of it."""

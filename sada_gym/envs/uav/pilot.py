@@ -109,6 +109,11 @@ class WaypointPilot:
             felt = np.concatenate([felt, np.repeat(felt[:1], TILE - rows, axis=0)])
         with one_thread(), torch.inference_mode():
             answer = self.network(light(torch.from_numpy(pictures)), torch.from_numpy(felt))
+        if answer.shape != (TILE, 6):
+            raise ValueError(
+                f"Expected answers of shape {(TILE, 6)} from {type(self.network).__name__}, got "
+                f"{tuple(answer.shape)}."
+            )
         seen: npt.NDArray[np.float32] = answer.numpy()[:rows]
         return seen
 

@@ -46,7 +46,7 @@ Observation = dict[str, npt.NDArray[Any]]
 """`gates` (n, 10) and `motion` (n, 9), float32 in [-1, 1]."""
 
 _SUBSTEPS = SIMULATION_HZ // POLICY_HZ
-_GATE_LIMIT = round(GATE_LIMIT_S * POLICY_HZ)
+_GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
 
 
 class Ending(IntEnum):
@@ -178,8 +178,16 @@ class Races:
             which: (n,) those; their races must not be over.
             actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone that is told something that is
                 no finite number is lost.
+
+        Raises:
+            ValueError: If the actions are of another shape.
         """
         told = np.array(actions, np.float64)
+        if told.shape != (len(which), 4):
+            raise ValueError(
+                f"Expected actions of shape {(len(which), 4)}, one for each of the drones under "
+                f"way, got {told.shape}."
+            )
         # no such number may reach PyBullet, where the others are
         silent = ~np.isfinite(told).all(axis=1) | lost_ones(self.states[which])
         self.steps[which] += 1
@@ -230,7 +238,6 @@ class Races:
 
     def _look_after(self, which: Indices) -> None:
         """Find who is lost or late."""
-        self._since[which] += 1
         lost = lost_ones(self.states[which])
         late = self._since[which] >= _GATE_LIMIT
         for i, astray in zip(which[lost | late].tolist(), lost[lost | late], strict=True):

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.uav.compiled import kernel
 from sada_gym.envs.uav.drone import GRAVITY_M_S2, MASS_KG, SIMULATION_HZ, heading_of, rotation
 from sada_gym.envs.uav.gates import OPENING_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.guidance import TOP_SPEED_M_S, TOP_TURN_RAD_S
@@ -28,10 +28,9 @@ Array = npt.NDArray[np.float64]
 
 _MOST_WINDUP_RAD = 0.3
 _TOUCH_M_S = 1e-6
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
-@_kernel
+@kernel
 def seen(waypoints: Array) -> npt.NDArray[np.float32]:
     """Waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
     found = np.empty((len(waypoints), 5), np.float32)
@@ -42,7 +41,7 @@ def seen(waypoints: Array) -> npt.NDArray[np.float32]:
     return found
 
 
-@_kernel
+@kernel
 def felt(states: Array) -> npt.NDArray[np.float32]:
     """Velocity in the level frame, the world's up in the body's frame, and body rates."""
     found = np.empty((len(states), 9))
@@ -62,7 +61,7 @@ def felt(states: Array) -> npt.NDArray[np.float32]:
     return found.astype(np.float32)
 
 
-@_kernel
+@kernel
 def frames_near(gates: Array, states: Array) -> npt.NDArray[np.int64]:
     """The frames that each drone could touch soon, the nearest first: (n, FRAMES), -1 for none."""
     near = np.full((len(states), FRAMES), -1)
@@ -81,7 +80,7 @@ def frames_near(gates: Array, states: Array) -> npt.NDArray[np.int64]:
     return near
 
 
-@_kernel
+@kernel
 def orders(told: Array, states: Array, headings: Array) -> tuple[Array, Array]:
     """Commands of the flight controller from actions, and the headings that it starts from."""
     commands, begun = np.empty((len(told), 4)), np.empty(len(told))
@@ -101,7 +100,7 @@ def orders(told: Array, states: Array, headings: Array) -> tuple[Array, Array]:
     return commands, begun
 
 
-@_kernel
+@kernel
 def judge(
     before: Array,
     after: Array,
@@ -119,6 +118,7 @@ def judge(
         if k == gates.shape[1]:
             continue
         time_s[i] += 1 / SIMULATION_HZ
+        since[i] += 1
         for axis in range(3):
             pull = wrenches[i, axis] / MASS_KG - (GRAVITY_M_S2 if axis == 2 else 0.0)
             free = before[i, 7 + axis] + pull / SIMULATION_HZ
@@ -140,7 +140,7 @@ def judge(
             since[i] = 0
 
 
-@_kernel
+@kernel
 def lost_ones(states: Array) -> npt.NDArray[np.bool_]:
     """Which drones are on their backs, out of the world or no numbers."""
     lost = np.empty(len(states), np.bool_)

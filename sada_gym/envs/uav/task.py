@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
+from sada_gym.envs.checks import check_kind
 from sada_gym.envs.task import TaskEnv, TaskVectorEnv
 from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.course import Course
@@ -70,7 +71,9 @@ class RacingTaskEnv(TaskEnv):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        super().__init__(_Lessons(course or Course(), 1), render_mode=render_mode)
+        super().__init__(
+            _Lessons(Course() if course is None else course, 1), render_mode=render_mode
+        )
 
 
 class RacingTaskVectorEnv(TaskVectorEnv):
@@ -90,7 +93,7 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        lessons = _Lessons(course or Course(), num_envs)
+        lessons = _Lessons(Course() if course is None else course, num_envs)
         super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
 
 
@@ -100,9 +103,14 @@ class _Lessons:
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
     def __init__(self, course: Course, count: int) -> None:
+        check_kind("course", course, Course)
         self._course, self._count = course, count
         self._waiting: dict[int, Start] = {}
         self._races: Races | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the races, which live in the process that began them: a copy is to be reset."""
+        return {**self.__dict__, "_races": None, "_waiting": {}}
 
     @property
     def races(self) -> Races:

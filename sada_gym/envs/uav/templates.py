@@ -93,7 +93,8 @@ def template(anchors: int) -> Template:
     Raises:
         ValueError: If there is none.
     """
-    if isinstance(anchors, bool) or anchors not in TEMPLATES:
+    whole = isinstance(anchors, int | np.integer) and not isinstance(anchors, bool)
+    if not whole or anchors not in TEMPLATES:
         raise ValueError(
             f"Expected anchors among {', '.join(map(str, TEMPLATES))}, got {anchors!r}."
         )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
+from sada_gym.envs.uav.compiled import kernel
 from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
 
 GATES = 8
@@ -19,8 +19,6 @@ _SAMPLES = 600
 """Chords by which a lap is measured."""
 
 Array = npt.NDArray[np.float64]
-
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Tracks:
@@ -116,7 +114,7 @@ def _basis(count: int) -> Array:
     return basis
 
 
-@_kernel
+@kernel
 def _corners(gate: Array) -> Array:
     """The four corners of a frame, seen from above."""
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
@@ -129,7 +127,7 @@ def _corners(gate: Array) -> Array:
     return corners
 
 
-@_kernel
+@kernel
 def to_frame(gate: Array, x: float, y: float) -> float:
     """The distance of a point from a frame, seen from above; 0 inside of it."""
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
@@ -139,7 +137,7 @@ def to_frame(gate: Array, x: float, y: float) -> float:
     return math.hypot(forward, side)
 
 
-@_kernel
+@kernel
 def _cross(one: Array, other: Array) -> bool:
     """Whether the middle lines of two frames cross."""
     ax, ay = -math.sin(one[3]), math.cos(one[3])
@@ -154,7 +152,7 @@ def _cross(one: Array, other: Array) -> bool:
     return crosses
 
 
-@_kernel
+@kernel
 def _closest(gates: Array) -> float:
     least = math.inf
     for i in range(len(gates)):
@@ -172,7 +170,7 @@ def _closest(gates: Array) -> float:
     return least
 
 
-@_kernel
+@kernel
 def _nearest(gates: Array, place: Array) -> float:
     least = math.inf
     for i in range(len(gates)):

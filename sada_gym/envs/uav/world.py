@@ -18,7 +18,7 @@ RESTITUTION, FRICTION = 0.6, 0.3
 
 SLOTS = 16
 """Drones in one world. They share its coordinates and never meet: each has a filter bit."""
-FRAMES = 4
+FRAMES = 3
 """Gates of each drone that are solid at a time: those that it could touch before it decides again.
 The others would touch nothing, and cost time."""
 REACH_M = 2.0
@@ -67,12 +67,12 @@ class World:
         self._shell = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=[size / 2 for size in BODY_M], physicsClientId=client
         )
-        self._frame = pybullet.createCollisionShapeArray(
-            shapeTypes=[pybullet.GEOM_BOX] * len(BARS),
-            halfExtents=[[DEPTH_M / 2, y, z] for _, _, y, z in BARS.tolist()],
-            collisionFramePositions=[[0, y, z] for y, z, _, _ in BARS.tolist()],
-            physicsClientId=client,
-        )
+        self._bars = [
+            pybullet.createCollisionShape(
+                pybullet.GEOM_BOX, halfExtents=[DEPTH_M / 2, y, z], physicsClientId=client
+            )
+            for _, _, y, z in BARS.tolist()
+        ]
 
     def _body(
         self,
@@ -115,9 +115,12 @@ class World:
             shell, -1, localInertiaDiagonal=[INERTIA_KG_M2] * 3, physicsClientId=self._client
         )
         self._bodies[slot] = [shell]
+        # A bar is a body of its own: of a frame as one body, Bullet takes contacts with two bars
+        # in an order that depends on who else is in the world.
         for number in range(FRAMES):
-            stored = _stored(slot, number)
-            self._bodies[slot].append(self._body(self._frame, stored, [0, 0, 0, 1], bit, bit))
+            for bar, shape in enumerate(self._bars):
+                stored = _stored(slot, number, bar)
+                self._bodies[slot].append(self._body(shape, stored, [0, 0, 0, 1], bit, bit))
         self.place(slot, state)
 
     def surround(self, slot: int, gates: Array, near: Sequence[int]) -> None:
@@ -137,16 +140,22 @@ class World:
                 kept[kept.index(-1)] = k
         for number, (old, new) in enumerate(zip(solid, kept, strict=True)):
             if old != new:
-                body = self._bodies[slot][1 + number]
-                if new < 0:
-                    place, turn = _stored(slot, number), 0.0
-                else:
-                    *place, turn = gates[new].tolist()
-                attitude = [0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)]
-                pybullet.resetBasePositionAndOrientation(
-                    body, place, attitude, physicsClientId=self._client
-                )
+                self._move(slot, number, None if new < 0 else gates[new].tolist())
         self._solid[slot] = tuple(kept)
+
+    def _move(self, slot: int, number: int, gate: list[float] | None) -> None:
+        """Put a frame's bars where a gate is, or out of the way."""
+        x, y, z, turn = gate or (0.0, 0.0, 0.0, 0.0)
+        sine, cosine = math.sin(turn), math.cos(turn)
+        attitude = [0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)]
+        for bar, (left, up) in enumerate(BARS[:, :2].tolist()):
+            place = [x - left * sine, y + left * cosine, z + up]
+            pybullet.resetBasePositionAndOrientation(
+                self._bodies[slot][1 + len(BARS) * number + bar],
+                place if gate else _stored(slot, number, bar),
+                attitude,
+                physicsClientId=self._client,
+            )
 
     def place(self, slot: int, state: Array) -> None:
         """Set a slot's drone to a state (13,); an empty slot stays empty."""
@@ -199,6 +208,6 @@ class World:
         raise TypeError("Expected no pickling of a PyBullet world. Make the races anew instead.")
 
 
-def _stored(slot: int, number: int) -> list[float]:
-    """Where a frame waits that is not needed: below the ground, apart from all others."""
-    return [5.0 * slot, 5.0 * number, -20.0]
+def _stored(slot: int, number: int, bar: int) -> list[float]:
+    """Where a frame's bar waits that is not needed: below the ground, apart from all others."""
+    return [5.0 * slot, 5.0 * number, -20.0 - 10.0 * bar]

@@ -3,7 +3,8 @@ import pytest
 
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera import Mount, camera
-from sada_gym.envs.driving.drives import Drives, Start
+from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Start
+from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
 from sada_gym.envs.driving.pictures import Film
 from sada_gym.envs.driving.tasks import LAYOUT, task_routes
 from sada_gym.envs.driving.weather import NAMES
@@ -95,6 +96,7 @@ def test_a_film_shows_every_step_and_how_each_drive_ended(application):
     assert film.score == info["score"]
     assert [ending.name.lower() for ending in film.endings] == info["endings"]
     frames = film.frames()
+    assert DrivingEnv.metadata["render_fps"] == DrivingVectorEnv.metadata["render_fps"] == POLICY_HZ
     steps = sum(len(trace) for trace in film.traces)
     assert len(frames) == steps + 4 * len(film.traces)  # a second's stay at each end
     assert len({frame.shape for frame in frames}) == 1

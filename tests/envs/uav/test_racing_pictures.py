@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.pictures import VIEW_COLUMNS, VIEW_ROWS, Film, Plan
-from sada_gym.envs.uav.races import POLICY_HZ, Ending
+from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
+from sada_gym.envs.uav.pictures import FILM_HZ, VIEW_COLUMNS, VIEW_ROWS, Film, Plan
+from sada_gym.envs.uav.races import Ending
 from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.track import GATES
 
@@ -63,7 +64,8 @@ def test_a_flown_race_is_green(flown):
 def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score
-    assert len(frames) == len(failed.states) + POLICY_HZ - 1
+    assert len(frames) == -(-(len(failed.states) - 1) // 2) + FILM_HZ  # the end stays a second
+    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == FILM_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
     assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
     assert painted(frames[-1], RED) > 50

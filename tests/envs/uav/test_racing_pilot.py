@@ -1,13 +1,18 @@
+import pickle
+
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from stable_baselines3 import PPO
 
-from sada_gym.agents.pilot.network import new_network
+from sada_gym.agents.pilot.network import WaypointNetwork, new_network
 from sada_gym.agents.pilot.reinforcement import new_model
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.pilot import TaskPilot, WaypointPilot, pilot
 from sada_gym.envs.uav.reference import Reference
+from sada_gym.envs.uav.task import RacingTaskVectorEnv
+from sada_gym.sb3 import SB3VecEnv
 
 
 @pytest.fixture(scope="module")
@@ -27,16 +32,32 @@ def test_what_flies_an_agent(model):
     assert pilot(reference) is reference
 
 
-@pytest.mark.parametrize("kind", ["network", "model"])
-def test_a_race_does_not_depend_on_the_others_in_the_batch(kind, model):
-    agent = new_network(0) if kind == "network" else model
-    mu = np.random.default_rng(0).uniform(-1, 1, (5, 6)).astype(np.float32)
-    together = race(agent, mu, [3, 4, 5, 6, 7])
-    for i in (4, 1):
-        alone = race(agent, mu[i : i + 1], [3 + i])
-        assert alone.score[0] == together.score[i]
-        assert alone.infos[0]["time_s"] == together.infos[i]["time_s"]
-        assert alone.infos[0]["endings"] == together.infos[i]["endings"]
+def said(outcome):
+    """All that evaluations tell, comparable."""
+    return [
+        {key: np.asarray(value).tolist() for key, value in info.items()} for info in outcome.infos
+    ]
+
+
+@pytest.mark.parametrize(
+    ("agent", "count"),
+    [
+        ("waypoint-pid", 20),
+        ("ppo", 48),  # it touches frames in most of them, some with two bars at once
+        pytest.param("waypoint-pid", 256, marks=pytest.mark.slow),
+        pytest.param("ppo", 256, marks=pytest.mark.slow),
+    ],
+)
+def test_a_race_does_not_depend_on_the_others_in_the_batch(agent, count):
+    application = UAVApplication(5, agent=agent)
+    mu = np.random.default_rng(1).uniform(-1, 1, (count, 10)).astype(np.float32)
+    seeds, turned = list(range(count)), np.random.default_rng(2).permutation(count)
+    together = said(application.evaluate(mu, seeds))
+    assert any(any(info["touched"]) for info in together)
+    shuffled = said(application.evaluate(mu[turned], turned.tolist()))
+    assert shuffled == [together[i] for i in turned]
+    for i in (0, 9, 17):
+        assert said(application.evaluate(mu[i : i + 1], [i])) == [together[i]]
 
 
 @pytest.mark.parametrize("kind", ["network", "model"])
@@ -66,3 +87,27 @@ def test_another_tasks_model_is_refused(model):
 def test_fingerprints_tell_weights_apart(model):
     assert pilot(model).fingerprint == pilot(new_model(0)).fingerprint
     assert pilot(model).fingerprint != pilot(new_model(1)).fingerprint
+
+
+def test_answers_of_another_shape_are_refused(model):
+    class Narrow(WaypointNetwork):
+        def forward(self, pictures, felt):
+            return super().forward(pictures, felt)[:, :5]
+
+    class Lame(Reference):
+        def act(self, races, which):
+            return super().act(races, which)[:, :3]
+
+    with pytest.raises(ValueError, match=r"answers of shape \(8, 6\) from Narrow, got \(8, 5\)"):
+        race(Narrow(), np.zeros((1, 6)))
+    with pytest.raises(ValueError, match=r"actions of shape \(2, 4\), one for .*, got \(2, 3\)"):
+        race(Lame(), np.zeros((2, 6)))
+
+
+def test_a_model_fresh_from_its_training_can_be_sent_to_another_process():
+    env = RacingTaskVectorEnv(num_envs=2)
+    model = PPO("MultiInputPolicy", SB3VecEnv(env), n_steps=8, batch_size=8, device="cpu")
+    model.learn(16)
+    again = pickle.loads(pickle.dumps(UAVApplication(3, agent=model)))
+    assert again.fingerprint == UAVApplication(3, agent=model).fingerprint
+    env.close()

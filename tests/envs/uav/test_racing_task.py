@@ -46,7 +46,9 @@ def test_who_flies_out_of_the_world_is_lost():
     ("keywords", "message"),
     [
         ({"anchors": (6,)}, "Expected anchors among 3, 4, 5, got 6"),
-        ({"anchors": ()}, "Expected anchors to hold at least one number"),
+        ({"anchors": ()}, "Expected anchors to be a tuple of at least one number"),
+        ({"anchors": 3}, "Expected anchors to be a tuple of at least one number, got 3"),
+        ({"spread": "a"}, "Expected spread from 0 to 1, got 'a'"),
         ({"spread": 1.5}, "Expected spread from 0 to 1, got 1.5"),
         ({"speed_m_s": float("nan")}, "Expected speed_m_s from 0 to 16, got nan"),
     ],

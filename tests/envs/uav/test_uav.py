@@ -152,7 +152,7 @@ def test_settings_and_fingerprint_name_what_a_score_belongs_to():
     assert Reference(9.0).fingerprint != Reference(10.0).fingerprint
 
 
-@pytest.mark.parametrize("anchors", [2, 6, "3"])
+@pytest.mark.parametrize("anchors", [2, 6, "3", 3.0, [3], True])
 def test_other_numbers_of_anchors_are_refused(anchors):
     with pytest.raises(ValueError, match="Expected anchors among 3, 4, 5, got"):
         UAVApplication(anchors, agent=Reference())
@@ -198,6 +198,12 @@ def test_the_docstring_gives_ranges_and_endings_as_they_are():
 
 def test_the_inner_task_is_no_adversary_environment():
     assert gym.spec("SADA-RacingTask-v0").kwargs == {}
+
+
+@pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [-1, 2], [1.5, 2], ["a", 2]])
+def test_bad_seeds_of_the_privileged_pilot_are_refused(seeds):
+    with pytest.raises(ValueError, match=r"Expected (2 seeds|seeds to be ints)"):
+        application().reference_score(np.zeros((2, 6)), seeds)
 
 
 def test_a_track_is_feasible_where_the_privileged_pilot_is_not_fooled(monkeypatch):
