@@ -21,12 +21,14 @@ class Parameter:
         low: Physical value at mu = -1.
         high: Physical value at mu = +1.
         unit: Unit for tables and axes, such as `deg`; empty where there is none.
+        choices: What equal parts of the range stand for, where it is no quantity.
     """
 
     name: str
     low: float
     high: float
     unit: str = ""
+    choices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Reject a range that holds no interval."""

@@ -80,7 +80,8 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
             axes.set_visible(False)
             continue
         parameter = space.parameters[i]
-        edges = np.linspace(parameter.low, parameter.high, _BINS + 1)
+        bins = len(parameter.choices) or _BINS
+        edges = np.linspace(parameter.low, parameter.high, bins + 1)
         axes.hist(
             [values[fooled, i], values[~fooled, i]],
             bins=list(edges),
@@ -89,10 +90,11 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
             color=[_FOOLED, _SAMPLES],
             label=["fool the agent", "do not fool it"],
         )
-        axes.axhline(100 / _BINS, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
+        axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
         axes.set_xlim(parameter.low, parameter.high)
         axes.set_xlabel(axis_label(parameter))
         tidy(axes, grid="y")
+        name_choices(axes, parameter)
     for axes in grid[:, 0]:
         axes.set_ylabel("samples (%)")
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
@@ -236,6 +238,16 @@ def axis_label(parameter: Parameter) -> str:
     name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
     unit = "°" if parameter.unit == "deg" else parameter.unit
     return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
+
+
+def name_choices(axes: Axes, parameter: Parameter) -> None:
+    """Write a parameter's choices below the axis along which it is drawn, if it has any."""
+    if parameter.choices:
+        edges = np.linspace(parameter.low, parameter.high, len(parameter.choices) + 1)
+        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(parameter.choices))
+        axes.tick_params(axis="x", length=0, labelsize=7)
+        for label in axes.get_xticklabels():
+            label.set(rotation=35, ha="right", rotation_mode="anchor")
 
 
 def tidy(axes: Axes, *, grid: str | None = None) -> None:

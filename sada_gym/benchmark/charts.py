@@ -14,7 +14,7 @@ from sada_gym.benchmark.figures import Figure as Estimated
 from sada_gym.benchmark.labels import label_ends, place_labels
 from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots import ACCENT, GRID, INK, MUTED, axis_label, new_figure, tidy
+from sada_gym.plots import ACCENT, GRID, INK, MUTED, axis_label, name_choices, new_figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -177,16 +177,17 @@ def marginal_strips(
     rows = -(-count // columns)
     figure = new_figure(1.9 + 2.6 * columns, (0.19 * len(strips) + 0.75) * rows + 1.0)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    edges = np.linspace(-1.0, 1.0, _BINS + 1)
     colours = LinearSegmentedColormap.from_list("density", _DENSITY)
     for i, axes in enumerate(grid.flat):
         if i >= count:
             axes.set_visible(False)
             continue
         parameter = space.parameters[i]
+        bins = len(parameter.choices) or _BINS
+        edges = np.linspace(-1.0, 1.0, bins + 1)
         counts = np.array([np.histogram(mu[:, i], edges)[0] / len(mu) for mu in strips.values()])
         image = axes.imshow(
-            counts * _BINS,
+            counts * bins,
             aspect="auto",
             cmap=colours,
             norm=TwoSlopeNorm(1.0, 0.0, _CEILING),
@@ -199,6 +200,7 @@ def marginal_strips(
         axes.set_xlabel(axis_label(parameter))
         axes.set_yticks(np.arange(len(strips)) + 0.5, list(strips))
         tidy(axes)
+        name_choices(axes, parameter)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
     bar = figure.colorbar(image, ax=grid, shrink=0.7, aspect=30, extend="max", pad=0.01)

@@ -39,10 +39,13 @@ def _show(env_id: str, pairs: list[str]) -> None:
     from sada_gym.registration import make_application
 
     application = make_application(env_id, **key_values(pairs, "--env-kwargs"))
-    table = _table("parameter", "low", "high", "unit")
+    table = _table("parameter", "low", "high", "unit or choices")
     for parameter in application.parameters.parameters:
         table.add_row(
-            parameter.name, f"{parameter.low:g}", f"{parameter.high:g}", parameter.unit or "-"
+            parameter.name,
+            f"{parameter.low:g}",
+            f"{parameter.high:g}",
+            parameter.unit or ", ".join(parameter.choices) or "-",
         )
     out.print(table)
     out.print(

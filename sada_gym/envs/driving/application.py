@@ -38,7 +38,7 @@ class DrivingApplication(Application):
     parameters = ParameterSpace(
         Parameter("camera_height_m", 1.0, 2.0, "m"),
         Parameter("camera_pitch_deg", -20.0, -10.0, "deg"),
-        Parameter("weather", 0.0, float(len(NAMES))),
+        Parameter("weather", 0.0, float(len(NAMES)), choices=NAMES),
     )
 
     def __init__(

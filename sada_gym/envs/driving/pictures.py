@@ -134,18 +134,38 @@ class Film:
     def _map(
         self, chart: _Chart, which: range | list[int], until: int | None = None
     ) -> Image.Image:
-        """The town with routes, the ways driven, and crosses where a drive failed."""
+        """The town with routes, the ways driven, and crosses where a drive failed.
+
+        Several routes have their numbers at both ends.
+        """
         picture = chart.picture.copy()
         draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
-        for i in which:
-            trace = self.traces[i] if until is None else self.traces[i][: until + 1]
-            route = chart.pixels(self.starts[i].route.points)
+        font = ImageFont.load_default(3.6 * unit)
+        routes = {i: chart.pixels(self.starts[i].route.points) for i in which}
+        ways = {
+            i: chart.pixels(self.traces[i][: None if until is None else until + 1, :2])
+            for i in which
+        }
+        for route in routes.values():
             draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
-            draw.line(chart.pixels(trace[:, :2]), fill=_DRIVEN, width=max(2, round(0.7 * unit)))
-            for place, colour in ((route[0], (255, 255, 255)), (route[-1], (34, 197, 94))):
-                _dot(draw, place, 1.3 * unit, colour)
-            over = len(trace) == len(self.traces[i])
-            (x, y) = chart.pixels(trace[-1:, :2])[0]
+        for way in ways.values():
+            draw.line(way, fill=_DRIVEN, width=max(2, round(0.7 * unit)))
+        for i, route in routes.items():
+            _dot(draw, route[0], 1.3 * unit, (255, 255, 255))
+            _dot(draw, route[-1], 1.3 * unit, (34, 197, 94))
+            for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
+                draw.text(
+                    (x + 2.2 * unit, y - 2.2 * unit),
+                    str(i + 1),
+                    fill=_INK,
+                    font=font,
+                    anchor="mm",
+                    stroke_width=round(0.4 * unit),
+                    stroke_fill="white",
+                )
+        for i, way in ways.items():
+            x, y = way[-1]
+            over = len(way) == len(self.traces[i])
             if over and self.endings[i] != Ending.ARRIVED:
                 arm = 2.2 * unit
                 for s in (-1, 1):
