@@ -49,8 +49,9 @@ class RacingTaskEnv(TaskEnv):
     | `motion` | `Box(-1, 1, (9,), float32)` | velocity in the level frame, in 16 m/s; the world's up in the drone's frame; turning rates about the drone's axes, in 10 rad/s |
 
     ## Rewards
-    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, -0.5 for
-    touching a frame or the ground, -5 for a gate missed.
+    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, -5 for a
+    gate missed, and -0.5 where, for the first time on the way to a gate, a frame or the ground is
+    touched.
 
     ## Starting State
     Between two gates of a random track of the course, flying.

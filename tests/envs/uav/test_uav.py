@@ -200,6 +200,16 @@ def test_the_inner_task_is_no_adversary_environment():
     assert gym.spec("SADA-RacingTask-v0").kwargs == {}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("anchors", [3, 4, 5])
+def test_the_privileged_pilot_masters_nearly_every_track(anchors):
+    rng = np.random.default_rng(7)
+    mu = rng.uniform(-1, 1, (1000, 2 * anchors))
+    score = UAVApplication(anchors).reference_score(mu, rng.integers(2**31, size=1000).tolist())
+    assert (score > UAVApplication.fooling_threshold).mean() >= 0.99
+    assert score.mean() > 0.97
+
+
 @pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [-1, 2], [1.5, 2], ["a", 2]])
 def test_bad_seeds_of_the_privileged_pilot_are_refused(seeds):
     with pytest.raises(ValueError, match=r"Expected (2 seeds|seeds to be ints)"):
