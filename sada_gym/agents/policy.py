@@ -23,10 +23,6 @@ even to another place in the batch (narrow layers do) sees one observation at a 
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 
-class _RememberingError(ValueError):
-    """A model remembers what it saw."""
-
-
 class Policy:
     """Lets a model choose actions for a batch of agents, deterministically.
 
@@ -138,28 +134,29 @@ class Policy:
         for stage in self._stages:
             tile = stage.apply(tile, np.arange(TILE))
         try:
-            actions = self._predict(tile)
-            turned = self._predict({key: value[::-1] for key, value in tile.items()})
-        except _RememberingError:
-            raise
+            actions, memory = self._ask(tile)
+            turned, _ = self._ask({key: value[::-1] for key, value in tile.items()})
         except ValueError:
             return True  # of NaN; `act` says for whom
+        if memory is not None:
+            raise ValueError(
+                f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
+                "whose predict gives a state. Train one under VecFrameStack instead."
+            )
         return np.array_equal(actions, turned[::-1], equal_nan=True)
 
     def _predict(self, tile: Batch) -> npt.NDArray[Any]:
+        return self._ask(tile)[0]
+
+    def _ask(self, tile: Batch) -> tuple[npt.NDArray[Any], Any]:
+        """Actions and the model's memory, of a tile that is padded."""
         rows = len(next(iter(tile.values())))
         padded = {
             key: np.concatenate([value, np.repeat(value[:1], self._tile - rows, axis=0)])
             for key, value in tile.items()
         }
         with one_thread():
-            actions, memory = self.model.predict(padded, deterministic=True)
-        if memory is not None:
-            raise _RememberingError(
-                f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
-                "whose predict gives a state. Train one under VecFrameStack instead."
-            )
-        return actions
+            return self.model.predict(padded, deterministic=True)
 
     def _refused(self, tile: Batch) -> npt.NDArray[np.bool_]:
         """For which of the agents in a tile the model gives an error, each shown by itself."""
