@@ -82,14 +82,14 @@ AGENTS = (
         "waypoint-pid",
         "SADA-UAV",
         "pilot/waypoint-pid.safetensors",
-        "3538a32f3d4a3e963f4c01e5879912ac58382d800c5f4702965c50a36d3563f0",
+        "c26fa779414358f7d365e858cde0633fc1df652e4b02c98b33df3c214379c9e6",
         "sees where the next gate is and flies there; trained on mild tracks; the default",
     ),
     AgentCard(
         "ppo",
         "SADA-UAV",
         "pilot/ppo.safetensors",
-        "70c492152a23c96cb5e229bb34e4c7ad2376cdb6de504483fd1cd59af397a46e",
+        "0f2b7f94aaa13fdcd7b1cd2bb2f55552dfc5c1990663a8c801126c8c4bdcd66f",
         "told where the next two gates are, without a camera; learnt to fly by PPO",
     ),
 )
