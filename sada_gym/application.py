@@ -199,8 +199,13 @@ def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> 
     return row, validate_seeds([seed], 1)[0]
 
 
-def validate_seeds(seeds: Sequence[int], count: int) -> list[int]:
+def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) -> list[int]:
     """Check that there are `count` seeds, ints in [0, 2**31), and give them as Python ints.
+
+    Args:
+        seeds: The seeds.
+        count: How many there are to be.
+        bounded: Without it they may be any ints from 0 up, as Gymnasium's are.
 
     Raises:
         ValueError: If not.
@@ -212,10 +217,12 @@ def validate_seeds(seeds: Sequence[int], count: int) -> list[int]:
         if (
             isinstance(seed, bool)
             or not isinstance(seed, int | np.integer)
-            or not 0 <= seed < SEED_BOUND
+            or seed < 0
+            or (bounded and seed >= SEED_BOUND)
         ):
+            allowed = "in [0, 2**31)" if bounded else "from 0 up"
             raise ValueError(
-                f"Expected seeds to be ints in [0, 2**31), got {seed!r}. "
+                f"Expected seeds to be ints {allowed}, got {seed!r}. "
                 "Draw them with rng.integers(2**31)."
             )
         checked.append(int(seed))

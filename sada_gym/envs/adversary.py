@@ -129,6 +129,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         **AdversaryEnv.metadata,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
+    _bounded_seeds = True
 
     def __init__(
         self,
@@ -202,12 +203,6 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     def close_extras(self, **_: Any) -> None:
         """Free what the application holds."""
         self.application.close()
-
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        seeds = super()._seeds(seed)
-        given = [one for one in seeds if one is not None]
-        validate_seeds(given, len(given))
-        return seeds
 
     def _next_seed(self, index: int) -> int:
         return _draw_seed(self._generators[index])

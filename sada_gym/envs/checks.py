@@ -9,6 +9,8 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.application import validate_seeds
+
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
     """Give a render mode back.
@@ -103,11 +105,13 @@ def _is_number(given: Any) -> bool:
     return isinstance(given, int | float | np.number) and not isinstance(given, bool)
 
 
-def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+def spread_seeds(
+    seed: int | Sequence[int | None] | None, count: int, *, bounded: bool
+) -> list[int | None]:
     """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
 
     Raises:
-        ValueError: If there is not one for each, or one is no int from 0 up.
+        ValueError: If there is not one for each, or one is not what `validate_seeds` takes.
     """
     if seed is None:
         return [None] * count
@@ -118,12 +122,7 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
-    for one in seed:
-        if one is not None and (
-            isinstance(one, bool) or not isinstance(one, int | np.integer) or one < 0
-        ):
-            raise ValueError(f"Expected seeds to be ints from 0 up, got {one!r}.")
-    return [None if one is None else int(one) for one in seed]
+    return [None if one is None else validate_seeds([one], 1, bounded=bounded)[0] for one in seed]
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:

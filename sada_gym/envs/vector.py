@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -28,6 +28,9 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         render_mode: Among those of the class's `metadata`.
     """
 
+    _bounded_seeds: ClassVar[bool] = False
+    """Whether seeds are those of evaluations, below 2**31."""
+
     def __init__(self, *, num_envs: int, render_mode: str | None) -> None:
         self.num_envs = checked_num_envs(num_envs)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
@@ -38,15 +41,11 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         """One generator an environment."""
         return tuple(self._generators)
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        """One seed for each environment; a subclass may allow fewer."""
-        return spread_seeds(seed, self.num_envs)
-
     def _reseeded(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
     ) -> Iterator[tuple[int, int | None]]:
         """Give those that a reset concerns, each with its seed, by then its generator's too."""
-        seeds = self._seeds(seed)
+        seeds = spread_seeds(seed, self.num_envs, bounded=self._bounded_seeds)
         for i in reset_mask(options, self.num_envs):
             given = seeds[i]
             if given is not None:

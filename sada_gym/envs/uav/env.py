@@ -7,8 +7,8 @@ from typing import Any
 
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.pictures import FILM_HZ
 from sada_gym.envs.uav.pilot import PilotLike
+from sada_gym.envs.uav.races import FILM_HZ
 
 
 class UAVEnv(AdversaryEnv):

@@ -13,15 +13,13 @@ from sada_gym.application import Frame, validate_world
 from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.drone import headings
 from sada_gym.envs.uav.gates import OUTER_WIDTH_M
-from sada_gym.envs.uav.races import POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.races import FILM_HZ, POLICY_HZ, Ending, Races, Start
 from sada_gym.envs.uav.track import line
 
 if TYPE_CHECKING:
     from sada_gym.envs.uav.application import UAVApplication
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
-FILM_HZ = 10
-"""Frames of a replay a second: half of the decisions."""
 _BAR = 26
 _MARGIN_M = 5.0
 _FINER = 2

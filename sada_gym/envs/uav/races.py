@@ -36,6 +36,8 @@ from sada_gym.envs.uav.referee import (
 from sada_gym.envs.uav.world import SLOTS, World
 
 POLICY_HZ = 20
+FILM_HZ = 10
+"""Frames of a replay a second: half of the decisions."""
 GATE_LIMIT_S = 10.0
 GATES_AHEAD = 2
 """So many gates stand in an observation."""

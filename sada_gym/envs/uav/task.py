@@ -72,9 +72,7 @@ class RacingTaskEnv(TaskEnv):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        super().__init__(
-            _Lessons(Course() if course is None else course, 1), render_mode=render_mode
-        )
+        super().__init__(_Lessons(course, 1), render_mode=render_mode)
 
 
 class RacingTaskVectorEnv(TaskVectorEnv):
@@ -94,7 +92,7 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        lessons = _Lessons(Course() if course is None else course, num_envs)
+        lessons = _Lessons(course, num_envs)
         super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
 
 
@@ -103,7 +101,8 @@ class _Lessons:
 
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
-    def __init__(self, course: Course, count: int) -> None:
+    def __init__(self, course: Course | None, count: int) -> None:
+        course = Course() if course is None else course
         check_kind("course", course, Course)
         self._course, self._count = course, count
         self._waiting: dict[int, Start] = {}

@@ -3,8 +3,8 @@ import pytest
 
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
-from sada_gym.envs.uav.pictures import FILM_HZ, VIEW_COLUMNS, VIEW_ROWS, Film, Plan
-from sada_gym.envs.uav.races import Ending
+from sada_gym.envs.uav.pictures import VIEW_COLUMNS, VIEW_ROWS, Film, Plan
+from sada_gym.envs.uav.races import FILM_HZ, Ending
 from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.track import GATES
 
