@@ -10,49 +10,58 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections.abc import Iterable
 
 import numpy as np
+from scipy.stats import binned_statistic, binned_statistic_2d
 
+from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.reference import load_reference
 from sada_gym.registration import make_application, tracks
 
-DRIVING = [track for track in tracks() if track.startswith("SADA-Driving")]
+HEIGHT, PITCH, WEATHER = DrivingApplication.parameters.parameters
 FIFTHS = 5
+
+
+def row(*cells: str, rates: Iterable[float]) -> str:
+    """A line of a table."""
+    return f"| {' | '.join([*cells, *(f'{100 * rate:.1f} %' for rate in rates)])} |"
+
+
+def head(*cells: str) -> str:
+    """A table's first two lines."""
+    return f"| {' | '.join(cells)} |\n|{' --- |' * len(cells)}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--agent", default="cil")
     agent = parser.parse_args().agent
-    mounts, weathers = [], []
-    for track in DRIVING:
+    ends = np.linspace(PITCH.low, PITCH.high, FIFTHS + 1)
+    mounts = [head("track", "camera", *(f"{a:g} to {b:g}°" for a, b in itertools.pairwise(ends)))]
+    weathers = [head("track", *WEATHER.choices)]
+    for track in tracks():
+        if not track.startswith(DrivingApplication.name):
+            continue
         application = make_application(track, agent=agent)
         reference = load_reference(track, application)
         if reference is None:
             raise SystemExit(f"There is no reference set of {agent}, {track}.")
         rate = reference.fooled / reference.entry.seeds
-        height, pitch, weather = application.parameters.parameters
-        parts = ((reference.mu + 1) / 2).T
-        high = parts[0] >= 0.5
-        fifth = np.minimum((parts[1] * FIFTHS).astype(int), FIFTHS - 1)
-        for half, name in ((~high, "low"), (high, "high")):
-            rates = [rate[half & (fifth == i)].mean() for i in range(FIFTHS)]
-            mounts.append([track, name, *(f"{100 * value:.1f} %" for value in rates)])
-        assert weather.choices is not None
-        count = len(weather.choices)
-        which = np.minimum((parts[2] * count).astype(int), count - 1)
-        rates = [rate[which == i].mean() for i in range(count)]
-        weathers.append([track, *(f"{100 * value:.1f} %" for value in rates)])
-    ends = np.linspace(pitch.low, pitch.high, FIFTHS + 1)
-    pitches = [f"{a:g} to {b:g}°" for a, b in itertools.pairwise(ends)]
-    middle = (height.low + height.high) / 2
+        height, pitch, weather = application.parameters.physical(reference.mu).T
+        ranges = [(HEIGHT.low, HEIGHT.high), (PITCH.low, PITCH.high)]
+        mounted = binned_statistic_2d(height, pitch, rate, bins=(2, FIFTHS), range=ranges).statistic
+        mounts += [
+            row(track, name, rates=of_half)
+            for name, of_half in zip(("low", "high"), mounted, strict=True)
+        ]
+        parts = len(WEATHER.choices)
+        span = (WEATHER.low, WEATHER.high)
+        rates = binned_statistic(weather, rate, bins=parts, range=span).statistic
+        weathers.append(row(track, rates=rates))
+    middle = (HEIGHT.low + HEIGHT.high) / 2
     print(f"Low: below {middle:g} m. Steep on the left, shallow on the right.\n")
-    for head, rows in (
-        (("track", "camera", *pitches), mounts),
-        (("track", *weather.choices), weathers),
-    ):
-        print(f"| {' | '.join(head)} |\n|{' --- |' * len(head)}")
-        print("\n".join(f"| {' | '.join(row)} |" for row in rows), end="\n\n")
+    print(*mounts, "", *weathers, sep="\n")
 
 
 if __name__ == "__main__":
