@@ -2,10 +2,11 @@
 
     python benchmarks/racing_diagnosis.py
 
-First its fooling rate and mean Q by the geometry of the tracks: fifths of the shipped reference
-sets' uniform mu, from the mildest to the hardest, for each of three measures of a track, and the
-rank correlation (Spearman) with Q. Then what becomes of a lap after a gate is missed, on other
-uniform mu, which are flown for it.
+First how sharply tracks turn. Then its fooling rate and mean Q by the geometry of the tracks:
+fifths of the shipped reference sets' uniform mu, from the mildest to the hardest, for each of three
+measures of a track, and the rank correlation (Spearman) with Q; and of the mu that are drawn back
+so that the track can be built. Then what becomes of a lap after a gate is missed, on other uniform
+mu, which are flown for it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,18 @@ def measures(reference: Reference, anchors: int) -> dict[str, tuple[npt.NDArray[
     }
 
 
+def print_turns(samples: int) -> None:
+    """How sharply undisturbed tracks, mild ones and those of uniform mu turn."""
+    print("| anchors | mu within | sharpest turn, 5 % | 50 % | 95 % |")
+    print("| --- | --- | --- | --- | --- |")
+    for anchors, template in TEMPLATES.items():
+        unit = np.random.default_rng(0).uniform(-1, 1, (samples, len(template.parameters)))
+        for reach in (0.0, 0.25, 1.0):
+            sharpest = np.abs(Tracks(template.displaced(reach * unit)).turns_deg()).max(axis=1)
+            low, middle, high = np.quantile(sharpest, [0.05, 0.5, 0.95])
+            print(f"| {anchors} | ±{reach} | {low:.0f} | {middle:.0f} | {high:.0f} |")
+
+
 def lengths(endings: Sequence[str]) -> list[int]:
     """How many gates were missed one after another, each time that any was."""
     grouped = itertools.groupby(ending != "passed" for ending in endings)
@@ -43,19 +56,21 @@ def lengths(endings: Sequence[str]) -> list[int]:
 
 
 def print_misses(agent: str, samples: int) -> None:
-    """Fly uniform mu, and tell what a miss costs."""
-    print("\n| anchors | laps without a miss | misses of one gate | of more in a row | most |")
-    print("| --- | --- | --- | --- | --- |")
+    """Fly uniform mu, and tell what a miss costs and how it came."""
+    print("\n| anchors | laps without a miss | misses of one gate | of more | most | late | lost |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     for anchors in TEMPLATES:
         application = UAVApplication(anchors, agent=agent)
         rng = np.random.default_rng(0)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
         outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
         runs = [run for info in outcomes.infos for run in lengths(info["endings"])]
+        endings = [ending for info in outcomes.infos for ending in info["endings"]]
         alone = runs.count(1)
         print(
             f"| {anchors} | {100 * (outcomes.score == 1).mean():.0f} % | {alone} "
-            f"| {len(runs) - alone} | {max(runs, default=0)} |",
+            f"| {len(runs) - alone} | {max(runs, default=0)} | {endings.count('late')} "
+            f"| {endings.count('lost')} |",
             flush=True,
         )
 
@@ -65,7 +80,8 @@ def main() -> None:
     parser.add_argument("--agent", default="waypoint-pid")
     parser.add_argument("--samples", type=int, default=500, help="flown to see what a miss costs")
     arguments = parser.parse_args()
-    print("| anchors | measure | fifth | from | to | fooled | mean Q | rank correlation with Q |")
+    print_turns(1_000)
+    print("\n| anchors | measure | fifth | from | to | fooled | mean Q | rank correlation with Q |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for anchors in TEMPLATES:
         application = UAVApplication(anchors, agent=arguments.agent)
@@ -82,6 +98,11 @@ def main() -> None:
                     f"| {100 * rate[rows].mean():.1f} % | {reference.mean_score[rows].mean():.3f} "
                     f"| {correlation:+.2f} |"
                 )
+        back = TEMPLATES[anchors].kept(reference.mu) < 1
+        print(
+            f"| {anchors} | drawn back | {100 * back.mean():.1f} % of mu | | "
+            f"| {100 * rate[back].mean():.1f} % | {reference.mean_score[back].mean():.3f} | |"
+        )
     print_misses(arguments.agent, arguments.samples)
 
 

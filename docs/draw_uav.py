@@ -1,7 +1,7 @@
 """Draw the pictures of docs/environments/uav.md into docs/images: `python docs/draw_uav.py`.
 
-`--pilot` names another pilot than the shipped one, or a file of weights; `--samples` gives tracks
-that an adversary made, as samples-3.npz, samples-4.npz and samples-5.npz in one folder.
+`--pilot` names another pilot than the shipped one, or a file of weights; `--attacks` gives the
+folders of attacks with 3, 4 and 5 anchors, whose tracks are drawn, too.
 """
 
 import argparse
@@ -51,11 +51,11 @@ def tracks(rng: np.random.Generator) -> Image.Image:
     return grid(rows)
 
 
-def made(folder: Path) -> Image.Image:
-    """Tracks that an adversary made."""
+def made(attacks: list[Path]) -> Image.Image:
+    """Tracks that adversaries made, a row for each number of anchors."""
     rows = []
-    for anchors in TEMPLATES:
-        samples = np.load(folder / f"samples-{anchors}.npz", allow_pickle=False)
+    for anchors, attack in zip(TEMPLATES, attacks, strict=True):
+        samples = np.load(attack / "samples.npz", allow_pickle=False)
         mu, score = samples["mu"], samples["score"]
         chosen = np.linspace(0, len(mu) - 1, TRACKS + 1).astype(int)
         rows.append(
@@ -65,7 +65,7 @@ def made(folder: Path) -> Image.Image:
 
 
 def seen(application: UAVApplication) -> Image.Image:
-    """What the pilot sees: moments of one race, in several looks, and as it gets them."""
+    """What the pilot sees: a moment each of five races, large and as the pilot gets it."""
     large, small = camera(CELL * 3 // 4, CELL), camera()
     rows = [[], []]
     for seed, share in ((1, 0.05), (2, 0.3), (3, 0.5), (4, 0.7), (5, 0.9)):
@@ -102,7 +102,7 @@ def main() -> None:
     """Draw all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pilot", default="waypoint-pid")
-    parser.add_argument("--samples", type=Path)
+    parser.add_argument("--attacks", type=Path, nargs=3, help="of 3, 4 and 5 anchors")
     parser.add_argument("--out", type=Path, default=IMAGES)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -114,8 +114,8 @@ def main() -> None:
     pictures["passed"] = Image.fromarray(passed.summary())
     if failed is not None:
         pictures["failed"] = Image.fromarray(failed.summary())
-    if arguments.samples is not None:
-        pictures["made"] = made(arguments.samples)
+    if arguments.attacks is not None:
+        pictures["made"] = made(arguments.attacks)
     for name, picture in pictures.items():
         picture.save(arguments.out / f"uav-{name}.png", optimize=True)
 

@@ -143,12 +143,7 @@ def load_driver(agent: str) -> BaseAlgorithm:
     """
     from stable_baselines3 import PPO
 
-    if agent.endswith(".zip"):
-        raise ValueError(
-            f"Expected a driver's name among {', '.join(names('SADA-Driving'))}, got the file "
-            f"{agent}. SB3's files hold pickles, which can run code: load one that you trust "
-            "yourself, and pass the model, agent=PPO.load(file)."
-        )
+    _refuse_zip(agent, f"a driver's name among {', '.join(names('SADA-Driving'))}")
     shipped = card(agent, "SADA-Driving")
     verify(shipped)
     with generators_kept():
@@ -159,10 +154,14 @@ def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
     """Load a shipped pilot by name, or a safetensors file with one's weights.
 
     Raises:
-        ValueError: If there is no such agent or file, or the shipped file's SHA-256 is off.
+        ValueError: If there is no such agent or file, the file holds something else, or the shipped
+            file's SHA-256 is off.
     """
     from sada_gym.agents.pilot.weights import load
 
+    _refuse_zip(
+        agent, f"a pilot's name among {', '.join(names('SADA-UAV'))}, or a .safetensors file"
+    )
     if isinstance(agent, str) and not agent.endswith(".safetensors"):
         shipped = card(agent, "SADA-UAV")
         verify(shipped)
@@ -170,6 +169,15 @@ def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
     if not Path(agent).is_file():
         raise ValueError(f"Expected a file with a pilot's weights, got {agent}: no such file.")
     return load(Path(agent))
+
+
+def _refuse_zip(agent: str | Path, expected: str) -> None:
+    """Refuse SB3's files, which would be unpickled."""
+    if str(agent).endswith(".zip"):
+        raise ValueError(
+            f"Expected {expected}, got the file {agent}. SB3's files hold pickles, which can run "
+            "code: load one that you trust yourself, and pass the model, agent=PPO.load(file)."
+        )
 
 
 def verify(agent: AgentCard) -> None:

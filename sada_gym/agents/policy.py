@@ -90,11 +90,12 @@ class Policy:
         Args:
             seen: What they see, each key (n, ...).
             which: (n,) which of the agents they are.
-            where: Says in a few words where an agent is, for messages; None where NaN may be given.
+            where: Says in a few words where an agent is, for messages; None where NaN may be given;
+                infinite numbers become NaN then.
 
         Raises:
             ValueError: If the model gives anything but k numbers an agent, or, with `where`, one
-                that is not finite.
+                that is not finite; and whatever else its `predict` raises.
         """
         batch: Batch = dict(seen)
         for stage in self._stages:
@@ -105,13 +106,10 @@ class Policy:
             rows = which[start : start + self._tile]
             try:
                 actions = self._predict(tile)
-            except ValueError as error:  # torch's distributions refuse NaN by themselves
-                refused = self._refused(tile)
-                if not refused.any():
+            except ValueError as error:
+                if not _refuses_nan(error):
                     raise
-                if where is not None:
-                    raise self._broken(where(rows[refused.argmax()]), "an error") from error
-                actions = self._one_by_one(tile, refused)
+                actions = self._one_by_one(tile)
             if np.shape(actions) != (self._tile, *self._action_shape):
                 raise ValueError(
                     f"Expected actions of shape {(self._tile, *self._action_shape)} from "
@@ -120,8 +118,12 @@ class Policy:
             actions = np.asarray(actions)[: len(rows)]
             wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
             if wrong.size and where is not None:
-                raise self._broken(where(rows[wrong[0]]), str(actions[wrong[0]].tolist()))
-            parts.append(actions)
+                raise ValueError(
+                    f"Expected finite actions from {type(self.model).__name__}, got "
+                    f"{actions[wrong[0]].tolist()} at {where(rows[wrong[0]])}. Look for NaN or "
+                    "infinity in its weights."
+                )
+            parts.append(np.where(np.isfinite(actions), actions, np.nan))
         return np.clip(np.concatenate(parts).astype(np.float64), -1.0, 1.0)
 
     def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
@@ -136,8 +138,10 @@ class Policy:
         try:
             actions, memory = self._ask(tile)
             turned, _ = self._ask({key: value[::-1] for key, value in tile.items()})
-        except ValueError:
-            return True  # of NaN; `act` says for whom
+        except ValueError as error:
+            if not _refuses_nan(error):
+                raise
+            return True  # `act` says for whom
         if memory is not None:
             raise ValueError(
                 f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
@@ -158,26 +162,19 @@ class Policy:
         with one_thread():
             return self.model.predict(padded, deterministic=True)
 
-    def _refused(self, tile: Batch) -> npt.NDArray[np.bool_]:
-        """For which of the agents in a tile the model gives an error, each shown by itself."""
-        refused = np.zeros(len(next(iter(tile.values()))), np.bool_)
-        for row in range(len(refused)):
-            try:
-                self._predict({key: value[row : row + 1] for key, value in tile.items()})
-            except ValueError:
-                refused[row] = True
-        return refused
-
-    def _one_by_one(self, tile: Batch, refused: npt.NDArray[np.bool_]) -> npt.NDArray[Any]:
-        """Actions of a whole tile, NaN for those who got none."""
+    def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
+        """Actions of a whole tile, each agent shown by itself; NaN for those who got none."""
         actions = np.full((self._tile, *self._action_shape), np.nan)
-        for row in np.flatnonzero(~refused).tolist():
-            seen = {key: value[row : row + 1] for key, value in tile.items()}
-            actions[row] = self._predict(seen)[0]
+        for row in range(len(next(iter(tile.values())))):
+            try:
+                seen = {key: value[row : row + 1] for key, value in tile.items()}
+                actions[row] = self._predict(seen)[0]
+            except ValueError as error:
+                if not _refuses_nan(error):
+                    raise
         return actions
 
-    def _broken(self, where: str, given: str) -> ValueError:
-        return ValueError(
-            f"Expected finite actions from {type(self.model).__name__}, got {given} at {where}. "
-            "Look for NaN in its weights."
-        )
+
+def _refuses_nan(error: ValueError) -> bool:
+    """Whether it is what torch's distributions raise for NaN among their parameters."""
+    return "to satisfy the constraint" in str(error)

@@ -61,6 +61,23 @@ def test_a_trial_of_the_script_writes_weights_and_no_card(tmp_path, monkeypatch,
     assert "a trial's weights" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--steps", "63", "Expected --steps of at least 64, one for each of the recipe's cars"),
+        ("--seed", "-1", "Expected --seed from 0 to 2147483647, got -1."),
+    ],
+)
+def test_what_the_script_cannot_train_with_is_refused(
+    option, value, message, tmp_path, monkeypatch, capsys
+):
+    arguments = ["train", "cil", f"{option}={value}", "--out", str(tmp_path / "new")]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit, match="2"):
+        train.main()
+    assert message in capsys.readouterr().err
+
+
 def test_the_script_never_writes_into_the_package_unasked(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["train", "cil"])
     with pytest.raises(SystemExit):

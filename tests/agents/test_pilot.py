@@ -1,22 +1,27 @@
 import hashlib
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 from scipy.spatial.transform import Rotation
 
 from sada_gym import agents
 from sada_gym.agents.pilot import evaluate, train, weights
 from sada_gym.agents.pilot.imitation import Gathered, fit, gather, imitate, loss, strayed
 from sada_gym.agents.pilot.network import new_network
-from sada_gym.agents.pilot.recipe import MILD, RECIPES, Imitation
+from sada_gym.agents.pilot.recipe import MILD, RECIPES, Imitation, Reinforcement
+from sada_gym.agents.pilot.reinforcement import reinforce
 from sada_gym.envs.uav.guidance import waypoints
-from sada_gym.envs.uav.pilot import TILE, WaypointPilot, in_drone, in_level, motion
+from sada_gym.envs.uav.pilot import TILE, WaypointPilot, in_drone, in_level, motion, pilot
 from sada_gym.envs.uav.races import Races
 from sada_gym.envs.uav.templates import TEMPLATES
 from sada_gym.envs.uav.track import GATES
 
 TRY = Imitation(drones=8, rounds=2, steps=320, epochs=1, last_epochs=1, batch=64)
+TRY_PPO = Reinforcement(drones=2, steps=32, rollout=8, batch=8, epochs=1)
 
 
 @pytest.fixture
@@ -125,6 +130,17 @@ def test_training_is_repeatable():
     assert len(digests) == 1
 
 
+def test_a_reinforcement_is_fixed_by_its_seed():
+    first, again, other = (pilot(reinforce(TRY_PPO, seed=s)).fingerprint for s in (0, 0, 1))
+    assert first == again != other
+
+
+def test_a_reinforcement_moves_the_weights():
+    before = reinforce(replace(TRY_PPO, rate=0.0), seed=0).policy.state_dict()
+    after = reinforce(TRY_PPO, seed=0).policy.state_dict()
+    assert not any(torch.equal(value, before[name]) for name, value in after.items())
+
+
 def test_weights_survive_a_file(tmp_path, network):
     path = tmp_path / "pilot.safetensors"
     weights.save(network, path)
@@ -143,26 +159,91 @@ def test_a_missing_or_foreign_file_is_refused(tmp_path):
         agents.load_pilot("nobody")
 
 
-def test_the_script_writes_weights_and_a_card(tmp_path, monkeypatch, capsys):
-    recipes = {"waypoint-pid": TRY}
-    monkeypatch.setattr(train, "RECIPES", recipes)
+@pytest.mark.parametrize("kind", [str, Path])
+def test_sb3s_files_are_refused_with_the_reason(kind):
+    message = r"among waypoint-pid, ppo, or a \.safetensors file, got the file mine\.zip\. SB3's"
+    with pytest.raises(ValueError, match=rf"{message}.*pickles.*agent=PPO\.load\(file\)"):
+        agents.load_pilot(kind("mine.zip"))
+
+
+def _without(found):
+    del found["head.0.bias"]
+
+
+def _wider(found):
+    found["seen.0.weight"] = torch.zeros(256, 768)
+
+
+def _another(found):
+    found["memory.weight"] = torch.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_without, r"head\.0\.bias of shape \(64,\), got no head\.0\.bias\."),
+        (_wider, r"seen\.0\.weight of shape \(128, 768\), got \(256, 768\)\."),
+        (_another, r"without memory\.weight, got one\."),
+    ],
+)
+def test_weights_that_do_not_fit_are_named(tmp_path, change, message):
+    found = load_file(agents.card("waypoint-pid").path)
+    change(found)
+    save_file(found, tmp_path / "big.safetensors")
+    with pytest.raises(ValueError, match=f"{message} Write such a file") as caught:
+        agents.load_pilot(str(tmp_path / "big.safetensors"))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_detectors_file_is_no_pilots():
+    with pytest.raises(ValueError, match=r"as ppo has them: .*, got no .*pass the model as agent="):
+        agents.load_pilot(agents.card("photographer").path)
+
+
+@pytest.mark.parametrize(
+    ("name", "recipe", "steps"), [("waypoint-pid", TRY, "160"), ("ppo", TRY_PPO, "16")]
+)
+def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(train, "RECIPES", {name: recipe})
     monkeypatch.setattr(
         train,
         "measure",
         lambda pilot, seed: evaluate.measure(pilot, seed=seed, looks=1, mild=1, samples=2),
     )
     out = tmp_path / "new"
-    arguments = ["train", "waypoint-pid", "--seed", "4", "--steps", "160", "--out", str(out)]
+    arguments = ["train", name, "--seed", "4", "--steps", steps, "--out", str(out)]
     monkeypatch.setattr("sys.argv", arguments)
     train.main()
-    file = out / "waypoint-pid.safetensors"
-    card = (out / "waypoint-pid.md").read_text()
+    file = out / f"{name}.safetensors"
+    card = (out / f"{name}.md").read_text()
+    trained = train.train(replace(recipe, steps=int(steps)), seed=4)
+    assert pilot(agents.load_pilot(file)).fingerprint == pilot(trained).fingerprint
     assert hashlib.sha256(file.read_bytes()).hexdigest() in card
-    assert "--seed 4 --steps 160 --out DIR" in card
-    assert "| steps | 160 |" in card
+    assert f"train {name} --seed 4 --steps {steps} --out DIR" in card
+    assert f"| steps | {steps} |" in card
     assert "--seed 1004" in card
     for anchors in TEMPLATES:
         assert f"| {anchors} | " in capsys.readouterr().out + card
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--steps", "40", "Expected --steps of at least 48, one for each of the recipe's drones"),
+        ("--seed", "-1", "Expected --seed from 0 to 2147483647, got -1."),
+        ("--seed", "2147483648", "Expected --seed from 0 to 2147483647, got 2147483648."),
+    ],
+)
+def test_what_the_script_cannot_train_with_is_refused(
+    option, value, message, tmp_path, monkeypatch, capsys
+):
+    out = tmp_path / "new"
+    arguments = ["train", "waypoint-pid", f"{option}={value}", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", arguments)
+    with pytest.raises(SystemExit, match="2"):
+        train.main()
+    assert message in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_a_measurement_counts_gates(network):

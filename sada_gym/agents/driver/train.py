@@ -76,7 +76,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     arguments = parser.parse_args()
     recipe = RECIPES[arguments.name]
+    if not 0 <= arguments.seed < 2**31:
+        parser.error(f"Expected --seed from 0 to {2**31 - 1}, got {arguments.seed}.")
     if arguments.steps is not None:
+        if arguments.steps < recipe.cars:
+            parser.error(
+                f"Expected --steps of at least {recipe.cars}, one for each of the recipe's "
+                f"cars, got {arguments.steps}."
+            )
         recipe = replace(recipe, steps=arguments.steps)
     started = time.process_time()
     model = train(recipe, seed=arguments.seed)

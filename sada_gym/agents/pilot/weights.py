@@ -7,6 +7,7 @@ from pathlib import Path
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from stable_baselines3 import PPO
+from torch import Tensor, nn
 
 from sada_gym.agents.pilot.network import WaypointNetwork, new_network
 from sada_gym.agents.pilot.reinforcement import new_model
@@ -26,14 +27,35 @@ def load(path: Path) -> WaypointNetwork | PPO:
     """
     try:
         weights = load_file(path)
-        if any(key.startswith("convolutions.") for key in weights):
-            network = new_network(0)
-            network.load_state_dict(weights)
-            return network.eval()
-        model = new_model(0)
-        model.policy.load_state_dict(weights)
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(
-            f"Expected the weights of a pilot in {path}, got something else: {error}"
-        ) from None
+    except SafetensorError as error:
+        raise _no_pilot(path, f"got no safetensors file ({error})") from None
+    if any(key.startswith("convolutions.") for key in weights):
+        network = new_network(0)
+        _fill(network, weights, path, "waypoint-pid")
+        return network.eval()
+    model = new_model(0)
+    _fill(model.policy, weights, path, "ppo")
     return model
+
+
+def _fill(module: nn.Module, weights: dict[str, Tensor], path: Path, kind: str) -> None:
+    """Load a module's weights, or name the first that is missing, of another shape or unknown."""
+    wanted = module.state_dict()
+    for key, value in wanted.items():
+        shape = tuple(value.shape)
+        if key not in weights:
+            raise _no_pilot(path, f"as {kind} has them: {key} of shape {shape}, got no {key}")
+        if weights[key].shape != value.shape:
+            found = tuple(weights[key].shape)
+            raise _no_pilot(path, f"as {kind} has them: {key} of shape {shape}, got {found}")
+    for key in weights:
+        if key not in wanted:
+            raise _no_pilot(path, f"as {kind} has them: without {key}, got one")
+    module.load_state_dict(weights)
+
+
+def _no_pilot(path: Path, why: str) -> ValueError:
+    return ValueError(
+        f"Expected the weights of a pilot in {path}, {why}. Write such a file by python -m "
+        "sada_gym.agents.pilot.train, or, for a pilot of your own, pass the model as agent=model."
+    )

@@ -36,7 +36,8 @@ class UAVEnv(AdversaryEnv):
     | 5 | 10 | 13 |
 
     For every mu all frames are at least 0.9 m apart: where they would not be, which is so for one
-    uniform mu in twenty, all displacements are reduced by one share until they are.
+    uniform mu in twenty, all displacements are reduced by one share until they are. `parameters` in
+    `info` are the displacements asked for; the track has `kept` times these.
 
     ## Observation Space
     `Box(-1, 1, (2 anchors + 2,), float32)`: last mu, last score, share of the steps left; zeros
@@ -53,13 +54,15 @@ class UAVEnv(AdversaryEnv):
     `fooled` (score <= 0.7), `seed`, `parameters`, `gates_passed`, `endings` (for each gate
     `passed`, `late` or `lost`), `touched` (whether the drone hit anything on its way to each gate),
     `time_s` (the time for the course), and of the track `length_m`, `sharpest_turn_deg` (the
-    greatest change of heading from a gate to the next), `closest_m` (the smallest distance between
-    two frames) and `kept` (how much of the displacements was kept, mostly 1).
+    greatest turn from the start or a gate to the next, of more than 180 where the track loops),
+    `closest_m` (the smallest distance between two frames) and `kept` (how much of the displacements
+    was kept, 1 but for one uniform mu in twenty).
 
     ## Arguments
     - `anchors=3`: 3, 4 or 5; each has an id of its own, such as `SADA-UAV-4Anchors-v0`.
-    - `agent="waypoint-pid"`: a shipped pilot (`waypoint-pid`, `ppo`), a perception network, or an
-      SB3 model trained on `SADA-RacingTask-v0`.
+    - `agent="waypoint-pid"`: a shipped pilot (`waypoint-pid`, `ppo`), a file of weights that our
+      training scripts wrote, a perception network (`WaypointNetwork`), or an SB3 model trained on
+      `SADA-RacingTask-v0`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.

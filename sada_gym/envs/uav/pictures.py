@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
+from scipy.spatial.transform import Rotation
 
 from sada_gym.application import Frame, validate_world
-from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.camera import TILT_DEG, camera
 from sada_gym.envs.uav.drone import headings
 from sada_gym.envs.uav.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.races import FILM_HZ, POLICY_HZ, Ending, Races, Start
@@ -23,6 +24,9 @@ VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _BAR = 26
 _MARGIN_M = 5.0
 _FINER = 2
+_SEEN_FROM_M, _IN_VIEW_DEG = 4.0, 30.0
+"""Where a drone had best be when its picture is taken: so far from a gate, and the camera so near
+to facing it."""
 
 Colour = tuple[int, int, int]
 _FIELD: Colour = (226, 236, 214)
@@ -121,14 +125,19 @@ class Film:
             return len(self.states) // 2, "seen: half-way"
         late = int(missed.any(axis=1).argmax())
         gate = int(missed[late].argmax())
-        x, y, _, heading = self.start.gates[gate]
-        flown = self.states[:late]
-        ahead = (x - flown[:, 0]) * np.cos(heading) + (y - flown[:, 1]) * np.sin(heading)
         since = int((self.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
-        near = np.hypot(x - flown[since:, 0], y - flown[since:, 1])
-        before = np.flatnonzero(ahead[since:] > 0)
-        step = before[near[before].argmin()] if before.size else 0
-        return max(since, since + int(step) - POLICY_HZ // 4), f"seen: before gate {gate + 1}"
+        since = min(since, late - 1)  # both may have ended between two decisions
+        flown = self.states[since:late]
+        to_gate = self.start.gates[gate, :3] - flown[:, :3]
+        heading = self.start.gates[gate, 3]
+        before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
+        away = np.sqrt((to_gate**2).sum(axis=1))
+        tilt = np.deg2rad(TILT_DEG)
+        axis = Rotation.from_quat(flown[:, 3:7]).apply([np.cos(tilt), 0, np.sin(tilt)])
+        in_view = (to_gate * axis).sum(axis=1) > away * np.cos(np.deg2rad(_IN_VIEW_DEG))
+        far = np.abs(away - _SEEN_FROM_M)
+        step = since + int(np.lexsort((far, ~in_view, ~before))[0])
+        return step, f"seen: on the way to gate {gate + 1}"
 
     def _ways(self, until: int) -> tuple[Array, ...]:
         """The ways flown, apart where the drone was set back."""

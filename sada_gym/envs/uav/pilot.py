@@ -115,7 +115,7 @@ class WaypointPilot:
                 f"{tuple(answer.shape)}."
             )
         seen: npt.NDArray[np.float32] = answer.numpy()[:rows]
-        return seen
+        return np.where(np.isfinite(seen), seen, np.float32(np.nan))
 
 
 class TaskPilot:
@@ -156,11 +156,20 @@ def pilot(agent: PilotLike) -> Pilot:
         agent: A perception network, an SB3 model, or a pilot as it is.
 
     Raises:
-        ValueError: If a model's spaces are not the racing task's.
+        ValueError: If it is none of these, or a model's spaces are not the racing task's.
     """
     if isinstance(agent, WaypointNetwork):
         return WaypointPilot(agent)
-    return agent if isinstance(agent, Pilot) else TaskPilot(agent)
+    if isinstance(agent, Pilot):
+        return agent
+    if not hasattr(agent, "predict"):
+        lacking = [name for name in ("fingerprint", "start", "act") if not hasattr(agent, name)]
+        raise ValueError(
+            "Expected a WaypointNetwork, an SB3 model trained on SADA-RacingTask-v0, or an object "
+            "with fingerprint, start(count) and act(races, which), got "
+            f"{type(agent).__name__}, which has no {' and no '.join(lacking)}. Add what is missing."
+        )
+    return TaskPilot(agent)
 
 
 def motion(poses: Floats) -> npt.NDArray[np.float32]:

@@ -58,8 +58,9 @@ class RacingTaskEnv(TaskEnv):
 
     ## Episode End
     Terminated after the last gate, or where the drone is lost: on its back on the ground, or out of
-    the world. Truncated when a gate was not passed in 10 s. `info` holds `gates_passed`, `time_s`,
-    `is_success`.
+    the world. Truncated when a gate was not passed in 10 s: the last observation is then of the
+    drone set back at the last gate, where the race would go on to the gate after the missed one.
+    `info` holds `gates_passed`, `time_s`, `is_success`.
 
     ## Arguments
     - `course=Course()`: what tracks and starts are drawn from.

@@ -17,6 +17,8 @@ GATES = 8
 DEGREE = 2
 _SAMPLES = 600
 """Chords by which a lap is measured."""
+_SHARES = np.append(0.5, np.arange(GATES) + 1.0) / GATES
+"""Where on the lap the start and the gates stand."""
 
 Array = npt.NDArray[np.float64]
 
@@ -41,20 +43,19 @@ class Tracks:
         self.gates = np.empty((count, GATES, 4))
         self.starts = np.empty((count, 4))
         self.length_m = np.empty(count)
-        share = np.append(0.5, np.arange(GATES) + 1.0) / GATES  # of the start and the gates
         for i, points in enumerate(anchors):
-            places, self.length_m[i] = along(points, share)
+            places, self.length_m[i] = along(points, _SHARES)
             self.starts[i], self.gates[i] = places[0], places[1:]
 
     def turns_deg(self) -> Array:
-        """How far the heading turns from the start, and from every gate, to the next: (n, GATES).
+        """How far a track turns from the start, and from every gate, to the next: (n, GATES).
 
-        Left is positive.
+        Left is positive. A loop between two gates counts: a turn may be of more than 180.
         """
-        heading = np.column_stack([self.starts[:, 3], self.gates[:, :, 3]])
-        turned = (np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi
-        degrees: Array = np.rad2deg(turned)
-        return degrees
+        turned = np.empty((len(self.anchors), GATES))
+        for i, points in enumerate(self.anchors):
+            turned[i] = np.diff(_headings(points, _parameters(points, _SHARES)[0]))
+        return np.rad2deg(turned)
 
     def closest_m(self) -> Array:
         """The smallest distance between two frames of a track, (n,); 0 where they overlap."""
@@ -82,18 +83,30 @@ def along(anchors: Array, share: Array) -> tuple[Array, float]:
     Returns:
         (m, 4) x, y, z and heading there, and the lap's length in m.
     """
-    count = len(anchors)
-    parameter = np.linspace(0, count, _SAMPLES + 1)
-    points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
-    step = np.hypot(*np.diff(points, axis=0).T)
-    travelled = np.append(0.0, np.cumsum(step))
-    at = np.interp(share * travelled[-1], travelled, parameter)
+    at, length = _parameters(anchors, share)
     spline = _spline(anchors)
     place, tangent = spline(at), spline.derivative()(at)
     heading = np.arctan2(tangent[:, 1], tangent[:, 0])
-    return np.column_stack([place, np.full(len(at), CENTRE_HEIGHT_M), heading]), float(
-        travelled[-1]
-    )
+    return np.column_stack([place, np.full(len(at), CENTRE_HEIGHT_M), heading]), length
+
+
+def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
+    """The spline's parameters at shares of a lap, and the lap's length in m."""
+    count = len(anchors)
+    points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
+    step = np.hypot(*np.diff(points, axis=0).T)
+    travelled = np.append(0.0, np.cumsum(step))
+    at = np.interp(share * travelled[-1], travelled, np.linspace(0, count, _SAMPLES + 1))
+    return at, float(travelled[-1])
+
+
+def _headings(anchors: Array, at: Array) -> Array:
+    """Headings at increasing parameters, without jumps of a whole turn."""
+    # between two knots the tangent runs straight from one vector to another: less than half a turn
+    every = np.union1d(at, np.arange(len(anchors) + 1))
+    tangent = _spline(anchors).derivative()(every)
+    headings: Array = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    return headings[np.searchsorted(every, at)]
 
 
 def _spline(anchors: Array) -> BSpline:

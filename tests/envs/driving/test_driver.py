@@ -297,8 +297,9 @@ def test_a_driver_of_another_task_is_named_with_both_spaces():
         Driver(other)
 
 
-def test_nan_from_a_driver_names_step_and_route():
-    application = DrivingApplication("one_curve", agent=Recorder(action=(np.nan, 0.0)))
+@pytest.mark.parametrize("given", [np.nan, np.inf, -np.inf])
+def test_no_finite_number_from_a_driver_names_step_and_route(given):
+    application = DrivingApplication("one_curve", agent=Recorder(action=(given, 0.0)))
     with pytest.raises(ValueError, match=r"step 0 of the route A1 B1 B0\. Look for NaN"):
         application.evaluate([[0.0, 0.0, 0.0]], [0])
 

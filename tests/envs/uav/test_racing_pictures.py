@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -79,11 +81,33 @@ def test_frames_have_one_even_shape(flown, failed, replay):
 
 def test_the_summary_looks_before_the_first_gate_missed(application, failed):
     step, said = failed._moment()
-    assert said == f"seen: before gate {BLIND[0] + 1}"
+    assert said == f"seen: on the way to gate {BLIND[0] + 1}"
     assert failed.endings[step, BLIND[0]] == Ending.AHEAD
     assert failed.endings[step, BLIND[0] - 1] == Ending.PASSED
     assert painted(failed.summary(), RED) > 50
     np.testing.assert_array_equal(application.render(MU, 5), failed.summary())
+
+
+def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed):
+    step, _ = failed._moment()
+    x, y, _, heading = failed.start.gates[BLIND[0]]
+    since = np.flatnonzero(failed.endings[:, BLIND[0] - 1] == Ending.PASSED)[0]
+    beyond = failed.states[[step]].copy()
+    beyond[0, :2] = x + 2 * np.cos(heading), y + 2 * np.sin(heading)
+    late = step + 40
+    states = np.concatenate([failed.states[: step + 1], np.repeat(beyond, 40, axis=0)])
+    endings = np.concatenate([failed.endings[: step + 1], np.repeat(failed.endings[[step]], 40, 0)])
+    endings[late, BLIND[0]] = Ending.LATE
+    film = replace(failed, states=states, endings=endings, times_s=np.arange(late + 1.0))
+    shown, _ = film._moment()
+    assert since <= shown <= step
+
+
+def test_two_gates_may_end_between_two_decisions(failed):
+    endings = np.zeros((3, GATES), np.int8)
+    endings[2, :2] = Ending.PASSED, Ending.LOST
+    film = replace(failed, states=failed.states[:3], endings=endings, times_s=failed.times_s[:3])
+    assert film._moment() == (1, "seen: on the way to gate 2")
 
 
 def test_the_way_is_cut_where_the_drone_was_set_back(failed):

@@ -185,6 +185,17 @@ def test_turns_are_those_of_the_headings():
     )
 
 
+@pytest.mark.parametrize("anchors", COUNTS)
+def test_turns_count_loops(anchors):
+    points = TEMPLATES[anchors].displaced(uniform(anchors, 300))
+    turns = Tracks(points).turns_deg()
+    share = np.linspace(0, 1, 16 * 1_000 + 1)
+    for anchor, turned in zip(points, turns, strict=True):
+        fine = np.rad2deg(np.unwrap(along(anchor, share)[0][:, 3]))
+        np.testing.assert_allclose(turned, np.diff(fine[[1_000, *range(2_000, 16_001, 2_000)]]))
+    assert (np.abs(turns).max() > 200) == (anchors > 3)
+
+
 def test_mu_moves_the_anchors_by_the_range():
     chosen = template(4)
     moved = chosen.displaced([[0, 0, 1, 0, 0, -0.5, 0, 0]])[0] - chosen.anchors
