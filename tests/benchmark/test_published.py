@@ -1,10 +1,14 @@
 """The results in docs/results/ are what the benchmark wrote, of the agents that are shipped."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from sada_gym.benchmark.merge import merge_files
+from sada_gym.benchmark.plan import CellKey, make_plan
 from sada_gym.benchmark.results import RESULTS_FILE, Results
+from sada_gym.benchmark.suite import find_suite
 from sada_gym.benchmark.tables import TABLE_FILE, write_tables
 from sada_gym.registration import make_application
 from sada_gym.results import read_model
@@ -33,3 +37,27 @@ def test_they_are_of_the_shipped_agents_and_present_environments(folder):
         application = make_application(target.track, agent=target.agent)
         assert application.version == target.version
         assert application.fingerprint == target.fingerprint
+
+
+@pytest.fixture(scope="module")
+def merged(tmp_path_factory):
+    """The applications' results in one, and where its tables are."""
+    out = tmp_path_factory.mktemp("table-1")
+    results = [DOCS / "results" / name for name in ("detection", "driving", "racing")]
+    return merge_files(results, out, tables=("paper-budgets",)), out / TABLE_FILE
+
+
+def test_table_1_is_the_applications_results(merged):
+    _, table = merged
+    published = DOCS / "results" / "table-1" / TABLE_FILE
+    assert table.read_text(encoding="utf-8") == published.read_text(encoding="utf-8")
+
+
+def test_the_suite_of_table_1_runs_the_same_cells(merged):
+    results, _ = merged
+    fields = {*CellKey.model_fields, "adversary", "preset", "options", "budget", "samples"}
+
+    def told(cells):
+        return sorted(json.dumps(c.model_dump(include=fields), sort_keys=True) for c in cells)
+
+    assert told(results.cells) == told(make_plan(find_suite("table-1")).cells)
