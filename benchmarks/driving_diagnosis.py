@@ -47,7 +47,7 @@ def main() -> None:
         reference = load_reference(track, application)
         if reference is None:
             raise SystemExit(f"There is no reference set of {agent}, {track}.")
-        rate = reference.fooled / reference.entry.seeds
+        rate = reference.fooling_rate
         height, pitch, weather = application.parameters.physical(reference.mu).T
         ranges = [(HEIGHT.low, HEIGHT.high), (PITCH.low, PITCH.high)]
         mounted = binned_statistic_2d(height, pitch, rate, bins=(2, FIFTHS), range=ranges).statistic

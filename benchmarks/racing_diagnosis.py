@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import spearmanr
 
+from sada_gym.agents.pilot.recipe import MILD
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.templates import TEMPLATES
 from sada_gym.envs.uav.track import Tracks
@@ -31,7 +32,7 @@ def measures(reference: Reference, anchors: int) -> dict[str, tuple[npt.NDArray[
     """Each measure of all points, (n,), and the sign with which a track gets harder."""
     tracks = Tracks(TEMPLATES[anchors].displaced(reference.mu))
     return {
-        "sharpest turn, °": (np.abs(tracks.turns_deg()).max(axis=1), 1),
+        "sharpest turn, °": (tracks.sharpest_turn_deg(), 1),
         "closest frames, m": (tracks.closest_m(), -1),
         "length, m": (tracks.length_m, -1),
     }
@@ -43,8 +44,8 @@ def print_turns(samples: int) -> None:
     print("| --- | --- | --- | --- | --- |")
     for anchors, template in TEMPLATES.items():
         unit = np.random.default_rng(0).uniform(-1, 1, (samples, len(template.parameters)))
-        for reach in (0.0, 0.25, 1.0):
-            sharpest = np.abs(Tracks(template.displaced(reach * unit)).turns_deg()).max(axis=1)
+        for reach in (0.0, MILD.spread, 1.0):
+            sharpest = Tracks(template.displaced(reach * unit)).sharpest_turn_deg()
             low, middle, high = np.quantile(sharpest, [0.05, 0.5, 0.95])
             print(f"| {anchors} | ±{reach} | {low:.0f} | {middle:.0f} | {high:.0f} |")
 
@@ -88,7 +89,7 @@ def main() -> None:
         reference = load_reference(f"SADA-UAV-{anchors}Anchors-v0", application)
         if reference is None:
             raise SystemExit(f"There is no reference set of {arguments.agent}, {anchors} anchors.")
-        rate = reference.fooled / reference.entry.seeds
+        rate = reference.fooling_rate
         for name, (values, sign) in measures(reference, anchors).items():
             correlation = spearmanr(values, reference.mean_score).statistic
             for number, rows in enumerate(np.array_split(np.argsort(sign * values), FIFTHS)):

@@ -25,7 +25,7 @@ def main() -> None:
             if reference is None:
                 continue
             fooled, seeds = reference.fooled.astype(np.int64), reference.entry.seeds
-            share = fooled.mean() / seeds
+            share = reference.fooling_rate.mean()
             again = (fooled * (fooled - 1)).sum() / (fooled.sum() * (seeds - 1))
             print(
                 f"| {track} | {agent} | {len(fooled)} | {seeds} | {100 * share:.1f} % "

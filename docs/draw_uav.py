@@ -16,6 +16,7 @@ from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.pictures import Film, Plan
 from sada_gym.envs.uav.templates import TEMPLATES
 from sada_gym.envs.uav.track import Tracks, line
+from sada_gym.results import SAMPLES_FILE, read_samples
 
 IMAGES = Path(__file__).parent / "images"
 CELL, LABEL, TRACKS = 220, 24, 4
@@ -55,11 +56,13 @@ def made(attacks: list[Path]) -> Image.Image:
     """Tracks that adversaries made, a row for each number of anchors."""
     rows = []
     for anchors, attack in zip(TEMPLATES, attacks, strict=True):
-        samples = np.load(attack / "samples.npz", allow_pickle=False)
-        mu, score = samples["mu"], samples["score"]
-        chosen = np.linspace(0, len(mu) - 1, TRACKS + 1).astype(int)
+        samples = read_samples(attack / SAMPLES_FILE)
+        chosen = np.linspace(0, len(samples.mu) - 1, TRACKS + 1).astype(int)
         rows.append(
-            [(f"{anchors} anchors, Q = {score[i]:.2f}", plan(anchors, mu[i])) for i in chosen]
+            [
+                (f"{anchors} anchors, Q = {samples.score[i]:.2f}", plan(anchors, samples.mu[i]))
+                for i in chosen
+            ]
         )
     return grid(rows)
 

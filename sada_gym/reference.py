@@ -77,6 +77,11 @@ class Reference:
     mean_score: npt.NDArray[np.float32]
 
     @property
+    def fooling_rate(self) -> npt.NDArray[np.float64]:
+        """On what share of its seeds each point fooled, (n,)."""
+        return self.fooled / self.entry.seeds
+
+    @property
     def fooling(self) -> npt.NDArray[np.bool_]:
         """Which points belong to the fooling set {mu: P(Q <= epsilon) >= 0.5}, (n,)."""
         return 2 * self.fooled.astype(np.int64) >= self.entry.seeds

@@ -90,8 +90,8 @@ class Policy:
         Args:
             seen: What they see, each key (n, ...).
             which: (n,) which of the agents they are.
-            where: Says in a few words where an agent is, for messages; None where NaN may be given;
-                infinite numbers become NaN then.
+            where: Says in a few words where an agent is, for messages; None where any number may
+                be given: NaN is where the model gives none.
 
         Raises:
             ValueError: If the model gives anything but k numbers an agent, or, with `where`, one
@@ -123,8 +123,8 @@ class Policy:
                     f"{actions[wrong[0]].tolist()} at {where(rows[wrong[0]])}. Look for NaN or "
                     "infinity in its weights."
                 )
-            parts.append(np.where(np.isfinite(actions), actions, np.nan))
-        return np.clip(np.concatenate(parts).astype(np.float64), -1.0, 1.0)
+            parts.append(actions)
+        return np.concatenate(parts).astype(np.float64)
 
     def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
         """Whether each of a tile's observations has its action in the tile turned round, too."""

@@ -19,6 +19,7 @@ from sada_gym.agents.driver.evaluate import measure, table
 from sada_gym.agents.driver.imitation import imitate
 from sada_gym.agents.driver.recipe import RECIPES, Imitation, Reinforcement
 from sada_gym.agents.driver.reinforcement import reinforce
+from sada_gym.agents.options import check_options
 from sada_gym.threads import one_thread
 
 
@@ -76,14 +77,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     arguments = parser.parse_args()
     recipe = RECIPES[arguments.name]
-    if not 0 <= arguments.seed < 2**31:
-        parser.error(f"Expected --seed from 0 to {2**31 - 1}, got {arguments.seed}.")
+    check_options(parser, arguments.seed, arguments.steps, least=recipe.cars, crowd="cars")
     if arguments.steps is not None:
-        if arguments.steps < recipe.cars:
-            parser.error(
-                f"Expected --steps of at least {recipe.cars}, one for each of the recipe's "
-                f"cars, got {arguments.steps}."
-            )
         recipe = replace(recipe, steps=arguments.steps)
     started = time.process_time()
     model = train(recipe, seed=arguments.seed)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from stable_baselines3 import PPO
 
+from sada_gym.agents.options import check_options
 from sada_gym.agents.pilot.evaluate import measure, table
 from sada_gym.agents.pilot.imitation import imitate
 from sada_gym.agents.pilot.network import WaypointNetwork
@@ -82,14 +83,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     arguments = parser.parse_args()
     recipe = RECIPES[arguments.name]
-    if not 0 <= arguments.seed < 2**31:
-        parser.error(f"Expected --seed from 0 to {2**31 - 1}, got {arguments.seed}.")
+    check_options(parser, arguments.seed, arguments.steps, least=recipe.drones, crowd="drones")
     if arguments.steps is not None:
-        if arguments.steps < recipe.drones:
-            parser.error(
-                f"Expected --steps of at least {recipe.drones}, one for each of the recipe's "
-                f"drones, got {arguments.steps}."
-            )
         recipe = replace(recipe, steps=arguments.steps)
     started = time.process_time()
     pilot = train(recipe, seed=arguments.seed)

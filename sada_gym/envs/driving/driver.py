@@ -44,4 +44,4 @@ class Driver:
             way = " ".join(drives.starts[i].route.corners)
             return f"step {drives.steps[i]} of the route {way}"
 
-        return self._policy.act(drives.observe(which), which, where)
+        return np.clip(self._policy.act(drives.observe(which), which, where), -1.0, 1.0)

@@ -112,7 +112,7 @@ class UAVApplication(Application):
             scores[rows] = races.score
             tracks = self.tracks(mu[rows])
             kept = self.template.kept(mu[rows])
-            turns, closest = np.abs(tracks.turns_deg()).max(axis=1), tracks.closest_m()
+            sharpest, closest = tracks.sharpest_turn_deg(), tracks.closest_m()
             for i in range(len(races)):
                 ended = races.endings[i]
                 extras.append(
@@ -122,7 +122,7 @@ class UAVApplication(Application):
                         "touched": races.touched[i].tolist(),
                         "time_s": float(races.time_s[i]),
                         "length_m": float(tracks.length_m[i]),
-                        "sharpest_turn_deg": float(turns[i]),
+                        "sharpest_turn_deg": float(sharpest[i]),
                         "closest_m": float(closest[i]),
                         "kept": float(kept[i]),
                     }

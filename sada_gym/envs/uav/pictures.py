@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
-from scipy.spatial.transform import Rotation
 
 from sada_gym.application import Frame, validate_world
-from sada_gym.envs.uav.camera import TILT_DEG, camera
+from sada_gym.envs.uav.camera import camera
 from sada_gym.envs.uav.drone import headings
 from sada_gym.envs.uav.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.races import FILM_HZ, POLICY_HZ, Ending, Races, Start
@@ -128,14 +127,14 @@ class Film:
         since = int((self.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
         since = min(since, late - 1)  # both may have ended between two decisions
         flown = self.states[since:late]
-        to_gate = self.start.gates[gate, :3] - flown[:, :3]
-        heading = self.start.gates[gate, 3]
+        centre, heading = self.start.gates[gate, :3], self.start.gates[gate, 3]
+        to_gate = centre - flown[:, :3]
         before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
-        away = np.sqrt((to_gate**2).sum(axis=1))
-        tilt = np.deg2rad(TILT_DEG)
-        axis = Rotation.from_quat(flown[:, 3:7]).apply([np.cos(tilt), 0, np.sin(tilt)])
-        in_view = (to_gate * axis).sum(axis=1) > away * np.cos(np.deg2rad(_IN_VIEW_DEG))
-        far = np.abs(away - _SEEN_FROM_M)
+        far = np.abs(np.sqrt((to_gate**2).sum(axis=1)) - _SEEN_FROM_M)
+        of = camera()
+        places = np.concatenate([of.project(state, centre[None]) for state in flown])
+        off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
+        in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
         step = since + int(np.lexsort((far, ~in_view, ~before))[0])
         return step, f"seen: on the way to gate {gate + 1}"
 

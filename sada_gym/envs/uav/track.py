@@ -57,6 +57,11 @@ class Tracks:
             turned[i] = np.diff(_headings(points, _parameters(points, _SHARES)[0]))
         return np.rad2deg(turned)
 
+    def sharpest_turn_deg(self) -> Array:
+        """The greatest turn of each track, to either side, (n,)."""
+        sharpest: Array = np.abs(self.turns_deg()).max(axis=1)
+        return sharpest
+
     def closest_m(self) -> Array:
         """The smallest distance between two frames of a track, (n,); 0 where they overlap."""
         return np.array([_closest(gates) for gates in self.gates])
