@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import norm, t, trim_mean
 
+from sada_gym.errors import UserError
+
 Interval = tuple[float, float]
 Statistic = Literal["mean", "iqm"]
 Resampled = Literal["seeds", "test samples", "seeds and test samples", "nothing"]
@@ -72,7 +74,7 @@ def interquartile_mean(values: npt.ArrayLike) -> float:
     """
     flat = np.asarray(values, np.float64).ravel()
     if not len(flat) or not np.isfinite(flat).all():
-        raise ValueError(f"Expected at least one value and all of them finite, got {flat}.")
+        raise UserError(f"Expected at least one value and all of them finite, got {flat}.")
     return float(trim_mean(flat, _TRIMMED["iqm"]))
 
 
@@ -159,14 +161,14 @@ def shared_ranks(
         ValueError: If the names differ, a value is not finite or an interval is upside down.
     """
     if values.keys() != intervals.keys():
-        raise ValueError(
+        raise UserError(
             f"Expected an interval, or None, for each of {sorted(values)}, got some for "
             f"{sorted(intervals)}."
         )
     bounds = {name: interval or (-np.inf, np.inf) for name, interval in intervals.items()}
     for name, (low, high) in bounds.items():
         if not (np.isfinite(values[name]) and low <= high):
-            raise ValueError(
+            raise UserError(
                 f"Expected a finite value and low <= high for {name}, got {values[name]} and "
                 f"({low}, {high})."
             )
@@ -218,14 +220,14 @@ def _resample(
 
 def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
     if runs.ndim != 2 or not runs.size or not np.isfinite(runs).all():
-        raise ValueError(
+        raise UserError(
             f"Expected finite values of shape (tracks, seeds), got shape {runs.shape}: {runs}. "
             "Every track needs the same number of seeds."
         )
     if statistic not in get_args(Statistic):
-        raise ValueError(f"Expected the statistic to be mean or iqm, got {statistic!r}.")
+        raise UserError(f"Expected the statistic to be mean or iqm, got {statistic!r}.")
     if resamples < 1 or not 0.0 < level < 1.0:
-        raise ValueError(
+        raise UserError(
             "Expected at least 1 resample and a level within (0, 1), got "
             f"resamples={resamples}, level={level}."
         )
@@ -235,14 +237,14 @@ def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
     """Give M of each track, (tracks,)."""
     given = np.asarray(samples, np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
-        raise ValueError(
+        raise UserError(
             f"Expected samples to be a number of at least 1, or {len(runs)} of them, one for each "
             f"track; got {samples!r}."
         )
     counts = np.broadcast_to(given, len(runs))
     fooled = runs * counts[:, None]
     if (np.abs(fooled - np.round(fooled)) > 1e-6).any() or (runs < 0).any() or (runs > 1).any():
-        raise ValueError(
+        raise UserError(
             f"Expected rates among {counts} samples, got {runs}, which are not. Leave samples out "
             "for a figure that is no rate."
         )

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.errors import UserError
 from sada_gym.parameters import Mu, ParameterSpace
 
 SEED_BOUND = 2**31
@@ -112,7 +113,7 @@ class Application(ABC):
         scored = self._evaluate(batch, checked)
         score = np.asarray(scored.score, dtype=np.float64)
         if score.shape != (len(batch),) or not ((score >= 0.0) & (score <= 1.0)).all():
-            raise ValueError(
+            raise UserError(
                 f"Expected {len(batch)} scores in [0, 1] from {type(self).__name__}._evaluate, "
                 f"got shape {score.shape}: {score}. Mend the application's scoring."
             )
@@ -132,13 +133,13 @@ class Application(ABC):
 
     def _check_extras(self, extras: Sequence[Mapping[str, Any]], count: int) -> None:
         if len(extras) != count:
-            raise ValueError(
+            raise UserError(
                 f"Expected {count} extras from {type(self).__name__}._evaluate, one for each mu, "
                 f"got {len(extras)}. Give an empty dictionary where there is nothing to add."
             )
         taken = sorted(RESERVED_KEYS & set().union(*extras))
         if taken:
-            raise ValueError(
+            raise UserError(
                 f"Expected the extras of {type(self).__name__}._evaluate to leave {taken} to "
                 "Application.evaluate, which sets them. Name yours differently."
             )
@@ -211,7 +212,7 @@ def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) ->
         ValueError: If not.
     """
     if len(seeds) != count:
-        raise ValueError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")
+        raise UserError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")
     checked = []
     for seed in seeds:
         if (
@@ -221,7 +222,7 @@ def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) ->
             or (bounded and seed >= SEED_BOUND)
         ):
             allowed = "in [0, 2**31)" if bounded else "from 0 up"
-            raise ValueError(
+            raise UserError(
                 f"Expected seeds to be ints {allowed}, got {seed!r}. "
                 "Draw them with rng.integers(2**31)."
             )

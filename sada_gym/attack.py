@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluator import Evaluator
 from sada_gym.metrics import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.oracle import Evaluations, Oracle
@@ -120,7 +121,7 @@ def attack(
     )
     application = evaluator.application
     if application is None:
-        raise TypeError(
+        raise UserTypeError(
             f"Expected an environment id or an Application to attack, got {environment!r}. "
             "Wrap a function in an Application: it has parameters and an agent to name."
         )
@@ -161,7 +162,7 @@ def _run(
 
     mu = adversary.sample(settings.samples)
     if np.shape(mu) != (settings.samples, oracle.dimension):
-        raise ValueError(
+        raise UserError(
             f"Expected samples of shape ({settings.samples}, {oracle.dimension}) from "
             f"{type(adversary).__name__}.sample, got {np.shape(mu)}. Mend the adversary."
         )
@@ -205,7 +206,7 @@ def _make(
 
         return adversaries.make(adversary, dimension, seed=seed, **chosen)
     if not (isinstance(adversary, type) and issubclass(adversary, Adversary)):
-        raise TypeError(f"Expected an adversary's name or class, got {adversary!r}.")
+        raise UserTypeError(f"Expected an adversary's name or class, got {adversary!r}.")
     return adversary(dimension, seed=seed, **chosen)
 
 
@@ -222,7 +223,7 @@ def _settings(
     count = application.sample_size if samples is None else samples
     for name, value, least in (("budget", budget, 0), ("samples", count, 1), ("seed", seed, 0)):
         if value < least:
-            raise ValueError(f"Expected {name} of at least {least}, got {value}.")
+            raise UserError(f"Expected {name} of at least {least}, got {value}.")
     context = Context.of(application)
     return AttackSettings(
         environment=environment

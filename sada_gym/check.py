@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from sada_gym import contract
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
+from sada_gym.errors import UserError
 from sada_gym.processes import import_file
 
 _CHECKS: Mapping[str, Callable[[Application], str]] = {
@@ -129,7 +130,7 @@ def load_applications(path: str | Path) -> list[Application]:
         ):
             found.append(_build(member, path))
     if not found:
-        raise ValueError(
+        raise UserError(
             f"Expected a subclass of sada_gym.Application with a `name` in {str(path)!r}, found "
             "none. Define one at the file's top level."
         )
@@ -140,7 +141,7 @@ def _build(application_class: type[Application], path: str | Path) -> Applicatio
     try:
         return application_class()
     except Exception as error:
-        raise ValueError(
+        raise UserError(
             f"Expected {application_class.__name__} in {str(path)!r} to be made without arguments, "
             f"got {type(error).__name__}: {error}. Add an instance at the file's top level instead."
         ) from error

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.distance import cdist
 
+from sada_gym.errors import UserError
+
 NEAREST = 5
 """k, the neighbour that sets the radius around a reference point."""
 
@@ -112,7 +114,7 @@ def fooling_coverage(
     reference, mu = checked_points(fooling_set, samples, k)
     mask = np.asarray(fooled)
     if mask.shape != (len(mu),) or mask.dtype != np.bool_ or not len(mu):
-        raise ValueError(
+        raise UserError(
             f"Expected fooled of shape ({len(mu)},) with bools, one for each of at least one "
             f"sample, got shape {mask.shape} of {mask.dtype}."
         )
@@ -143,7 +145,7 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
     """
     _check_k(real, k)
     if fake < 0:
-        raise ValueError(f"Expected at least 0 samples, got {fake}.")
+        raise UserError(f"Expected at least 0 samples, got {fake}.")
     return 1.0 - math.prod((real - i) / (real + fake - i) for i in range(1, k + 1))
 
 
@@ -159,7 +161,7 @@ def relative_coverage(coverage: float, ideal: float) -> float:
         ValueError: If the ideal coverage is not within (0, 1].
     """
     if not 0.0 < ideal <= 1.0:
-        raise ValueError(f"Expected an ideal coverage within (0, 1], got {ideal}.")
+        raise UserError(f"Expected an ideal coverage within (0, 1], got {ideal}.")
     return coverage / ideal
 
 
@@ -170,7 +172,7 @@ def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> np
         ValueError: If there is no draw.
     """
     if draws < 1:
-        raise ValueError(f"Expected at least 1 draw, got {draws}.")
+        raise UserError(f"Expected at least 1 draw, got {draws}.")
     rng, size = np.random.default_rng(seed), min(wanted, available)
     return np.array([rng.choice(available, size, replace=False) for _ in range(draws)], np.intp)
 
@@ -202,19 +204,19 @@ def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Po
     """
     reference, samples = np.asarray(real, np.float64), np.asarray(fake, np.float64)
     if reference.ndim != 2 or samples.ndim != 2 or reference.shape[1] != samples.shape[1]:
-        raise ValueError(
+        raise UserError(
             "Expected reference points of shape (n, d) and samples of shape (m, d), got "
             f"{reference.shape} and {samples.shape}."
         )
     if not (np.isfinite(reference).all() and np.isfinite(samples).all()):
-        raise ValueError("Expected finite points, got NaN or infinite values among them.")
+        raise UserError("Expected finite points, got NaN or infinite values among them.")
     _check_k(len(reference), k)
     return reference, samples
 
 
 def _check_k(points: int, k: int) -> None:
     if not 1 <= k < points:
-        raise ValueError(
+        raise UserError(
             f"Expected at least k + 1 = {k + 1} reference points with k >= 1, got {points}. "
             "Take a larger reference set, or a smaller k."
         )

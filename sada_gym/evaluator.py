@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.errors import StoreError, UserError, UserTypeError, WorkerError
 from sada_gym.parameters import Mu
-from sada_gym.store import Context, EvaluationStore, StoreError
-from sada_gym.workers import BatchFunction, Registered, Task, WorkerError, WorkerPool, score
+from sada_gym.store import Context, EvaluationStore
+from sada_gym.workers import BatchFunction, Registered, Task, WorkerPool, score
 
 MAX_CHUNK = 64
 """A chunk is what a crash can cost, so it is no larger than batching needs."""
@@ -68,14 +69,14 @@ class Evaluator:
     ) -> None:
         for name, value in (("workers", workers), ("chunk_size", chunk_size)):
             if value is not None and value < 1:
-                raise ValueError(f"Expected {name} of at least 1, got {value}.")
+                raise UserError(f"Expected {name} of at least 1, got {value}.")
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
             source = Registered(problem, dict(env_kwargs or {}))
         else:
             source = problem
             if env_kwargs:
-                raise TypeError(
+                raise UserTypeError(
                     f"Expected env_kwargs only with an environment id, got {dict(env_kwargs)} with "
                     f"{problem!r}. Give them to the application itself."
                 )
@@ -222,23 +223,23 @@ def _described(
 ) -> tuple[int, float]:
     if isinstance(scorer, Application):
         if dimension is not None or threshold is not None:
-            raise TypeError(
+            raise UserTypeError(
                 f"Expected dimension and threshold only with a function; {scorer.name} has its "
                 "own. Drop them."
             )
         return len(scorer.parameters), float(scorer.fooling_threshold)
     if not callable(scorer):
-        raise TypeError(
+        raise UserTypeError(
             "Expected an environment id, an Application or a function (n, d) -> (n,), got "
             f"{scorer!r}."
         )
     if dimension is None or threshold is None:
-        raise TypeError(
+        raise UserTypeError(
             "Expected dimension= and threshold= with a function, got "
             f"dimension={dimension}, threshold={threshold}. Say what mu's d and epsilon are."
         )
     if dimension < 1 or not np.isfinite(threshold):
-        raise ValueError(
+        raise UserError(
             "Expected a dimension of at least 1 and a finite threshold, got "
             f"dimension={dimension}, threshold={threshold}."
         )

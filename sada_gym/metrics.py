@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.errors import UserError
+
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 
 
@@ -46,7 +48,7 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
     """
     q = np.asarray(scores, dtype=np.float64)
     if q.ndim != 1 or not len(q) or np.isnan(q).any():
-        raise ValueError(f"Expected scores of shape (n,), n >= 1, without NaN; got {q!r}.")
+        raise UserError(f"Expected scores of shape (n,), n >= 1, without NaN; got {q!r}.")
     fooled = int((q <= threshold).sum())
     low, high = wilson_interval(fooled, len(q))
     return FoolingRate(fooled, len(q), fooled / len(q), low, high)
@@ -58,7 +60,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     Unlike the normal approximation it stays within [0, 1] and has a width at 0 and 1 as well.
     """
     if not 0 <= successes <= trials or trials < 1:
-        raise ValueError(
+        raise UserError(
             f"Expected 0 <= successes <= trials, trials >= 1; got {successes} of {trials}."
         )
     rate, shrink = successes / trials, _Z95**2 / trials
@@ -90,7 +92,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
     """
     samples = np.asarray(mu, dtype=np.float64)
     if samples.ndim != 2 or not len(samples):
-        raise ValueError(f"Expected mu of shape (n, d), n >= 1, got {samples.shape}.")
+        raise UserError(f"Expected mu of shape (n, d), n >= 1, got {samples.shape}.")
     return float(samples.std(axis=0).mean())
 
 
@@ -110,7 +112,7 @@ def nearest_neighbours(
 
     points, tree = np.asarray(samples, np.float64), np.asarray(queries, np.float64)
     if points.ndim != 2 or tree.ndim != 2 or points.shape[1] != tree.shape[1] or not len(tree):
-        raise ValueError(
+        raise UserError(
             "Expected samples of shape (n, d) and queries of shape (m, d), m >= 1, got "
             f"{points.shape} and {tree.shape}."
         )

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, validate_seeds
+from sada_gym.errors import UserError
 from sada_gym.metrics import nearest_neighbours
 
 FrameFunction = Callable[[npt.NDArray[np.float32], int], Frame]
@@ -104,7 +105,7 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
     points = np.asarray(samples, np.float32)
     distances, _ = nearest_neighbours(points, np.asarray(queries, np.float32))
     if not len(distances):
-        raise ValueError(f"Expected at least one sample, got shape {points.shape}.")
+        raise UserError(f"Expected at least one sample, got shape {points.shape}.")
     return Novelty(
         median=float(np.median(distances)),
         fifth_percentile=float(np.percentile(distances, 5)),
@@ -131,7 +132,7 @@ def relative_novelty(
     """
     ours, truth = novelty(samples, queries), novelty(ideal, queries)
     if truth.fifth_percentile == 0.0:
-        raise ValueError(
+        raise UserError(
             f"Expected ideal samples that were not queried, got {truth.repeats} that were. Draw "
             "them independently of the queries."
         )
@@ -180,7 +181,7 @@ def image_neighbours(
     points, asked = (application.parameters.validate(mu) for mu in (samples, queries))
     checked = validate_seeds(seeds, len(points))
     if neighbours < 1 or others < 0 or not len(asked):
-        raise ValueError(
+        raise UserError(
             "Expected at least 1 query, neighbours >= 1 and others >= 0, got "
             f"{len(asked)} queries, neighbours={neighbours}, others={others}."
         )

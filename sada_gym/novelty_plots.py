@@ -7,6 +7,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from sada_gym.application import Frame
+from sada_gym.errors import UserError
 from sada_gym.novelty import Neighbour, Neighbours
 from sada_gym.plots import contact_sheet
 
@@ -29,7 +30,7 @@ def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] =
         ValueError: If there is no sample, or not as many of both.
     """
     if not adversary or (ideal and len(ideal) != len(adversary)):
-        raise ValueError(
+        raise UserError(
             "Expected at least one sample of the adversary and as many ideal ones or none, got "
             f"{len(adversary)} and {len(ideal)}."
         )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
+from sada_gym.errors import BudgetExhausted, UserError, UserTypeError
 from sada_gym.evaluator import Evaluator, Problem
 from sada_gym.parameters import Mu, validate_mu
 
@@ -26,10 +27,6 @@ Stream = Literal["train", "test", "validation", "verification"]
 """What evaluations are for. No two streams ever share a seed."""
 
 _STREAMS: tuple[str, ...] = get_args(Stream)
-
-
-class BudgetExhausted(RuntimeError):  # noqa: N818 (reads as what happened)
-    """More queries were asked for than are left; none of them was evaluated."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +119,11 @@ class Oracle:
         progress: Progress | None = None,
     ) -> None:
         if operator.index(budget) < 0 or operator.index(seed) < 0:
-            raise ValueError(
+            raise UserError(
                 f"Expected a budget and a seed of at least 0, got budget={budget}, seed={seed}."
             )
         if stream not in _STREAMS:
-            raise ValueError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
+            raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
         self.budget = budget
         self.seed = seed
         self.stream: Stream = stream
@@ -147,7 +144,9 @@ class Oracle:
         elif workers == 1 and all(value is None for value in settings.values()):
             self._evaluator = problem
         else:
-            raise TypeError("Expected only budget, seed, stream and progress with an Evaluator.")
+            raise UserTypeError(
+                "Expected only budget, seed, stream and progress with an Evaluator."
+            )
 
     @property
     def dimension(self) -> int:

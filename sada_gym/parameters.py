@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.errors import UserError
+
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
 
@@ -33,7 +35,7 @@ class Parameter:
     def __post_init__(self) -> None:
         """Reject a range that holds no interval."""
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
-            raise ValueError(
+            raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
                 f"got low={self.low} and high={self.high}. Give a non-empty range."
             )
@@ -48,10 +50,10 @@ class ParameterSpace:
 
     def __init__(self, *parameters: Parameter) -> None:
         if not parameters:
-            raise ValueError("Expected at least one Parameter, got none. Name what mu controls.")
+            raise UserError("Expected at least one Parameter, got none. Name what mu controls.")
         names = [parameter.name for parameter in parameters]
         if len(set(names)) != len(names):
-            raise ValueError(f"Expected distinct parameter names, got {names}. Rename the doubles.")
+            raise UserError(f"Expected distinct parameter names, got {names}. Rename the doubles.")
         self.parameters = parameters
         self._low = np.array([p.low for p in parameters])
         self._high = np.array([p.high for p in parameters])
@@ -123,11 +125,11 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
     batch: npt.NDArray[Any] = np.ascontiguousarray(mu, dtype=np.float32)
     if batch.ndim != 2 or batch.shape[1] != dimension:
         hint = f" Pass mu[None] for a single mu of shape ({dimension},)." if batch.ndim == 1 else ""
-        raise ValueError(f"Expected mu of shape (n, {dimension}), got {batch.shape}.{hint}")
+        raise UserError(f"Expected mu of shape (n, {dimension}), got {batch.shape}.{hint}")
     bad = ~(np.abs(batch) <= 1.0)  # a NaN is not <= 1 either
     if bad.any():
         row, column = map(int, np.argwhere(bad)[0])
-        raise ValueError(
+        raise UserError(
             f"Expected mu within [-1, 1], got {batch[row, column]!s} at row {row}, column {column}."
             " Clip or rescale it; mu is normalised, not in physical units."
         )

@@ -14,6 +14,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from sada_gym.errors import UserError
+
 Result = TypeVar("Result")
 
 
@@ -29,7 +31,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     """
     path = Path(path).resolve()
     if path.suffix != ".py" or not path.is_file():
-        raise ValueError(f"Expected an existing Python file (*.py), got {str(path)!r}.")
+        raise UserError(f"Expected an existing Python file (*.py), got {str(path)!r}.")
     name = name or f"_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -44,7 +46,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
-        raise ValueError(
+        raise UserError(
             f"Expected {str(path)!r} to run when imported, got {type(error).__name__}: {error}."
         ) from error
     return module
@@ -65,7 +67,7 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
     try:
         payload = pickle.dumps((function, args))
     except Exception as error:  # pickle raises whatever a `__reduce__` raises
-        raise ValueError(
+        raise UserError(
             f"Expected {home.__name__} to be picklable, got {type(error).__name__}: {error}. Keep "
             "only picklable attributes, and define the class at the top level of a module."
         ) from error

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.errors import UserError
 from sada_gym.oracle import evaluation_seeds
 from sada_gym.parameters import Mu
 from sada_gym.results import Strict, write_file, write_model
@@ -143,7 +144,7 @@ def write_reference(
     """
     fingerprint = application.fingerprint
     if fingerprint is None or not np.isfinite(scores).all():
-        raise ValueError("Expected finite scores of an application with a fingerprint.")
+        raise UserError("Expected finite scores of an application with a fingerprint.")
     points, seeds = scores.shape
     buffer = io.BytesIO()
     np.savez_compressed(
@@ -211,7 +212,7 @@ def load_reference(
         ("points' SHA-256", entry.mu_sha256, _mu_sha256(mu)),
     ):
         if expected != got:
-            raise ValueError(
+            raise UserError(
                 f"Expected the reference set {path} with the {what} {expected}, got {got}. "
                 "Restore the file, or make the set anew with benchmarks/reference_sets.py."
             )

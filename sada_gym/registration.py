@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
+from sada_gym.errors import UserError
+
 if TYPE_CHECKING:
     from sada_gym.application import Application
     from sada_gym.envs.adversary import AdversaryEnv
@@ -120,12 +122,12 @@ def find_spec(env_id: str) -> EnvSpec:
         try:
             importlib.import_module(module)
         except ModuleNotFoundError as error:
-            raise ValueError(
+            raise UserError(
                 f"Expected an importable module before the colon of {env_id!r}, got: {error}. "
                 "Install it, or set PYTHONPATH to the folder that holds it."
             ) from error
     if name not in gym.registry:
-        raise ValueError(
+        raise UserError(
             f"Expected a registered environment id, got {name!r}."
             f"{_did_you_mean(name, gym.registry)} `sada-gym envs` lists the ids; write module:ID "
             "for one that a module of yours registers."
@@ -151,7 +153,7 @@ def make_env(env_id: str, **env_kwargs: Any) -> AdversaryEnv:
     env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
     if not isinstance(env, AdversaryEnv):
         env.close()
-        raise ValueError(
+        raise UserError(
             f"Expected an adversary environment behind {env_id!r}, got {type(env).__name__}. "
             "Wrap your application in sada_gym.envs.AdversaryEnv and register that."
         )
@@ -165,7 +167,7 @@ def make_application(env_id: str, **env_kwargs: Any) -> Application:
 
 def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
     if spec.entry_point is None:
-        raise ValueError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
+        raise UserError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
     creator = spec.entry_point
     accepted = inspect.signature(
         load_env_creator(creator) if isinstance(creator, str) else creator
@@ -175,7 +177,7 @@ def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
     names = [parameter.name for parameter in accepted]
     for keyword in env_kwargs:
         if keyword not in names:
-            raise ValueError(
+            raise UserError(
                 f"Expected keywords of {spec.id} among {', '.join(names)}, got {keyword!r}."
                 f"{_did_you_mean(keyword, names)}"
             )

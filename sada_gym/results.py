@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.oracle import Evaluations
 
 SETTINGS_FILE = "attack.json"
@@ -213,11 +214,11 @@ def read_model(path: Path, kind: type[Model]) -> Model:
     try:
         return kind.model_validate_json(path.read_bytes())
     except FileNotFoundError as error:
-        raise ValueError(f"Expected {path}, got no such file. Name an attack's folder.") from error
+        raise UserError(f"Expected {path}, got no such file. Name an attack's folder.") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the file"
-        raise ValueError(
+        raise UserError(
             f"Expected {path} as an attack writes it, got a different one "
             f"({where}: {first['msg']}). Restore it, or start anew in another folder."
         ) from error
@@ -245,7 +246,7 @@ def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:
     try:
         copied: dict[str, Any] = json.loads(json.dumps(dict(options), allow_nan=False))
     except (TypeError, ValueError) as error:
-        raise TypeError(
+        raise UserTypeError(
             f"Expected options that can be written as JSON, got {dict(options)!r} ({error}). "
             "Give numbers, strings, lists, None."
         ) from error
@@ -261,10 +262,10 @@ def claim_folder(folder: Path, settings: AttackSettings, *, resume: bool) -> Non
     """
     path = folder / SETTINGS_FILE
     if folder.exists() and not folder.is_dir():
-        raise ValueError(f"Expected a folder for the results, got the file {folder}. Name another.")
+        raise UserError(f"Expected a folder for the results, got the file {folder}. Name another.")
     if path.exists():
         if not resume:
-            raise ValueError(
+            raise UserError(
                 f"Expected a new folder for the results, got {folder}, which holds a run. "
                 "Resume that run with --resume (resume=True), or name another folder."
             )
@@ -272,7 +273,7 @@ def claim_folder(folder: Path, settings: AttackSettings, *, resume: bool) -> Non
         return
     for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE, ADVERSARY_FOLDER):
         if (folder / name).exists():
-            raise ValueError(
+            raise UserError(
                 f"Expected {folder} to hold no results, got {name} in it without the "
                 f"{SETTINGS_FILE} that tells what run it is of. Name another folder."
             )
@@ -284,7 +285,7 @@ def _refuse_other(folder: Path, old: AttackSettings, new: AttackSettings) -> Non
     before, now = old.model_dump(mode="json"), new.model_dump(mode="json")
     changes = [f"{k} was {before[k]!r} and is {now[k]!r}" for k in before if before[k] != now[k]]
     if changes:
-        raise ValueError(
+        raise UserError(
             f"Expected the settings that the run in {folder} was started with, got others: "
             f"{'; '.join(changes)}. Give the same ones, or name another folder."
         )

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
 
+from sada_gym.errors import UserError
+
 
 class SB3VecEnv(VecEnv):
     """A Gymnasium vector environment with SAME_STEP autoreset as an SB3 `VecEnv`.
@@ -29,7 +31,7 @@ class SB3VecEnv(VecEnv):
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(
+            raise UserError(
                 f"Expected a vector environment with autoreset mode SAME_STEP, got {mode}. Make it "
                 "with gymnasium.make_vec of one of this package's ids."
             )

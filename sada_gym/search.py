@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.coverage import NEAREST, checked_points, nearest_distances, neighbourhood_radii
+from sada_gym.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,13 @@ def _check(
     mu: npt.NDArray[np.float32], q: npt.NDArray[np.float64], checkpoints: Sequence[int]
 ) -> None:
     if mu.ndim != 2 or q.shape != (len(mu),) or not np.isfinite(q).all():
-        raise ValueError(
+        raise UserError(
             "Expected queries of shape (N, d) and finite scores of shape (N,), got "
             f"{mu.shape} and {q.shape}."
         )
     stops = list(checkpoints)
     if not stops or stops != sorted(set(stops)) or not 1 <= stops[0] <= stops[-1] <= len(mu):
-        raise ValueError(
+        raise UserError(
             f"Expected increasing checkpoints from 1 to {len(mu)}, the number of queries, got "
             f"{stops}."
         )

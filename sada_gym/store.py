@@ -15,6 +15,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
+from sada_gym.errors import StoreError, StoreInUse, UserTypeError
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
@@ -42,10 +43,6 @@ PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
 COMMIT;
 """
-
-
-class StoreError(ValueError):
-    """An evaluation store that cannot serve: foreign, corrupt, in use, or of another version."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ class Context:
                 application.settings, sort_keys=True, separators=(",", ":"), allow_nan=False
             )
         except (TypeError, ValueError) as error:
-            raise TypeError(
+            raise UserTypeError(
                 f"Expected JSON-compatible settings from {type(application).__name__}.settings, "
                 f"got {application.settings!r} ({error}). Return numbers, strings, lists, None."
             ) from error
@@ -273,7 +270,7 @@ class EvaluationStore:
 
 def _explained(error: sqlite3.DatabaseError, path: Path) -> StoreError:
     if "locked" in str(error):
-        return StoreError(
+        return StoreInUse(
             f"Expected to be the only user of the store {path}, but another run has it open. "
             "Wait for that run to end, or name another store."
         )

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.errors import UserError, UserTypeError, WorkerError
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
@@ -29,10 +30,6 @@ _CACHE_SIZE = 4
 _DYING_S = 10.0
 
 Scorer = Application | BatchFunction
-
-
-class WorkerError(RuntimeError):
-    """A worker process died or could not load what it should evaluate."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +65,13 @@ def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float6
     else:
         scores = np.asarray(scorer(mu), dtype=np.float64)
         if scores.shape != (len(mu),):
-            raise ValueError(
+            raise UserError(
                 f"Expected scores of shape ({len(mu)},) from the function for mu of shape "
                 f"{mu.shape}, got {scores.shape}. Return one score for each row."
             )
         if not np.isfinite(scores).all():
             row = int(np.flatnonzero(~np.isfinite(scores))[0])
-            raise ValueError(
+            raise UserError(
                 f"Expected finite scores from the function, got {scores[row]} for mu = "
                 f"{mu[row].tolist()}. Return 0 where the agent fails altogether."
             )
@@ -104,7 +101,7 @@ class Task:
         try:
             payload = pickle.dumps(source)
         except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
-            raise TypeError(
+            raise UserTypeError(
                 "Expected something that can be pickled and sent to worker processes, got "
                 f"{source!r} ({error}). Define it at the module level of an importable file "
                 "(no lambda, no closure), or use workers=1."

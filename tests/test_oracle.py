@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from toy import Toy, paraboloid
 
+from sada_gym.errors import BudgetExhausted, StoreError, WorkerError
 from sada_gym.evaluator import Evaluator, _chunk_size
-from sada_gym.oracle import BudgetExhausted, Oracle, evaluation_seeds
-from sada_gym.store import StoreError
-from sada_gym.workers import WorkerError
+from sada_gym.oracle import Oracle, evaluation_seeds
 
 MU = np.random.default_rng(0).uniform(-1, 1, (150, 3)).astype(np.float32)
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from toy import Toy
 
-from sada_gym.store import Context, EvaluationStore, StoreError
+from sada_gym.errors import StoreError
+from sada_gym.store import Context, EvaluationStore
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (100, 3)).astype(np.float32)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary, Query
+from sada_gym.errors import UserError
 
 __all__ = ["Adversary", "Description", "Query", "describe", "make", "names", "resolve"]
 
@@ -67,7 +68,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
     """
     kind = _class(name)
     if "preset" in options and not hasattr(kind, "presets"):
-        raise ValueError(f"Expected no preset with {name}, which has none; drop it.")
+        raise UserError(f"Expected no preset with {name}, which has none; drop it.")
     refuse_unknown(f"option of {name}", options, list(_options(kind)))
     return kind(dimension, seed=seed, **options)
 
@@ -107,7 +108,7 @@ def refuse_unknown(what: str, given: Any, known: list[str]) -> None:
             close = difflib.get_close_matches(str(name), known, n=3)
             hint = f" Did you mean {' or '.join(close)}?" if close else ""
             listed = f"one of {', '.join(known)}" if known else "none"
-            raise ValueError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
+            raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
 
 
 def _class(name: str) -> type[Adversary]:
@@ -117,12 +118,12 @@ def _class(name: str) -> type[Adversary]:
     try:
         kind = getattr(importlib.import_module(module), attribute)
     except (ModuleNotFoundError, AttributeError) as error:
-        raise ValueError(
+        raise UserError(
             f"Expected an adversary's name or module:Class, got {name!r} ({error}). Install the "
             "module, or set PYTHONPATH to the folder that holds it."
         ) from error
     if not (isinstance(kind, type) and issubclass(kind, Adversary)):
-        raise ValueError(f"Expected {name!r} to be a subclass of Adversary, got {kind!r}.")
+        raise UserError(f"Expected {name!r} to be a subclass of Adversary, got {kind!r}.")
     return kind
 
 

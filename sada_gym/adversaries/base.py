@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
+from sada_gym.errors import UserError
+
 
 class Query(Protocol):
     """All that an adversary sees of the application (`sada_gym.oracle.Oracle` is one)."""
@@ -45,7 +47,7 @@ class Adversary(ABC):
 
     def __init__(self, dimension: int, *, seed: int | None = None) -> None:
         if dimension < 1:
-            raise ValueError(f"Expected a dimension of at least 1, got {dimension}.")
+            raise UserError(f"Expected a dimension of at least 1, got {dimension}.")
         self.dimension = dimension
         self.rng = np.random.default_rng(seed)
         self.flags: list[str] = []

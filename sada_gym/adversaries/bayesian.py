@@ -10,6 +10,7 @@ from sada_gym.adversaries.expected_improvement import LEAST_CANDIDATES, minimise
 from sada_gym.adversaries.gaussian_mixture import MixtureLearner
 from sada_gym.adversaries.mixture import fit_best_mixture
 from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
+from sada_gym.errors import UserError
 
 
 class Bayesian(MixtureLearner):
@@ -56,14 +57,12 @@ class Bayesian(MixtureLearner):
             counts["initial"] = (initial, 1)
         for what, (count, least) in counts.items():
             if type(count) is not int or count < least:
-                raise ValueError(
-                    f"Expected {what} to be an int of at least {least}, got {count!r}."
-                )
+                raise UserError(f"Expected {what} to be an int of at least {least}, got {count!r}.")
         if not components:
-            raise ValueError("Expected at least one size among the components, got none.")
+            raise UserError("Expected at least one size among the components, got none.")
         fits = type(candidates) is int and candidates >= LEAST_CANDIDATES
         if not fits or candidates & (candidates - 1):
-            raise ValueError(
+            raise UserError(
                 f"Expected candidates to be a power of two of at least {LEAST_CANDIDATES}, as a "
                 f"Sobol sequence wants it, got {candidates!r}."
             )

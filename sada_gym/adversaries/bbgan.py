@@ -25,6 +25,7 @@ from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.learner import NONE_FOOLED, fresh_rows, row_keys
 from sada_gym.adversaries.omega import Induced, Omega, evaluate_uniform, induce
 from sada_gym.adversaries.tensorboard import TrainingLog
+from sada_gym.errors import UserError
 from sada_gym.threads import one_thread
 
 _TENSORS, _SETTINGS = "bbgan.safetensors", "bbgan.json"
@@ -263,7 +264,7 @@ class BBGAN(Adversary):
             adversary.flags = [str(flag) for flag in settings["flags"]]
             adversary._restore(load_file(Path(folder) / _TENSORS))
         except (OSError, KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
-            raise ValueError(
+            raise UserError(
                 f"Expected a folder that `{cls.__name__}.save` wrote, got {folder}: {error}"
             ) from error
         return adversary

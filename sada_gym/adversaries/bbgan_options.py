@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
+from sada_gym.errors import UserError
+
 
 @dataclass(frozen=True)
 class BBGANOptions:
@@ -144,6 +146,4 @@ def _check(name: str, value: Any, default: Any, low: float | None, high: float |
     if not fits:
         what = f"a list of {kind.__name__}s" if many else _NAMES[kind]
         between = "" if low is None else f" from {low:g} to {high:g}"
-        raise ValueError(
-            f"Expected {name} to be {what}{between}, such as {default}; got {value!r}."
-        )
+        raise UserError(f"Expected {name} to be {what}{between}, such as {default}; got {value!r}.")

@@ -14,6 +14,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
 from sada_gym.adversaries.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.errors import MissingExtra, UserError
 
 if TYPE_CHECKING:
     from ribs.archives import CVTArchive
@@ -71,12 +72,12 @@ class CMAMAE(Learner):
         super().__init__(dimension, seed=seed)
         for name, count in (("cells", cells), ("emitters", emitters)):
             if not isinstance(count, int) or count < 1:
-                raise ValueError(f"Expected {name} to be an int of at least 1, got {count!r}.")
+                raise UserError(f"Expected {name} to be an int of at least 1, got {count!r}.")
         for name, share in (("uniform_share", uniform_share), ("sigma", sigma)):
             if not 0.0 < share < 1.0:
-                raise ValueError(f"Expected {name} to be within (0, 1), got {share!r}.")
+                raise UserError(f"Expected {name} to be within (0, 1), got {share!r}.")
         if not 0.0 <= learning_rate <= 1.0:
-            raise ValueError(f"Expected learning_rate to be in [0, 1], got {learning_rate!r}.")
+            raise UserError(f"Expected learning_rate to be in [0, 1], got {learning_rate!r}.")
         self._options = {
             "uniform_share": uniform_share,
             "cells": cells,
@@ -103,7 +104,7 @@ class CMAMAE(Learner):
         try:
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
+            raise MissingExtra(
                 "Expected ribs for cma-mae, but it is not installed. Install it with: "
                 "pip install 'sada-gym[qd]'"
             ) from error

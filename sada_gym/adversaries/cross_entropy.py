@@ -14,6 +14,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
 from sada_gym.adversaries.mixture import Array, Mixture, fit_best_mixture
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
+from sada_gym.errors import UserError
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
 
@@ -97,10 +98,10 @@ class CrossEntropy(Learner):
         shares = {"uniform_share": uniform_share, "elite": elite, "defensive": defensive}
         for what, share in shares.items():
             if not (isinstance(share, float) and 0.0 < share < 1.0):
-                raise ValueError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
+                raise UserError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
         for what, count in {"stages": stages, "components": components}.items():
             if type(count) is not int or count < 1:
-                raise ValueError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
         self.uniform_share = uniform_share
         self.stages = stages
         self.elite = elite

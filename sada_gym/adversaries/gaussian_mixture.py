@@ -11,6 +11,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
 from sada_gym.adversaries.mixture import Mixture, fit_mixture
 from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
+from sada_gym.errors import UserError
 
 
 class MixtureLearner(Learner):
@@ -51,7 +52,7 @@ class Gaussian(MixtureLearner):
     def __init__(self, dimension: int, *, seed: int | None = None, induced_size: int = 100) -> None:
         super().__init__(dimension, seed=seed)
         if type(induced_size) is not int or induced_size < 0:
-            raise ValueError(
+            raise UserError(
                 f"Expected induced_size to be an int of at least 0, got {induced_size!r}."
             )
         self.induced_size = induced_size

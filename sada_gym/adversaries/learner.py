@@ -16,6 +16,7 @@ from typing_extensions import Self
 from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.omega import Omega
+from sada_gym.errors import UserError
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -133,7 +134,7 @@ class Learner(Adversary):
             adversary._restore(arrays)
             adversary.rng.bit_generator.state = settings["generator"]
         except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-            raise ValueError(
+            raise UserError(
                 f"Expected a folder that `{cls.__name__}.save` wrote, got {folder}: {error}"
             ) from error
         adversary._trained = True

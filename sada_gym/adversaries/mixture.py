@@ -15,6 +15,8 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 from typing_extensions import Self
 
+from sada_gym.errors import UserError
+
 Array = npt.NDArray[np.float64]
 
 _VARIANCE_FLOOR = 1e-6
@@ -45,7 +47,7 @@ class Mixture:
         """Check the shapes, which may come from a file."""
         k, d = self.means.shape if self.means.ndim == 2 else (0, 0)
         if not k or self.weights.shape != (k,) or self.factors.shape != (k, d, d):
-            raise ValueError(
+            raise UserError(
                 "Expected weights (k,), means (k, d) and factors (k, d, d), k >= 1, got "
                 f"{self.weights.shape}, {self.means.shape} and {self.factors.shape}."
             )
@@ -170,7 +172,7 @@ def fit_best_mixture(
         ValueError: If there are no points or sizes, or shapes or values are bad.
     """
     if not sizes:
-        raise ValueError("Expected at least one size to try, got none.")
+        raise UserError("Expected at least one size to try, got none.")
     x, w = _checked(points, weights)
     trial = rng.permutation(len(x))[:_TRIAL_POINTS]
     best = sizes[0]
@@ -195,7 +197,7 @@ def reflect(points: Array) -> Array:
 def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixture:
     """Start from k-means and run EM; the weights' sum is the effective sample size."""
     if components < 1:
-        raise ValueError(f"Expected at least 1 component, got {components}.")
+        raise UserError(f"Expected at least 1 component, got {components}.")
     k = min(components, len(np.unique(x, axis=0)))
     with warnings.catch_warnings():
         # two distinct points may be equal to the rounding of k-means
@@ -212,10 +214,10 @@ def _checked(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Arra
     """Give points of positive weight and their weights, which sum to the effective sample size."""
     x = np.asarray(points, np.float64)
     if x.ndim != 2 or 0 in x.shape or not np.isfinite(x).all():
-        raise ValueError(f"Expected finite points of shape (n, d), n >= 1, got shape {x.shape}.")
+        raise UserError(f"Expected finite points of shape (n, d), n >= 1, got shape {x.shape}.")
     w = np.ones(len(x)) if weights is None else np.asarray(weights, np.float64)
     if w.shape != (len(x),) or not np.isfinite(w).all() or w.min() < 0.0 or w.max() <= 0.0:
-        raise ValueError(
+        raise UserError(
             f"Expected {len(x)} finite weights of at least 0 and one above 0, got shape {w.shape}."
         )
     x, w = x[w > 0.0], w[w > 0.0] / w.max()

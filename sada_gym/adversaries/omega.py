@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
+from sada_gym.errors import BudgetTooSmall, UserError
 
 FALLBACK_SIZE = 100
 """Size of S where no point fools: the paper's s."""
@@ -57,7 +58,7 @@ def evaluate(mu: npt.NDArray[np.float32], oracle: Query) -> Omega:
     """
     score = np.asarray(oracle(mu), dtype=np.float64)
     if score.shape != (len(mu),) or not np.isfinite(score).all():
-        raise ValueError(
+        raise UserError(
             f"Expected {len(mu)} finite scores, got shape {score.shape} with "
             f"{int((~np.isfinite(score)).sum())} NaN or infinite. Mend the score function."
         )
@@ -71,7 +72,7 @@ def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Gener
         ValueError: If n is below 1, or a score is not finite.
     """
     if n < 1:
-        raise ValueError(f"Expected a budget of at least 1 query to learn from, got {n}.")
+        raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
     return evaluate(rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32), oracle)
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
+from sada_gym.errors import UserError
 
 _FILE = "random.json"
 
@@ -61,8 +62,6 @@ class Random(Adversary):
             adversary = cls(state["dimension"])
             adversary.rng.bit_generator.state = state["generator"]
         except (OSError, KeyError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"Expected {path} as `Random.save` wrote it, got {error!r}."
-            ) from error
+            raise UserError(f"Expected {path} as `Random.save` wrote it, got {error!r}.") from error
         adversary._trained = True
         return adversary

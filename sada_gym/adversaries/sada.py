@@ -15,6 +15,7 @@ from sada_gym.adversaries.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.surrogate import MODELS, Surrogate
 from sada_gym.coverage import density_and_coverage
+from sada_gym.errors import BudgetTooSmall, UserError
 
 Array = npt.NDArray[np.float64]
 
@@ -95,15 +96,13 @@ class SADA(Learner):
             fits = isinstance(value, int if whole else (int, float)) and value is not True
             if not fits or not low <= value <= high:
                 what = "a whole number" if whole else "a number"
-                raise ValueError(
+                raise UserError(
                     f"Expected {name} to be {what} within [{low:g}, {high:g}], got {value!r}."
                 )
         self.uniform, self.rounds, self.explore = uniform, rounds, explore
         self.coverage, self.volume = coverage, volume
         if not models or isinstance(models, str):
-            raise ValueError(
-                f"Expected a list of models among {', '.join(MODELS)}, got {models!r}."
-            )
+            raise UserError(f"Expected a list of models among {', '.join(MODELS)}, got {models!r}.")
         refuse_unknown("models", models, list(MODELS))
         self.models = tuple(models)
         self.level = 0.5
@@ -123,7 +122,7 @@ class SADA(Learner):
     def _train(self, oracle: Query) -> Omega:
         budget = oracle.remaining
         if budget < LEAST_BUDGET:
-            raise ValueError(
+            raise BudgetTooSmall(
                 f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
             )
         self._pool = min(max(_POOL_PER_QUERY * budget, _LEAST_POOL), _MOST_POOL)

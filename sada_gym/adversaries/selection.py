@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.omega import Omega, evaluate_uniform
+from sada_gym.errors import UserError
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
 
@@ -50,7 +51,7 @@ class Selection(Learner):
         super().__init__(dimension, seed=seed)
         for name, value, least in (("pool", pool, 1), ("subset", subset, 10)):
             if value is not None and (not isinstance(value, int) or value < least):
-                raise ValueError(f"Expected {name} to be an int of at least {least}, got {value}.")
+                raise UserError(f"Expected {name} to be an int of at least {least}, got {value}.")
         self.pool = pool
         self.subset = subset
 

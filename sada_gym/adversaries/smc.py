@@ -13,6 +13,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
 from sada_gym.adversaries.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.errors import UserError
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
 _LEAST_SPREAD = 1e-3
@@ -79,10 +80,10 @@ class SMC(Learner):
         }
         for what, share in shares.items():
             if not (isinstance(share, float) and 0.0 < share < 1.0):
-                raise ValueError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
+                raise UserError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
         for what, count in {"steps": steps, "neighbours": neighbours}.items():
             if type(count) is not int or count < 1:
-                raise ValueError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
         self.uniform_share = uniform_share
         self.level_share = level_share
         self.level_probability = level_probability

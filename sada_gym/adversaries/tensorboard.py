@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.errors import MissingExtra
+
 
 class TrainingLog:
     """Writes losses, and histograms and a scatter plot of samples; without a folder, nothing.
@@ -28,7 +30,7 @@ class TrainingLog:
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
-            raise ModuleNotFoundError(
+            raise MissingExtra(
                 "Expected tensorboard for log_dir, but it is not installed. Install it with: "
                 "pip install 'sada-gym[track]'"
             ) from error

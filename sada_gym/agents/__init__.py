@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sada_gym.errors import UserError
 from sada_gym.generators import generators_kept
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def card(name: str, application: str | None = None) -> AgentCard:
     known = names(application)
     close = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise ValueError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")
+    raise UserError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")
 
 
 def load_detector(agent: str | Path) -> Detector:
@@ -129,7 +130,7 @@ def load_detector(agent: str | Path) -> Detector:
         verify(shipped)
         return load(shipped.path, CLASSES)
     if not Path(agent).is_file():
-        raise ValueError(f"Expected a file with a detector's weights, got {agent}: no such file.")
+        raise UserError(f"Expected a file with a detector's weights, got {agent}: no such file.")
     return load(Path(agent), CLASSES)
 
 
@@ -167,14 +168,14 @@ def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
         verify(shipped)
         return load(shipped.path)
     if not Path(agent).is_file():
-        raise ValueError(f"Expected a file with a pilot's weights, got {agent}: no such file.")
+        raise UserError(f"Expected a file with a pilot's weights, got {agent}: no such file.")
     return load(Path(agent))
 
 
 def _refuse_zip(agent: str | Path, expected: str) -> None:
     """Refuse SB3's files, which would be unpickled."""
     if str(agent).endswith(".zip"):
-        raise ValueError(
+        raise UserError(
             f"Expected {expected}, got the file {agent}. SB3's files hold pickles, which can run "
             "code: load one that you trust yourself, and pass the model, agent=PPO.load(file)."
         )
@@ -187,13 +188,13 @@ def verify(agent: AgentCard) -> None:
         ValueError: If the file is missing, or its SHA-256 differs from the recorded one.
     """
     if not agent.path.is_file():
-        raise ValueError(
+        raise UserError(
             f"Expected the shipped weights in {agent.path}, got no such file. Install the package "
             "again, or pass your own file as agent=PATH."
         )
     found = hashlib.sha256(agent.path.read_bytes()).hexdigest()
     if found != agent.sha256:
-        raise ValueError(
+        raise UserError(
             f"Expected {agent.path.name} with SHA-256 {agent.sha256[:12]}..., got {found[:12]}...: "
             "the shipped weights were changed. Install the package again, or pass your own file "
             "as agent=PATH."

@@ -13,6 +13,7 @@ from gymnasium import spaces
 
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting, Batch, stages, statistics
+from sada_gym.errors import UserError
 from sada_gym.threads import one_thread
 
 TILE = 16
@@ -48,7 +49,7 @@ class Policy:
     ) -> None:
         acts = getattr(model, "action_space", None)
         if not isinstance(acts, spaces.Box) or acts != action_space:
-            raise ValueError(
+            raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
                 f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
                 f"actions {acts}. Train it on {task}."
@@ -111,14 +112,14 @@ class Policy:
                     raise
                 actions = self._one_by_one(tile)
             if np.shape(actions) != (self._tile, *self._action_shape):
-                raise ValueError(
+                raise UserError(
                     f"Expected actions of shape {(self._tile, *self._action_shape)} from "
                     f"{type(self.model).__name__}, got {np.shape(actions)}."
                 )
             actions = np.asarray(actions)[: len(rows)]
             wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
             if wrong.size and where is not None:
-                raise ValueError(
+                raise UserError(
                     f"Expected finite actions from {type(self.model).__name__}, got "
                     f"{actions[wrong[0]].tolist()} at {where(rows[wrong[0]])}. Look for NaN or "
                     "infinity in its weights."
@@ -143,7 +144,7 @@ class Policy:
                 raise
             return True  # `act` says for whom
         if memory is not None:
-            raise ValueError(
+            raise UserError(
                 f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
                 "whose predict gives a state. Train one under VecFrameStack instead."
             )

@@ -27,6 +27,7 @@ from stable_baselines3.common.vec_env import (
 )
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 
+from sada_gym.errors import UserError
 from sada_gym.sb3 import SB3VecEnv
 
 Batch = dict[str, npt.NDArray[Any]]
@@ -165,8 +166,8 @@ def _refuse_gymnasiums(held: VecEnv) -> None:
         around = around.env
 
 
-def _unknown_wrapper(name: str) -> ValueError:
-    return ValueError(
+def _unknown_wrapper(name: str) -> UserError:
+    return UserError(
         "Expected an agent trained under VecTransposeImage, VecFrameStack, VecNormalize "
         f"or none, got the wrapper {name}, whose work can't be repeated "
         "here. Pass an object of your own with `predict` that does it."
@@ -203,7 +204,7 @@ def _guessed(model: Acting, expected: spaces.Dict, task: str) -> list[Stage]:
     for space in given.spaces.values():
         # of speeds and the like, whose bounds are wide, a space does not tell
         if isinstance(space, spaces.Box) and len(space.shape) == 3 and space.low.min() < 0:
-            raise ValueError(
+            raise UserError(
                 "Expected the statistics of the VecNormalize that this agent was trained with, "
                 "got a model without. Load it as PPO.load(file, env=VecNormalize.load(statistics, "
                 "env))."
@@ -224,8 +225,8 @@ def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:
     )
 
 
-def _wrong_observations(given: Any, expected: spaces.Dict, task: str) -> ValueError:
-    return ValueError(
+def _wrong_observations(given: Any, expected: spaces.Dict, task: str) -> UserError:
+    return UserError(
         f"Expected an agent with observations {expected} (its picture transposed, its frames "
         f"stacked, if you like), got observations {given}. Train it on {task}."
     )

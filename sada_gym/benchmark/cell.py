@@ -19,6 +19,7 @@ from sada_gym.benchmark.ideal import draw_ideal
 from sada_gym.benchmark.measure import ImageNovelty, follow_search, image_novelty, measure
 from sada_gym.benchmark.plan import CellSettings
 from sada_gym.benchmark.suite import IDEAL
+from sada_gym.errors import StoreError, UserError
 from sada_gym.evaluator import Evaluator
 from sada_gym.novelty import image_neighbours
 from sada_gym.novelty_plots import novelty_sheet
@@ -26,7 +27,6 @@ from sada_gym.oracle import Evaluations, Oracle, Stream
 from sada_gym.parameters import Mu
 from sada_gym.plots import png
 from sada_gym.results import SAMPLES_FILE, write_file, write_folder, write_model, write_samples
-from sada_gym.store import StoreError
 
 NOVELTY_PICTURE = "novelty.png"
 
@@ -163,7 +163,7 @@ class CellWork:
             adversary.train(oracle)
             mu, flags = adversary.sample(cell.samples), tuple(adversary.flags)
         if np.shape(mu) != (cell.samples, dimension):
-            raise ValueError(
+            raise UserError(
                 f"Expected samples of shape ({cell.samples}, {dimension}) from {cell.adversary}, "
                 f"got {np.shape(mu)}. Mend the adversary."
             )

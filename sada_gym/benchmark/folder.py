@@ -11,6 +11,7 @@ from pathlib import Path
 from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.plan import CellKey, CellSettings, Group, Plan
 from sada_gym.benchmark.suite import Table
+from sada_gym.errors import UserError
 from sada_gym.results import Strict, packages, read_model, write_model
 
 SETTINGS_FILE = "benchmark.json"
@@ -90,7 +91,7 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
             Nothing is changed then.
     """
     if out.exists() and not out.is_dir():
-        raise ValueError(f"Expected a folder for the results, got the file {out}. Name another.")
+        raise UserError(f"Expected a folder for the results, got the file {out}. Name another.")
     path, now = out / SETTINGS_FILE, packages()
     known: tuple[Table, ...] = ()
     if path.exists():
@@ -102,12 +103,12 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
                 if old.name == new.name:
                     changes += [f"{old.name}: {c}" for c in differences(rule(old), rule(new))]
         if changes:
-            raise ValueError(
+            raise UserError(
                 f"Expected the settings that the benchmark in {out} was started with, got others: "
                 f"{'; '.join(changes)}. Give the same ones, or name another folder."
             )
     elif out.exists() and any(not entry.name.startswith(".") for entry in out.iterdir()):
-        raise ValueError(
+        raise UserError(
             f"Expected a new folder, an empty one or a benchmark's, got {out}, which holds "
             f"something else. Name another."
         )
@@ -128,7 +129,7 @@ def sole_user(out: Path) -> Iterator[None]:
         try:
             lock.execute("BEGIN EXCLUSIVE")
         except sqlite3.OperationalError as error:
-            raise ValueError(
+            raise UserError(
                 f"Expected to be the only benchmark in {out}, but another is at work there. Wait "
                 "for it to end, or name another folder."
             ) from error
@@ -172,7 +173,7 @@ def _refuse_other(
 ) -> None:
     changes = differences(view(old), view(new))
     if changes:
-        raise ValueError(
+        raise UserError(
             f"Expected {cell_folder(out, old)} to be a cell of the settings that are asked for, "
             f"got others: {'; '.join(changes)}. Name another folder, or delete that cell and its "
             f"like: they are made anew, and {out / STORES} keeps their evaluations."

@@ -19,6 +19,7 @@ from sada_gym.benchmark.results import (
 )
 from sada_gym.benchmark.suite import Table
 from sada_gym.benchmark.tables import write_tables
+from sada_gym.errors import UserError
 from sada_gym.results import read_model, write_model
 
 
@@ -36,9 +37,7 @@ def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ())
     """
     paths = [path / RESULTS_FILE if path.is_dir() else path for path in files]
     if out.resolve() in {path.parent.resolve() for path in paths}:
-        raise ValueError(
-            f"Expected a folder of its own for the report, got {out}, which is merged."
-        )
+        raise UserError(f"Expected a folder of its own for the report, got {out}, which is merged.")
     merged = merge([read_model(path, Results) for path in paths], tables=tables)
     out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)
@@ -58,7 +57,7 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
             was attacked; if two hold the same run; or if none holds a table that is asked for.
     """
     if not parts:
-        raise ValueError("Expected at least one file of results, got none.")
+        raise UserError("Expected at least one file of results, got none.")
     packages = parts[0].settings.packages
     known: dict[str, Table] = {}
     targets: dict[tuple[str, str], Target] = {}
@@ -71,7 +70,7 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
         for cell in part.cells:
             key = (cell.table, cell.track, cell.agent, cell.label, cell.seed)
             if key in cells:
-                raise ValueError(f"Expected every run once, got {cell} twice. Leave one out.")
+                raise UserError(f"Expected every run once, got {cell} twice. Leave one out.")
             cells[key] = cell
         for target in part.targets:
             place = (target.track, target.agent)
@@ -101,7 +100,7 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
 def _refuse_other(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:
     changes = differences(first, other)
     if changes:
-        raise ValueError(
+        raise UserError(
             f"Expected results of one kind, but {what} differ: {'; '.join(changes)}. "
             "Merge what was made alike."
         )

@@ -12,6 +12,7 @@ from sada_gym import adversaries, agents
 from sada_gym.application import Application
 from sada_gym.benchmark.suite import IDEAL, Contender, Suite, Table
 from sada_gym.coverage import NEAREST
+from sada_gym.errors import UserError
 from sada_gym.reference import FOLDER, Reference, load_reference
 from sada_gym.registration import make_application
 from sada_gym.results import Strict, json_compatible, packages
@@ -197,7 +198,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
                 groups.append(Group(track, target.keywords, name, seed, cells))
             target.application.close()
     if not any(group.cells for group in groups):
-        raise ValueError(" ".join(["Expected something to run, got nothing.", *notes]))
+        raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.cells), group.seed))
     return Plan(suite, tuple(ordered), tuple(notes))
@@ -290,4 +291,4 @@ def _no_reference(target: _Target) -> str:
 def _refuse_doubles(labels: list[str]) -> None:
     for label in labels:
         if labels.count(label) > 1:
-            raise ValueError(f"Expected distinct contenders, got {label!r} twice. Name it once.")
+            raise UserError(f"Expected distinct contenders, got {label!r} twice. Name it once.")

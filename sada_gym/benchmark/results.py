@@ -22,6 +22,7 @@ from sada_gym.benchmark.folder import (
 from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.plan import CellKey, CellSettings, ReferenceMark
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
+from sada_gym.errors import UserError
 from sada_gym.registration import env_ids
 from sada_gym.results import Strict, read_model, write_model
 
@@ -166,11 +167,11 @@ def write_results(out: Path) -> Results:
         ValueError: If it is no benchmark's folder, or holds no finished cell.
     """
     if not (out / SETTINGS_FILE).exists():
-        raise ValueError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
+        raise UserError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
     settings = read_model(out / SETTINGS_FILE, BenchmarkSettings)
     there = read_cells(out)
     if not there:
-        raise ValueError(f"Expected finished cells in {out}, got none yet. Run the benchmark.")
+        raise UserError(f"Expected finished cells in {out}, got none yet. Run the benchmark.")
     tables = [table.name for table in settings.tables]
     there.sort(key=lambda one: cell_order(one[0].settings, tables))
     cells = tuple(_cell_result(report) for report, _ in there)

@@ -19,8 +19,9 @@ from sada_gym.benchmark.results import Results, write_results
 from sada_gym.benchmark.suite import Suite
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.benchmark.work import Job, connect, work
+from sada_gym.errors import UserError, WorkerError
 from sada_gym.reference import FOLDER
-from sada_gym.workers import WorkerError, WorkerPool
+from sada_gym.workers import WorkerPool
 
 _LISTEN_EVERY_S = 0.1
 
@@ -83,7 +84,7 @@ def run_benchmark(
     """
     folder, references, heard = Path(out), Path(references), listener or _Deaf()
     if workers < 1:
-        raise ValueError(f"Expected workers of at least 1, got {workers}.")
+        raise UserError(f"Expected workers of at least 1, got {workers}.")
     plan = make_plan(suite, references)
     claim(folder, suite.tables)
     with sole_user(folder):

@@ -12,6 +12,7 @@ from sada_gym import adversaries
 from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS
+from sada_gym.errors import UserError
 from sada_gym.results import Strict
 
 IDEAL = "ideal"
@@ -301,7 +302,7 @@ def choose(
     numbers = {"seeds": seeds, "budget": budget, "samples": samples}
     for name, value in numbers.items():
         if value is not None and value < 1:
-            raise ValueError(f"Expected {name} of at least 1, got {value}.")
+            raise UserError(f"Expected {name} of at least 1, got {value}.")
     refuse_unknown("table", tables, [table.name for table in suite.tables])
     changes: dict[str, Any] = {
         "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,

@@ -12,10 +12,9 @@ from sada_gym.benchmark.cell import Bench, CellWork, Told
 from sada_gym.benchmark.folder import store_file
 from sada_gym.benchmark.plan import Group
 from sada_gym.benchmark.suite import IDEAL
+from sada_gym.errors import StoreError, WorkerError
 from sada_gym.evaluator import Evaluator
 from sada_gym.reference import load_reference
-from sada_gym.store import StoreError
-from sada_gym.workers import WorkerError
 
 _PATIENCE_S = 60.0
 

@@ -12,6 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 
 from sada_gym.cli.console import cores, err, key_values, out, told_in_a_sentence
+from sada_gym.errors import UserError
 
 _MANY = 8  # more workers than this seldom help and each holds its own simulator
 
@@ -74,11 +75,11 @@ def attack(
         keywords = key_values(env_kwargs or [], "--env-kwargs")
         if agent is not None:
             if "agent" in keywords:
-                raise ValueError("Expected the agent once, got it by --agent and --env-kwargs.")
+                raise UserError("Expected the agent once, got it by --agent and --env-kwargs.")
             keywords["agent"] = agent
         options = key_values(set_ or [], "--set")
         if preset is not None and "preset" in options:
-            raise ValueError("Expected the preset once, got it by --preset and --set.")
+            raise UserError("Expected the preset once, got it by --preset and --set.")
         try:
             _run(
                 env_id,

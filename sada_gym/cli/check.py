@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sada_gym.cli.console import key_values, out, told_in_a_sentence
+from sada_gym.errors import UserError
 
 
 def check(
@@ -33,7 +34,7 @@ def check(
 
         if subject.endswith(".py"):
             if env_kwargs:
-                raise ValueError("Expected --env-kwargs only with an environment's id.")
+                raise UserError("Expected --env-kwargs only with an environment's id.")
             reports = check_file(subject)
         else:
             reports = check_environment(subject, **key_values(env_kwargs or [], "--env-kwargs"))

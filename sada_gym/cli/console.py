@@ -13,8 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperCommand
 
-from sada_gym.oracle import BudgetExhausted
-from sada_gym.workers import WorkerError
+from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 
 out = Console()
 err = Console(stderr=True)
@@ -54,9 +53,9 @@ def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
     for pair in pairs:
         key, equals, text = pair.partition("=")
         if not key or not equals:
-            raise ValueError(f"Expected {option} key=value, got {pair!r}.")
+            raise UserError(f"Expected {option} key=value, got {pair!r}.")
         if key in parsed:
-            raise ValueError(f"Expected each key of {option} once, got {key!r} twice.")
+            raise UserError(f"Expected each key of {option} once, got {key!r} twice.")
         try:
             parsed[key] = json.loads(text)
         except ValueError:

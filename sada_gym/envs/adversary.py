@@ -18,6 +18,7 @@ from sada_gym.envs.checks import (
     warn_without_render_mode,
 )
 from sada_gym.envs.vector import SeededVectorEnv
+from sada_gym.errors import UserError
 
 Observation = npt.NDArray[np.float32]
 
@@ -89,7 +90,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         """Evaluate one mu of shape (d,)."""
         shape = np.shape(action)
         if shape != self.action_space.shape:
-            raise ValueError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
+            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
         (info,) = self._episodes.step(np.asarray(action)[None], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
@@ -175,7 +176,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         """Evaluate a batch of mu, (num_envs, d), and begin anew where an episode is over."""
         shape = np.shape(actions)
         if shape != self.action_space.shape:
-            raise ValueError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
+            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
         outcomes = self._episodes.step(actions, self._generators)
         terminated = self._episodes.over
         infos: dict[str, Any] = {}
@@ -280,5 +281,5 @@ def _draw_seed(generator: np.random.Generator) -> int:
 
 def _checked_horizon(horizon: int) -> int:
     if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-        raise ValueError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
+        raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
     return horizon

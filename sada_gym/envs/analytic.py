@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
+from sada_gym.errors import UserError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 _GOLDEN = (5**0.5 - 1) / 2
@@ -45,11 +46,11 @@ class AnalyticApplication(Application):
     ) -> None:
         for what, count in (("dimension", dimension), ("regions", regions)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-                raise ValueError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
         if not 0.0 < volume < 1.0:
-            raise ValueError(f"Expected volume to be a share within (0, 1), got {volume}.")
+            raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
         if not 0.0 <= noise < 1.0:
-            raise ValueError(f"Expected noise to be within [0, 1), got {noise}.")
+            raise UserError(f"Expected noise to be within [0, 1), got {noise}.")
         self.regions = regions
         self.volume = volume
         self.noise = noise

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import validate_seeds
+from sada_gym.errors import UserError
 
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
@@ -19,7 +20,7 @@ def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | 
         ValueError: If it is none of the known ones.
     """
     if render_mode is not None and render_mode not in known:
-        raise ValueError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
+        raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
     return render_mode
 
 
@@ -38,7 +39,7 @@ def checked_num_envs(num_envs: int) -> int:
         ValueError: If there are none.
     """
     if num_envs < 1:
-        raise ValueError(f"Expected at least one environment, got num_envs={num_envs}.")
+        raise UserError(f"Expected at least one environment, got num_envs={num_envs}.")
     return num_envs
 
 
@@ -55,10 +56,10 @@ def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArr
     """
     shape = np.shape(actions)
     if shape != space.shape:
-        raise ValueError(f"Expected {what} of shape {space.shape}, got {shape}.")
+        raise UserError(f"Expected {what} of shape {space.shape}, got {shape}.")
     array = np.asarray(actions)
     if not np.issubdtype(array.dtype, np.number) or not np.isfinite(array).all():
-        raise ValueError(f"Expected {what} of finite numbers, got {actions}.")
+        raise UserError(f"Expected {what} of finite numbers, got {actions}.")
     return array
 
 
@@ -69,7 +70,7 @@ def check_number(name: str, given: Any, least: float, greatest: float) -> None:
         ValueError: If it is none from least to greatest.
     """
     if not _is_number(given) or not least <= given <= greatest:
-        raise ValueError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
+        raise UserError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
 
 
 def check_range(name: str, given: Any, least: float, greatest: float) -> None:
@@ -85,7 +86,7 @@ def check_range(name: str, given: Any, least: float, greatest: float) -> None:
         or not all(isinstance(end, int) if whole else _is_number(end) for end in given)
         or not least <= given[0] <= given[1] <= greatest
     ):
-        raise ValueError(
+        raise UserError(
             f"Expected {name} to be a tuple of two {'ints' if whole else 'numbers'}, low and high, "
             f"from {least:g} to {greatest:g}, got {given!r}."
         )
@@ -98,7 +99,7 @@ def check_kind(name: str, given: Any, kind: type[Any]) -> None:
         ValueError: If it is of another class.
     """
     if not isinstance(given, kind):
-        raise ValueError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
+        raise UserError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
 
 
 def _is_number(given: Any) -> bool:
@@ -118,7 +119,7 @@ def spread_seeds(
     if isinstance(seed, int | np.integer):
         seed = [int(seed) + i for i in range(count)]
     if len(seed) != count:
-        raise ValueError(
+        raise UserError(
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
@@ -136,7 +137,7 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
         return range(count)
     mask = np.asarray(mask)
     if mask.shape != (count,) or mask.dtype != np.bool_:
-        raise ValueError(
+        raise UserError(
             f"Expected reset_mask of shape ({count},) and dtype bool, "
             f"got {mask.shape} and {mask.dtype}."
         )

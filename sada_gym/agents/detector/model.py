@@ -13,6 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sada_gym.errors import UserError
+
 STRIDE = 8
 """Pixels per cell of the heat map."""
 
@@ -149,7 +151,7 @@ def load(path: Path, classes: Sequence[str]) -> Detector:
     try:
         model.load_state_dict(load_file(path))
     except (SafetensorError, RuntimeError, OSError) as error:
-        raise ValueError(
+        raise UserError(
             f"Expected a safetensors file with the weights of the {len(classes)}-class Detector, "
             f"got {path}: {error}. Train one with python -m sada_gym.agents.detector.train."
         ) from error

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from sada_gym.agents.pilot.network import WaypointNetwork, new_network
 from sada_gym.agents.pilot.reinforcement import new_model
+from sada_gym.errors import UserError
 
 
 def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
@@ -54,8 +55,8 @@ def _fill(module: nn.Module, weights: dict[str, Tensor], path: Path, kind: str) 
     module.load_state_dict(weights)
 
 
-def _no_pilot(path: Path, why: str) -> ValueError:
-    return ValueError(
+def _no_pilot(path: Path, why: str) -> UserError:
+    return UserError(
         f"Expected the weights of a pilot in {path}, {why}. Write such a file by python -m "
         "sada_gym.agents.pilot.train, or, for a pilot of your own, pass the model as agent=model."
     )

@@ -22,6 +22,7 @@ from sada_gym.envs.detection.shapes import (
     fingerprint,
     load_class,
 )
+from sada_gym.errors import UserError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.threads import one_thread
 
@@ -89,7 +90,7 @@ class DetectionApplication(Application):
         renderer: Renderer | None = None,
     ) -> None:
         if image_size < 32:
-            raise ValueError(f"Expected an image_size of at least 32 pixels, got {image_size}.")
+            raise UserError(f"Expected an image_size of at least 32 pixels, got {image_size}.")
         self.object_class, self.image_size = object_class, image_size
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
@@ -206,7 +207,7 @@ def _shapes(
 ) -> tuple[Shape, ...]:
     if folder is None:
         if object_class not in CLASSES:
-            raise ValueError(
+            raise UserError(
                 f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}. "
                 "Give shapes=PATH to bring CAD files of another class."
             )
@@ -216,7 +217,7 @@ def _shapes(
 
 def _frozen(agent: DetectorLike) -> DetectorLike:
     if getattr(agent, "training", False):
-        raise ValueError(
+        raise UserError(
             f"Expected a detector in evaluation mode, got {type(agent).__name__} in training mode, "
             "in which looking at images changes it. Call model.eval() first."
         )
@@ -227,7 +228,7 @@ def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> i
     known = labels if labels is not None else getattr(agent, "labels", None)
     if not isinstance(known, Mapping) or object_class not in known:
         given = "none" if not isinstance(known, Mapping) else ", ".join(map(str, known))
-        raise ValueError(
+        raise UserError(
             f"Expected the detector's label of {object_class!r}, got labels for: {given}. "
             f"Pass labels={{{object_class!r}: number}} with the number that the model gives it."
         )
@@ -251,26 +252,26 @@ def _checked(detections: Any, count: int) -> list[dict[str, npt.NDArray[Any]]]:
     )
     if not isinstance(detections, Sequence) or len(detections) != count:
         what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
-        raise ValueError(
+        raise UserError(
             f"Expected {count} dictionaries from the detector, got {what}. {convention}"
         )
     checked = []
     for item in detections:
         missing = {"boxes", "labels", "scores"} - set(item)
         if missing:
-            raise ValueError(
+            raise UserError(
                 f"Expected {', '.join(sorted(missing))} from the detector. {convention}"
             )
         boxes, labels, scores = (
             item[key].detach().cpu().numpy() for key in ("boxes", "labels", "scores")
         )
         if boxes.shape != (len(scores), 4) or labels.shape != scores.shape or scores.ndim != 1:
-            raise ValueError(
+            raise UserError(
                 f"Expected boxes (N, 4), labels (N,), scores (N,) from the detector, got "
                 f"{boxes.shape}, {labels.shape}, {scores.shape}. {convention}"
             )
         if not ((scores >= 0) & (scores <= 1)).all():
-            raise ValueError(
+            raise UserError(
                 f"Expected scores in [0, 1] from the detector, got {scores}. {convention}"
             )
         best = np.argsort(-scores, kind="stable")[:TOP_DETECTIONS]

@@ -13,6 +13,7 @@ from sada_gym.envs.driving.layout import LAYOUTS
 from sada_gym.envs.driving.route import random_route
 from sada_gym.envs.driving.town import LANE_WIDTH_M, town
 from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS, weather_index
+from sada_gym.errors import UserError
 
 _RANGES: dict[str, tuple[float, float]] = {
     "height_m": (0.5, 5.0),
@@ -53,9 +54,9 @@ class Course:
     def __post_init__(self) -> None:
         """Reject what there is not, and cameras from which no picture can be drawn."""
         if self.layout not in LAYOUTS:
-            raise ValueError(f"Expected a layout among {', '.join(LAYOUTS)}, got {self.layout!r}.")
+            raise UserError(f"Expected a layout among {', '.join(LAYOUTS)}, got {self.layout!r}.")
         if isinstance(self.weathers, str) or not self.weathers:
-            raise ValueError(f"Expected a tuple of weathers' names, got {self.weathers!r}.")
+            raise UserError(f"Expected a tuple of weathers' names, got {self.weathers!r}.")
         for name in self.weathers:
             weather_index(name)
         for name, bounds in _RANGES.items():

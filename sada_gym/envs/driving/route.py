@@ -11,6 +11,7 @@ from highway_env.road.lane import AbstractLane
 
 from sada_gym.envs.driving.layout import Corner
 from sada_gym.envs.driving.town import Manoeuvre, Town
+from sada_gym.errors import UserError
 
 COMMANDS: tuple[Manoeuvre, ...] = ("follow", "left", "right", "straight")
 SPACING_M = 0.5
@@ -67,7 +68,7 @@ def make_route(
     for pair in pairwise(corners):
         if pair not in town.streets:
             known = ", ".join(town.layout.neighbours(pair[0])) or "none"
-            raise ValueError(
+            raise UserError(
                 f"Expected a street from {pair[0]} to {pair[1]}, got none. From {pair[0]} streets "
                 f"lead to: {known}."
             )

@@ -11,6 +11,7 @@ from functools import cache
 from sada_gym.envs.driving.layout import Corner
 from sada_gym.envs.driving.route import Route, make_route
 from sada_gym.envs.driving.town import town
+from sada_gym.errors import UserError
 
 LAYOUT = "benchmark"
 
@@ -36,6 +37,6 @@ def task_routes(task: str) -> tuple[Route, ...]:
         ValueError: If there is no task of that name.
     """
     if task not in TASKS:
-        raise ValueError(f"Expected a task among {', '.join(TASKS)}, got {task!r}.")
+        raise UserError(f"Expected a task among {', '.join(TASKS)}, got {task!r}.")
     ways: list[tuple[Corner, ...]] = [tuple(way.split()) for way in TASKS[task]]
     return tuple(make_route(town(LAYOUT), way) for way in ways)

@@ -17,6 +17,7 @@ from highway_env.road.road import RoadNetwork
 from highway_env.utils import wrap_to_pi
 
 from sada_gym.envs.driving.layout import LAYOUTS, Corner, Layout
+from sada_gym.errors import UserTypeError
 
 LANE_WIDTH_M = 3.5
 JUNCTION_SETBACK_M = 12.0
@@ -155,7 +156,7 @@ def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
         angle = (angle + np.pi) % (2 * np.pi) - np.pi
         radius = np.hypot(delta[..., 0], delta[..., 1])
         return lane.direction * angle * lane.radius, lane.direction * (lane.radius - radius)
-    raise TypeError(f"Expected a straight or circular lane, got {type(lane).__name__}.")
+    raise UserTypeError(f"Expected a straight or circular lane, got {type(lane).__name__}.")
 
 
 def _ends(a: Corner, b: Corner) -> tuple[str, str]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.errors import UserError
+
 Triple = tuple[float, float, float]
 
 
@@ -101,5 +103,5 @@ def weather_index(name: str) -> int:
         ValueError: If there is none of that name.
     """
     if name not in NAMES:
-        raise ValueError(f"Expected a weather among {', '.join(NAMES)}, got {name!r}.")
+        raise UserError(f"Expected a weather among {', '.join(NAMES)}, got {name!r}.")
     return NAMES.index(name)

@@ -12,6 +12,7 @@ from sada_gym.envs.uav.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.races import Start
 from sada_gym.envs.uav.templates import TEMPLATES, template
 from sada_gym.envs.uav.track import GATES, Tracks, along
+from sada_gym.errors import UserError
 
 START_SHIFT_M = 0.3
 """How far, along x and along y, a seed moves the drone from the start at most."""
@@ -44,7 +45,7 @@ class Course:
     def __post_init__(self) -> None:
         """Reject what there is not, and starts far off the track."""
         if not isinstance(self.anchors, tuple) or not self.anchors:
-            raise ValueError(
+            raise UserError(
                 f"Expected anchors to be a tuple of at least one number, got {self.anchors!r}."
             )
         for count in self.anchors:

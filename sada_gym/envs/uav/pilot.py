@@ -22,6 +22,7 @@ from sada_gym.envs.uav.camera import Pictures, camera
 from sada_gym.envs.uav.guidance import SPEED_M_S, steer
 from sada_gym.envs.uav.races import Races
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.errors import UserError
 from sada_gym.threads import one_thread
 
 TILE = 8
@@ -110,7 +111,7 @@ class WaypointPilot:
         with one_thread(), torch.inference_mode():
             answer = self.network(light(torch.from_numpy(pictures)), torch.from_numpy(felt))
         if answer.shape != (TILE, 6):
-            raise ValueError(
+            raise UserError(
                 f"Expected answers of shape {(TILE, 6)} from {type(self.network).__name__}, got "
                 f"{tuple(answer.shape)}."
             )
@@ -164,7 +165,7 @@ def pilot(agent: PilotLike) -> Pilot:
         return agent
     if not hasattr(agent, "predict"):
         lacking = [name for name in ("fingerprint", "start", "act") if not hasattr(agent, name)]
-        raise ValueError(
+        raise UserError(
             "Expected a WaypointNetwork, an SB3 model trained on SADA-RacingTask-v0, or an object "
             "with fingerprint, start(count) and act(races, which), got "
             f"{type(agent).__name__}, which has no {' and no '.join(lacking)}. Add what is missing."

@@ -34,6 +34,7 @@ from sada_gym.envs.uav.referee import (
     seen,
 )
 from sada_gym.envs.uav.world import SLOTS, World
+from sada_gym.errors import UserError
 
 POLICY_HZ = 20
 FILM_HZ = 10
@@ -186,7 +187,7 @@ class Races:
         """
         told = np.array(actions, np.float64)
         if told.shape != (len(which), 4):
-            raise ValueError(
+            raise UserError(
                 f"Expected actions of shape {(len(which), 4)}, one for each of the drones under "
                 f"way, got {told.shape}."
             )

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.uav.track import Tracks
+from sada_gym.errors import UserError
 from sada_gym.parameters import Parameter, ParameterSpace
 
 LEAST_SPACING_M = 0.9
@@ -95,7 +96,7 @@ def template(anchors: int) -> Template:
     """
     whole = isinstance(anchors, int | np.integer) and not isinstance(anchors, bool)
     if not whole or anchors not in TEMPLATES:
-        raise ValueError(
+        raise UserError(
             f"Expected anchors among {', '.join(map(str, TEMPLATES))}, got {anchors!r}."
         )
     return TEMPLATES[anchors]

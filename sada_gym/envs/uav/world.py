@@ -11,6 +11,7 @@ import pybullet
 
 from sada_gym.envs.uav.drone import GRAVITY_M_S2, INERTIA_KG_M2, MASS_KG, SIMULATION_HZ
 from sada_gym.envs.uav.gates import BARS, DEPTH_M
+from sada_gym.errors import UserTypeError
 
 BODY_M = (0.24, 0.20, 0.06)
 """The box that touches frames and ground."""
@@ -205,7 +206,9 @@ class World:
 
     def __getstate__(self) -> None:
         """A world lives in the process that made it."""
-        raise TypeError("Expected no pickling of a PyBullet world. Make the races anew instead.")
+        raise UserTypeError(
+            "Expected no pickling of a PyBullet world. Make the races anew instead."
+        )
 
 
 def _stored(slot: int, number: int, bar: int) -> list[float]:

@@ -10,6 +10,7 @@ import trimesh
 
 from sada_gym.envs.detection.shapes.kit import Part
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Shape
+from sada_gym.errors import UserError
 
 CREASE_DEG = 40.0
 """Edges whose faces turn by more than this are shaded as sharp."""
@@ -35,7 +36,7 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
     """
     points = np.concatenate([np.asarray(part.mesh.vertices, float) for part in parts])
     if not np.isfinite(points).all():
-        raise ValueError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
+        raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
     faces = np.concatenate(
         [np.asarray(part.mesh.faces) + start for part, start in zip(parts, starts, strict=True)]
@@ -43,7 +44,7 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
     owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
     faces, owner = _welded(points, faces, owner)
     if not len(faces):
-        raise ValueError(f"Expected {name} to have a face with area, got none; give a solid part.")
+        raise UserError(f"Expected {name} to have a face with area, got none; give a solid part.")
     corners = points[faces]
     material = np.array([int(part.material) for part in parts], np.uint8)[owner]
     return _shape(name, object_class, corners, _creased_normals(corners, faces), material)

@@ -18,6 +18,7 @@ from typing_extensions import Self
 from sada_gym.envs.detection.shapes.assembly import assemble
 from sada_gym.envs.detection.shapes.kit import Part
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.errors import UserError
 
 MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 """File types that are read."""
@@ -43,7 +44,7 @@ class Orientation(BaseModel):
     @model_validator(mode="after")
     def _is_plane(self) -> Self:
         if self.up[1] == self.front[1]:
-            raise ValueError(
+            raise UserError(
                 f"Expected up and front along two different axes, got {self.up} and {self.front}; "
                 "ShapeNet's are +y and -z"
             )
@@ -65,7 +66,7 @@ def load_class(
     """
     root, folders = Path(path), _class_folders(Path(path))
     if object_class not in folders:
-        raise ValueError(
+        raise UserError(
             f"Expected a folder {object_class!r} in {root}, got {', '.join(folders)}. "
             "Add it or choose another object_class."
         )
@@ -121,13 +122,13 @@ def fingerprint(shapes: Iterable[Shape]) -> str:
 
 def _class_folders(root: Path) -> dict[str, Path]:
     if not root.is_dir():
-        raise ValueError(
+        raise UserError(
             f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
             "that holds one folder a class."
         )
     folders = sorted(entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry))
     if not folders:
-        raise ValueError(
+        raise UserError(
             f"Expected {root} to hold one folder a class, got none; move the files to a folder "
             f"such as {root / 'car'}."
         )
@@ -151,10 +152,10 @@ def _load_class(
                 f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
             )
             if not skip_unreadable:
-                raise ValueError(message) from error
+                raise UserError(message) from error
             warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=3)
     if not shapes:
-        raise ValueError(
+        raise UserError(
             f"Expected at least one mesh of class {folder.name!r} in {folder}, got none; add "
             f"one of {', '.join(MESH_SUFFIXES)} or remove the folder."
         )
@@ -170,7 +171,7 @@ def _mesh_files(folder: Path) -> list[Path]:
         if suffix in MESH_SUFFIXES:
             files.append(file)
         elif suffix not in _COMPANIONS:
-            raise ValueError(
+            raise UserError(
                 f"Expected files of type {', '.join(MESH_SUFFIXES)} in {folder}, got {file}; "
                 "convert or remove it."
             )
@@ -184,18 +185,18 @@ def _read(file: Path) -> trimesh.Trimesh:
         solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]
     # Trimesh's readers raise whatever the broken bytes lead them to.
     except Exception as error:
-        raise ValueError(f"a file that cannot be read ({error or type(error).__name__})") from error
+        raise UserError(f"a file that cannot be read ({error or type(error).__name__})") from error
     vertices = [np.asarray(solid.vertices, float) for solid in solids]
     if not sum(len(solid.faces) for solid in solids):
-        raise ValueError("no faces")
+        raise UserError("no faces")
     if not all(np.isfinite(points).all() for points in vertices):
-        raise ValueError("NaN or infinite coordinates")
+        raise UserError("NaN or infinite coordinates")
     starts = np.cumsum([0] + [len(points) for points in vertices[:-1]])
     faces = np.concatenate(
         [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
     )
     if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
-        raise ValueError("faces that point at missing vertices")
+        raise UserError("faces that point at missing vertices")
     mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
@@ -211,7 +212,7 @@ def _orientation(file: Path) -> Orientation:
         flaws = "; ".join(
             f"{'.'.join(map(str, flaw['loc'])) or 'file'}: {flaw['msg']}" for flaw in error.errors()
         )
-        raise ValueError(
+        raise UserError(
             f'Expected {file} to be such as {{"up": "+y", "front": "-z"}}, got a file with: '
             f"{flaws}; mend it, or remove it for these defaults."
         ) from error

@@ -11,6 +11,7 @@ import numpy as np
 from sada_gym.envs.detection.shapes.assembly import assemble
 from sada_gym.envs.detection.shapes.kit import Part
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.errors import UserError
 
 CLASSES = (
     "aeroplane",
@@ -60,7 +61,7 @@ def generate(object_class: str, seed: int) -> Shape:
     """
     generator = _generator(object_class)
     if seed < 0:
-        raise ValueError(f"Expected a seed of at least 0, got {seed}; benchmark shapes start at 0.")
+        raise UserError(f"Expected a seed of at least 0, got {seed}; benchmark shapes start at 0.")
     style = generator.STYLES[seed % len(generator.STYLES)]
     rng = np.random.default_rng([CLASSES.index(object_class), seed])
     parts = generator.build(style, rng)
@@ -98,7 +99,7 @@ def styles(object_class: str) -> tuple[str, ...]:
 
 def _check(object_class: str) -> None:
     if object_class not in CLASSES:
-        raise ValueError(
+        raise UserError(
             f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}; "
             "choose one of these, or load your own shapes from a folder a class."
         )

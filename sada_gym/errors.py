@@ -1,0 +1,51 @@
+"""The errors that this package raises on purpose; any other exception is a bug.
+
+The command line shows a `UserError` as one sentence and exits with code 2, a `WorkerError` with
+code 1. The benchmark records an `AdversaryError` as the result of the run that raised it.
+"""
+
+from __future__ import annotations
+
+
+class UserError(ValueError):
+    """A bad input: what was expected, what came, and how to mend it."""
+
+
+class UserTypeError(UserError, TypeError):
+    """A bad input of the wrong type."""
+
+
+class FileError(UserError):
+    """A file that cannot be read or written."""
+
+
+class StoreError(UserError):
+    """An evaluation store that cannot serve: foreign, corrupt, in use, or of another version."""
+
+
+class StoreInUse(StoreError):  # noqa: N818 - reads as what happened
+    """An evaluation store that another process has open."""
+
+
+class MissingExtra(UserError, ModuleNotFoundError):  # noqa: N818 - reads as what happened
+    """An optional package that is not installed; the message names the extra that brings it."""
+
+
+class AdversaryError(UserError):
+    """An adversary that cannot do its work with what it was given."""
+
+
+class BudgetTooSmall(AdversaryError):  # noqa: N818 - reads as what happened
+    """Fewer queries than the adversary can learn from."""
+
+
+class TrainingDiverged(AdversaryError):  # noqa: N818 - reads as what happened
+    """A training whose weights or losses stopped being finite numbers."""
+
+
+class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
+    """More queries were asked for than are left; none of them was evaluated."""
+
+
+class WorkerError(RuntimeError):
+    """A worker process died or could not load what it should evaluate."""
