@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sada_gym.errors import UserError
-from sada_gym.generators import generators_kept
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
-    from stable_baselines3.common.base_class import BaseAlgorithm
 
     from sada_gym.agents.detector.model import Detector
     from sada_gym.agents.pilot.network import WaypointNetwork
@@ -61,22 +59,22 @@ AGENTS = (
     AgentCard(
         "cil",
         "SADA-Driving",
-        "driver/cil.zip",
-        "210c212fbdbe1bc38b7b269ed15049ce335872f03e77bfbe09c71b9c913226b6",
+        "driver/cil.safetensors",
+        "42cc4cf97217ce4ba45a4315cedf835677ed0f97d7653f5d901a60872ee40372",
         "imitates an expert, at the default camera in four weathers; the default",
     ),
     AgentCard(
         "cil-augmented",
         "SADA-Driving",
-        "driver/cil-augmented.zip",
-        "73aa7706fb15cc1f4b0394f032cda9eb9a179bb29975e8cd7fd2be44f6b315e7",
+        "driver/cil-augmented.safetensors",
+        "932d7d9d92d97d4e3e96acf907896cc4a96d0fbaaf6b893b986a65734ee1433c",
         "the same, with another camera each drive and stronger changes of the light",
     ),
     AgentCard(
         "ppo",
         "SADA-Driving",
-        "driver/ppo.zip",
-        "14ea7ff9c211769788996e9ec07291fd20bf6433f57c640035dd1a9ccab01596",
+        "driver/ppo.safetensors",
+        "22e413aaaf7937a60be0d14f717f7c1f8a882cbdcf66d5bb7a1827f1432f6fa4",
         "cil, trained on by PPO on the driving task",
     ),
     AgentCard(
@@ -125,30 +123,19 @@ def load_detector(agent: str | Path) -> Detector:
     from sada_gym.agents.detector.model import load
     from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
-    if isinstance(agent, str) and not agent.endswith(".safetensors"):
-        shipped = card(agent, "SADA-Detection")
-        verify(shipped)
-        return load(shipped.path, CLASSES)
-    if not Path(agent).is_file():
-        raise UserError(f"Expected a file with a detector's weights, got {agent}: no such file.")
-    return load(Path(agent), CLASSES)
+    return load(_file(agent, "SADA-Detection", "detector"), CLASSES)
 
 
-def load_driver(agent: str) -> BaseAlgorithm:
-    """Load a shipped driver by name.
-
-    SB3's files hold pickles, so only those whose SHA-256 is known are opened.
+def load_driver(agent: str | Path) -> PPO:
+    """Load a shipped driver by name, or a safetensors file with one's weights.
 
     Raises:
-        ValueError: If there is no such agent, or its file's SHA-256 is off.
+        ValueError: If there is no such agent or file, the file holds something else, or the shipped
+            file's SHA-256 is off.
     """
-    from stable_baselines3 import PPO
+    from sada_gym.agents.driver.weights import load
 
-    _refuse_zip(agent, f"a driver's name among {', '.join(names('SADA-Driving'))}")
-    shipped = card(agent, "SADA-Driving")
-    verify(shipped)
-    with generators_kept():
-        return PPO.load(shipped.path, device="cpu")
+    return load(_file(agent, "SADA-Driving", "driver"))
 
 
 def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
@@ -160,25 +147,28 @@ def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
     """
     from sada_gym.agents.pilot.weights import load
 
-    _refuse_zip(
-        agent, f"a pilot's name among {', '.join(names('SADA-UAV'))}, or a .safetensors file"
-    )
-    if isinstance(agent, str) and not agent.endswith(".safetensors"):
-        shipped = card(agent, "SADA-UAV")
-        verify(shipped)
-        return load(shipped.path)
-    if not Path(agent).is_file():
-        raise UserError(f"Expected a file with a pilot's weights, got {agent}: no such file.")
-    return load(Path(agent))
+    return load(_file(agent, "SADA-UAV", "pilot"))
 
 
-def _refuse_zip(agent: str | Path, expected: str) -> None:
-    """Refuse SB3's files, which would be unpickled."""
+def _file(agent: str | Path, application: str, kind: str) -> Path:
+    """The file of a shipped agent, whose SHA-256 is checked, or a safetensors file of a user's.
+
+    Raises:
+        ValueError: If there is no such agent or file, or it is a zip, which would be unpickled.
+    """
     if str(agent).endswith(".zip"):
         raise UserError(
-            f"Expected {expected}, got the file {agent}. SB3's files hold pickles, which can run "
-            "code: load one that you trust yourself, and pass the model, agent=PPO.load(file)."
+            f"Expected a {kind}'s name among {', '.join(names(application))}, or a .safetensors "
+            f"file, got the file {agent}. SB3's files hold pickles, which can run code: load one "
+            "that you trust yourself, and pass the model, agent=PPO.load(file)."
         )
+    if isinstance(agent, str) and not agent.endswith(".safetensors"):
+        shipped = card(agent, application)
+        verify(shipped)
+        return shipped.path
+    if not Path(agent).is_file():
+        raise UserError(f"Expected a file with a {kind}'s weights, got {agent}: no such file.")
+    return Path(agent)
 
 
 def verify(agent: AgentCard) -> None:

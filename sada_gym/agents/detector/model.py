@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sada_gym.errors import UserError
+from sada_gym.agents.weights import load_weights
 
 STRIDE = 8
 """Pixels per cell of the heat map."""
@@ -144,15 +144,6 @@ def load(path: Path, classes: Sequence[str]) -> Detector:
     Raises:
         ValueError: If the file does not hold this network's weights.
     """
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
     model = Detector(classes)
-    try:
-        model.load_state_dict(load_file(path))
-    except (SafetensorError, RuntimeError, OSError) as error:
-        raise UserError(
-            f"Expected a safetensors file with the weights of the {len(classes)}-class Detector, "
-            f"got {path}: {error}. Train one with python -m sada_gym.agents.detector.train."
-        ) from error
+    load_weights(model, path, f"the weights of the {len(classes)}-class Detector")
     return model.eval().requires_grad_(False)

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3 import PPO
 
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting
@@ -21,7 +19,6 @@ from sada_gym.envs.driving.camera import Mount, camera
 from sada_gym.envs.driving.drives import Drives, Ending, Start
 from sada_gym.envs.driving.tasks import LAYOUT, TASKS
 from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS
-from sada_gym.generators import generators_kept
 from sada_gym.metrics import wilson_interval
 
 
@@ -126,17 +123,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "driver",
-        help=f"{', '.join(agents.names('SADA-Driving'))}, or a file of SB3's PPO that you trust, "
-        "since it holds pickles",
+        help=f"{', '.join(agents.names('SADA-Driving'))}, or a safetensors file",
     )
     parser.add_argument("--seed", type=int, default=1_000)
     arguments = parser.parse_args()
-    if Path(arguments.driver).is_file():
-        with generators_kept():
-            driver: Acting = PPO.load(arguments.driver, device="cpu")
-    else:
-        driver = agents.load_driver(arguments.driver)
-    print(table(measure(driver, seed=arguments.seed)))
+    print(table(measure(agents.load_driver(arguments.driver), seed=arguments.seed)))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from sada_gym.agents.driver.evaluate import measure, table
 from sada_gym.agents.driver.imitation import imitate
 from sada_gym.agents.driver.recipe import RECIPES, Imitation, Reinforcement
 from sada_gym.agents.driver.reinforcement import reinforce
+from sada_gym.agents.driver.weights import save
 from sada_gym.agents.options import check_options
 from sada_gym.threads import one_thread
 
@@ -84,8 +85,8 @@ def main() -> None:
     model = train(recipe, seed=arguments.seed)
     minutes = (time.process_time() - started) / 60
     arguments.out.mkdir(parents=True, exist_ok=True)
-    weights = arguments.out / f"{arguments.name}.zip"
-    model.save(weights)
+    weights = arguments.out / f"{arguments.name}.safetensors"
+    save(model, weights)
     if arguments.steps is not None:
         print(f"a trial's weights: {weights}")
         return

@@ -1,17 +1,15 @@
-"""Pilots in files: weights alone, as safetensors, so that a file can run no code."""
+"""Pilots in files: weights alone, as safetensors; their names tell which kind of pilot it is."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from stable_baselines3 import PPO
-from torch import Tensor, nn
 
 from sada_gym.agents.pilot.network import WaypointNetwork, new_network
 from sada_gym.agents.pilot.reinforcement import new_model
-from sada_gym.errors import UserError
+from sada_gym.agents.weights import load_weights, read_weights
 
 
 def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
@@ -26,37 +24,11 @@ def load(path: Path) -> WaypointNetwork | PPO:
     Raises:
         ValueError: If the file holds no weights of a pilot.
     """
-    try:
-        weights = load_file(path)
-    except SafetensorError as error:
-        raise _no_pilot(path, f"got no safetensors file ({error})") from None
+    weights, _ = read_weights(path, "the weights of a pilot")
     if any(key.startswith("convolutions.") for key in weights):
         network = new_network(0)
-        _fill(network, weights, path, "waypoint-pid")
+        load_weights(network, path, "the weights of a pilot like waypoint-pid")
         return network.eval()
     model = new_model(0)
-    _fill(model.policy, weights, path, "ppo")
+    load_weights(model.policy, path, "the weights of a pilot like ppo")
     return model
-
-
-def _fill(module: nn.Module, weights: dict[str, Tensor], path: Path, kind: str) -> None:
-    """Load a module's weights, or name the first that is missing, of another shape or unknown."""
-    wanted = module.state_dict()
-    for key, value in wanted.items():
-        shape = tuple(value.shape)
-        if key not in weights:
-            raise _no_pilot(path, f"as {kind} has them: {key} of shape {shape}, got no {key}")
-        if weights[key].shape != value.shape:
-            found = tuple(weights[key].shape)
-            raise _no_pilot(path, f"as {kind} has them: {key} of shape {shape}, got {found}")
-    for key in weights:
-        if key not in wanted:
-            raise _no_pilot(path, f"as {kind} has them: without {key}, got one")
-    module.load_state_dict(weights)
-
-
-def _no_pilot(path: Path, why: str) -> UserError:
-    return UserError(
-        f"Expected the weights of a pilot in {path}, {why}. Write such a file by python -m "
-        "sada_gym.agents.pilot.train, or, for a pilot of your own, pass the model as agent=model."
-    )
