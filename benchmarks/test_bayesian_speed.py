@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries import make
-from sada_gym.oracle import Oracle
+from sada_gym.evaluation.oracle import Oracle
 
 DIMENSION, STEPS, TARGET = 8, 10_000, 100
 THEIR_STEPS = (50, 100, 200)

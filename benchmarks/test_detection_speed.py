@@ -15,9 +15,9 @@ import sada_gym  # noqa: F401
 from sada_gym.adversaries import make
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection import application as detection
-from sada_gym.envs.detection.encoding import encode
+from sada_gym.envs.detection.renderers.encoding import encode
 from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, light_of, view_of
-from sada_gym.oracle import Oracle
+from sada_gym.evaluation.oracle import Oracle
 
 BATCH = 64
 RNG = np.random.default_rng(0)

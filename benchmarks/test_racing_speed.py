@@ -10,12 +10,12 @@ import numpy as np
 import pybullet
 import pytest
 
-from sada_gym.agents.pilot.network import WaypointNetwork
+from sada_gym.envs.uav.agent.network import WaypointNetwork
+from sada_gym.envs.uav.agent.pilot import WaypointPilot
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
-from sada_gym.envs.uav.drone import SIMULATION_HZ, upright
-from sada_gym.envs.uav.pilot import WaypointPilot
-from sada_gym.envs.uav.reference import Reference
-from sada_gym.envs.uav.world import SLOTS, World
+from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
+from sada_gym.envs.uav.world.physics import SLOTS, World
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries import make
-from sada_gym.oracle import Oracle
-from sada_gym.processes import in_fresh_process
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.testing.processes import in_fresh_process
 
 N, DIMENSION, SAMPLES = 20_000, 8, 250
 _OTHERS = "gaussian gmm10 gmm50 bbgan bbgan-boost cross-entropy smc cma-mae sada"

@@ -12,11 +12,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.envs.driving.application import DrivingApplication
-from sada_gym.envs.driving.camera import Lens, Mount, camera
+from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.drives import PICTURE_COLUMNS, PICTURE_ROWS
 from sada_gym.envs.driving.pictures import Film
-from sada_gym.envs.driving.tasks import LAYOUT, task_routes
-from sada_gym.envs.driving.weather import NAMES
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.world.weather import NAMES
 
 IMAGES = Path(__file__).parent / "images"
 LENS = Lens(198, 450)

@@ -6,9 +6,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.envs.detection.backdrop import random_backdrop
+from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
-from sada_gym.envs.detection.tinyrenderer import shared_renderer
 
 CELL, MARGIN, COLUMNS = 128, 130, 9
 

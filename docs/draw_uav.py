@@ -12,11 +12,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym import agents
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.pictures import Film, Plan
-from sada_gym.envs.uav.templates import TEMPLATES
-from sada_gym.envs.uav.track import Tracks, line
-from sada_gym.results import SAMPLES_FILE, read_samples
+from sada_gym.envs.uav.world.templates import TEMPLATES
+from sada_gym.envs.uav.world.track import Tracks, line
+from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 IMAGES = Path(__file__).parent / "images"
 CELL, LABEL, TRACKS = 220, 24, 4

@@ -13,7 +13,7 @@ from typing_extensions import Self
 
 import sada_gym
 from sada_gym.adversaries.base import Adversary, Query
-from sada_gym.metrics import attack_fooling_rate
+from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.oracle import Oracle
 
 

@@ -15,7 +15,7 @@ from gymnasium.envs.classic_control import CartPoleEnv
 
 from sada_gym import Application, Parameter, ParameterSpace, Scored, adversaries
 from sada_gym.envs import AdversaryEnv
-from sada_gym.metrics import attack_fooling_rate
+from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.oracle import Oracle
 from sada_gym.parameters import Mu
 

@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import sada_gym
-from sada_gym.metrics import attack_fooling_rate
+from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.oracle import Oracle
 
 ENV_ID = "SADA-Analytic-v0"

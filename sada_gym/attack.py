@@ -15,11 +15,13 @@ import numpy.typing as npt
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError
-from sada_gym.evaluator import Evaluator
-from sada_gym.metrics import attack_fooling_rate, mu_std, nearest_neighbours
-from sada_gym.oracle import Evaluations, Oracle
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.oracle import Evaluations, Oracle
+from sada_gym.evaluation.store import Context
+from sada_gym.files import write_folder, write_model
+from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.parameters import Mu
-from sada_gym.results import (
+from sada_gym.runs.record import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
     SAMPLES_FILE,
@@ -32,11 +34,8 @@ from sada_gym.results import (
     feasible_rate,
     json_compatible,
     packages,
-    write_folder,
-    write_model,
     write_samples,
 )
-from sada_gym.store import Context
 
 Stage = Literal["train", "test", "pictures"]
 
@@ -185,7 +184,7 @@ def _run(
 
 
 def _draw(result: AttackResult, application: Application, progress: AttackProgress) -> AttackResult:
-    from sada_gym.plots import draw_pictures
+    from sada_gym.plots.attack import draw_pictures
 
     progress("pictures", 0, 1, 0)
     drawn = draw_pictures(application, result.samples, result.queries, result.folder)

@@ -25,8 +25,8 @@ from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.learner import NONE_FOOLED, fresh_rows, row_keys
 from sada_gym.adversaries.omega import Induced, Omega, evaluate_uniform, induce
 from sada_gym.adversaries.tensorboard import TrainingLog
+from sada_gym.determinism import one_thread
 from sada_gym.errors import UserError
-from sada_gym.threads import one_thread
 
 _TENSORS, _SETTINGS = "bbgan.safetensors", "bbgan.json"
 _CALIBRATION_DRAWS = 4096

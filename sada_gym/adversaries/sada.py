@@ -14,8 +14,8 @@ from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
 from sada_gym.adversaries.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.surrogate import MODELS, Surrogate
-from sada_gym.coverage import density_and_coverage
 from sada_gym.errors import BudgetTooSmall, UserError
+from sada_gym.measures.coverage import density_and_coverage
 
 Array = npt.NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from sada_gym.errors import UserError
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
-    from sada_gym.agents.detector.model import Detector
-    from sada_gym.agents.pilot.network import WaypointNetwork
+    from sada_gym.envs.detection.agent.network import Detector
+    from sada_gym.envs.uav.agent.network import WaypointNetwork
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class AgentCard:
     Attributes:
         name: What `agent=` takes.
         application: The applications that it serves.
-        file: Its weights, relative to this package.
+        file: Its weights, relative to `sada_gym/envs`.
         sha256: Of that file; a file that differs is refused.
         summary: A line for people.
     """
@@ -38,56 +38,56 @@ class AgentCard:
     @property
     def path(self) -> Path:
         """Where the weights lie."""
-        return Path(__file__).parent / self.file
+        return Path(__file__).parents[1] / "envs" / self.file
 
 
 AGENTS = (
     AgentCard(
         "photographer",
         "SADA-Detection",
-        "detector/photographer.safetensors",
+        "detection/agent/photographer.safetensors",
         "9a7ec7022a5388f2692c60a08b404d9f20f2cc67a08f4a652b61f2cf6648b016",
         "detector trained on the views that people photograph; the default",
     ),
     AgentCard(
         "surveyor",
         "SADA-Detection",
-        "detector/surveyor.safetensors",
+        "detection/agent/surveyor.safetensors",
         "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
         "the same with one training view in ten from everywhere",
     ),
     AgentCard(
         "cil",
         "SADA-Driving",
-        "driver/cil.safetensors",
+        "driving/agent/cil.safetensors",
         "42cc4cf97217ce4ba45a4315cedf835677ed0f97d7653f5d901a60872ee40372",
         "imitates an expert, at the default camera in four weathers; the default",
     ),
     AgentCard(
         "cil-augmented",
         "SADA-Driving",
-        "driver/cil-augmented.safetensors",
+        "driving/agent/cil-augmented.safetensors",
         "932d7d9d92d97d4e3e96acf907896cc4a96d0fbaaf6b893b986a65734ee1433c",
         "the same, with another camera each drive and stronger changes of the light",
     ),
     AgentCard(
         "ppo",
         "SADA-Driving",
-        "driver/ppo.safetensors",
+        "driving/agent/ppo.safetensors",
         "22e413aaaf7937a60be0d14f717f7c1f8a882cbdcf66d5bb7a1827f1432f6fa4",
         "cil, trained on by PPO on the driving task",
     ),
     AgentCard(
         "waypoint-pid",
         "SADA-UAV",
-        "pilot/waypoint-pid.safetensors",
+        "uav/agent/waypoint-pid.safetensors",
         "c26fa779414358f7d365e858cde0633fc1df652e4b02c98b33df3c214379c9e6",
         "sees where the next gate is and flies there; trained on mild tracks; the default",
     ),
     AgentCard(
         "ppo",
         "SADA-UAV",
-        "pilot/ppo.safetensors",
+        "uav/agent/ppo.safetensors",
         "0f2b7f94aaa13fdcd7b1cd2bb2f55552dfc5c1990663a8c801126c8c4bdcd66f",
         "told where the next two gates are, without a camera; learnt to fly by PPO",
     ),
@@ -120,7 +120,7 @@ def load_detector(agent: str | Path) -> Detector:
     Raises:
         ValueError: If there is no such agent or file, or the shipped file's SHA-256 is off.
     """
-    from sada_gym.agents.detector.model import load
+    from sada_gym.envs.detection.agent.network import load
     from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
     return load(_file(agent, "SADA-Detection", "detector"), CLASSES)
@@ -133,7 +133,7 @@ def load_driver(agent: str | Path) -> PPO:
         ValueError: If there is no such agent or file, the file holds something else, or the shipped
             file's SHA-256 is off.
     """
-    from sada_gym.agents.driver.weights import load
+    from sada_gym.envs.driving.agent.weights import load
 
     return load(_file(agent, "SADA-Driving", "driver"))
 
@@ -145,7 +145,7 @@ def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
         ValueError: If there is no such agent or file, the file holds something else, or the shipped
             file's SHA-256 is off.
     """
-    from sada_gym.agents.pilot.weights import load
+    from sada_gym.envs.uav.agent.weights import load
 
     return load(_file(agent, "SADA-UAV", "pilot"))
 
@@ -197,7 +197,9 @@ def fingerprint(agent: Any) -> str | None:
 
     if not isinstance(agent, torch.nn.Module):
         return None
-    digest = hashlib.sha256(f"{type(agent).__module__}.{type(agent).__qualname__}".encode())
+    kind = type(agent)
+    name = getattr(kind, "fingerprint_name", f"{kind.__module__}.{kind.__qualname__}")
+    digest = hashlib.sha256(name.encode())
     for name, value in sorted(agent.state_dict().items()):
         digest.update(f"{name}{tuple(value.shape)}{value.dtype}".encode())
         digest.update(value.detach().cpu().contiguous().numpy().tobytes())

@@ -13,8 +13,8 @@ from gymnasium import spaces
 
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting, Batch, stages, statistics
+from sada_gym.determinism import one_thread
 from sada_gym.errors import UserError
-from sada_gym.threads import one_thread
 
 TILE = 16
 """A network always sees this many observations at once, padded: a batch of another size would give

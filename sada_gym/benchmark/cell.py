@@ -20,13 +20,14 @@ from sada_gym.benchmark.measure import ImageNovelty, follow_search, image_novelt
 from sada_gym.benchmark.plan import CellSettings
 from sada_gym.benchmark.suite import IDEAL
 from sada_gym.errors import StoreError, UserError
-from sada_gym.evaluator import Evaluator
-from sada_gym.novelty import image_neighbours
-from sada_gym.novelty_plots import novelty_sheet
-from sada_gym.oracle import Evaluations, Oracle, Stream
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.oracle import Evaluations, Oracle, Stream
+from sada_gym.files import write_file, write_folder, write_model
+from sada_gym.measures.novelty import image_neighbours
 from sada_gym.parameters import Mu
-from sada_gym.plots import png
-from sada_gym.results import SAMPLES_FILE, write_file, write_folder, write_model, write_samples
+from sada_gym.plots.attack import png
+from sada_gym.plots.novelty import novelty_sheet
+from sada_gym.runs.record import SAMPLES_FILE, write_samples
 
 NOVELTY_PICTURE = "novelty.png"
 

@@ -14,7 +14,16 @@ from sada_gym.benchmark.figures import Figure as Estimated
 from sada_gym.benchmark.labels import label_ends, place_labels
 from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots import ACCENT, GRID, INK, MUTED, axis_label, name_choices, new_figure, tidy
+from sada_gym.plots.attack import (
+    ACCENT,
+    GRID,
+    INK,
+    MUTED,
+    axis_label,
+    name_choices,
+    new_figure,
+    tidy,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

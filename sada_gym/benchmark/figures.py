@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import t
 
-from sada_gym.aggregate import Interval, Standing, estimate, shared_ranks
-from sada_gym.results import Strict
+from sada_gym.files import Strict
+from sada_gym.measures.statistics import Interval, Standing, estimate, shared_ranks
 
 Runs = Sequence[Sequence[float]]
 """One figure for each run: by track, then by seed."""
@@ -32,11 +32,11 @@ class Figure(Strict):
 def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure:
     """Average runs over seeds, then over tracks, with a 95 % interval.
 
-    Where all tracks have as many seeds it is `sada_gym.aggregate.estimate`'s bootstrap. Otherwise
-    rates are estimated so for each number of seeds and the intervals put together as those
-    of a weighted sum of independent estimates (Zou and Donner 2008: the distances from the estimate
-    add up in squares). Other figures get Student's interval with the variance between the
-    seeds of a track pooled over the tracks that have several.
+    Where all tracks have as many seeds it is the bootstrap of
+    `sada_gym.measures.statistics.estimate`. Otherwise rates are estimated so for each number of
+    seeds and the intervals put together as those of a weighted sum of independent estimates (Zou
+    and Donner 2008: the distances from the estimate add up in squares). Other figures get Student's
+    interval, the variance between the seeds of a track pooled over the tracks that have several.
 
     Args:
         runs: The figures.

@@ -12,7 +12,8 @@ from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.plan import CellKey, CellSettings, Group, Plan
 from sada_gym.benchmark.suite import Table
 from sada_gym.errors import UserError
-from sada_gym.results import Strict, packages, read_model, write_model
+from sada_gym.files import Strict, read_model, write_model
+from sada_gym.runs.record import packages
 
 SETTINGS_FILE = "benchmark.json"
 CELL_FILE = "cell.json"

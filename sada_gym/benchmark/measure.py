@@ -8,13 +8,14 @@ from dataclasses import asdict
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.coverage import fooling_coverage, relative_coverage
-from sada_gym.metrics import attack_fooling_rate, mu_std
-from sada_gym.novelty import Neighbour, Neighbours, novelty, relative_novelty
-from sada_gym.oracle import Evaluations
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import Strict
+from sada_gym.measures.coverage import fooling_coverage, relative_coverage
+from sada_gym.measures.novelty import Neighbour, Neighbours, novelty, relative_novelty
+from sada_gym.measures.rates import attack_fooling_rate, mu_std
+from sada_gym.measures.search import SearchPoint, anytime
 from sada_gym.parameters import Mu
-from sada_gym.results import FeasibleRate, Strict, feasible_rate
-from sada_gym.search import SearchPoint, anytime
+from sada_gym.runs.record import FeasibleRate, feasible_rate
 
 
 class MuNovelty(Strict):
@@ -67,7 +68,7 @@ class Measures(Strict):
         fooled: Number of samples that fooled.
         mean_score: Their mean Q.
         mu_std: Their spread; 0.577 where uniform.
-        density: See `sada_gym.coverage`; None without a reference set, as the next two.
+        density: See `sada_gym.measures.coverage`; None without a reference set, as the next two.
         coverage: Share of the fooling set that the samples which fool cover.
         relative_coverage: Coverage over that of the ideal samples of the same seed.
         novelty: None without training queries.
@@ -89,7 +90,7 @@ class Measures(Strict):
 
 
 class SearchMark(Strict):
-    """A point of the anytime curve, see `sada_gym.search.SearchPoint`."""
+    """A point of the anytime curve, see `sada_gym.measures.search.SearchPoint`."""
 
     queries: int
     found: int

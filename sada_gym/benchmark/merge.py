@@ -20,7 +20,7 @@ from sada_gym.benchmark.results import (
 from sada_gym.benchmark.suite import Table
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.errors import UserError
-from sada_gym.results import read_model, write_model
+from sada_gym.files import read_model, write_model
 
 
 def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ()) -> Results:

@@ -21,10 +21,11 @@ from sada_gym.benchmark.plan import open_application
 from sada_gym.benchmark.results import CellResult, Results
 from sada_gym.benchmark.suite import IDEAL
 from sada_gym.benchmark.tables import short_name
+from sada_gym.files import write_file
+from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots import png
-from sada_gym.reference import FOLDER, load_reference
-from sada_gym.results import SAMPLES_FILE, read_samples, write_file
+from sada_gym.plots.attack import png
+from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

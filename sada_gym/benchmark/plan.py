@@ -11,12 +11,13 @@ from typing import Any
 from sada_gym import adversaries, agents
 from sada_gym.application import Application
 from sada_gym.benchmark.suite import IDEAL, Contender, Suite, Table
-from sada_gym.coverage import NEAREST
 from sada_gym.errors import UserError
-from sada_gym.reference import FOLDER, Reference, load_reference
+from sada_gym.evaluation.store import Context
+from sada_gym.files import Strict
+from sada_gym.measures.coverage import NEAREST
+from sada_gym.measures.reference import FOLDER, Reference, load_reference
 from sada_gym.registration import make_application
-from sada_gym.results import Strict, json_compatible, packages
-from sada_gym.store import Context
+from sada_gym.runs.record import json_compatible, packages
 
 
 class ReferenceMark(Strict):

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from sada_gym.agents import AGENTS
-from sada_gym.aggregate import interquartile_mean
 from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.benchmark.folder import (
     SETTINGS_FILE,
@@ -23,8 +22,9 @@ from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.plan import CellKey, CellSettings, ReferenceMark
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.errors import UserError
+from sada_gym.files import Strict, read_model, write_model
+from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
-from sada_gym.results import Strict, read_model, write_model
 
 RESULTS_FILE = "results.json"
 TIMINGS_FILE = "timings.json"

@@ -20,8 +20,8 @@ from sada_gym.benchmark.suite import Suite
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.benchmark.work import Job, connect, work
 from sada_gym.errors import UserError, WorkerError
-from sada_gym.reference import FOLDER
-from sada_gym.workers import WorkerPool
+from sada_gym.evaluation.workers import WorkerPool
+from sada_gym.measures.reference import FOLDER
 
 _LISTEN_EVERY_S = 0.1
 

@@ -13,7 +13,7 @@ from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.errors import UserError
-from sada_gym.results import Strict
+from sada_gym.files import Strict
 
 IDEAL = "ideal"
 """The control that draws from a track's reference fooling set."""

@@ -12,7 +12,7 @@ from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.results import Results, Row
 from sada_gym.benchmark.suite import CONTROLS
-from sada_gym.results import write_file
+from sada_gym.files import write_file
 
 TABLE_FILE = "table.md"
 

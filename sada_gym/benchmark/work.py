@@ -13,8 +13,8 @@ from sada_gym.benchmark.folder import store_file
 from sada_gym.benchmark.plan import Group
 from sada_gym.benchmark.suite import IDEAL
 from sada_gym.errors import StoreError, WorkerError
-from sada_gym.evaluator import Evaluator
-from sada_gym.reference import load_reference
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.measures.reference import load_reference
 
 _PATIENCE_S = 60.0
 

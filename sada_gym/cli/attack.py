@@ -117,7 +117,7 @@ def _run(env_id: str, adversary: str, **settings: Any) -> None:
 
 
 def _summarise(result: Any) -> None:
-    from sada_gym.metrics import attack_fooling_rate
+    from sada_gym.measures.rates import attack_fooling_rate
 
     report, folder = result.report, result.folder
     rate = attack_fooling_rate(result.samples.score, report.fooling_threshold)
@@ -155,8 +155,8 @@ def _summarise(result: Any) -> None:
 
 
 def _tell_how_to_resume(folder: Path, command: list[str]) -> None:
-    from sada_gym.results import STORE_FILE
-    from sada_gym.store import EvaluationStore
+    from sada_gym.evaluation.store import EvaluationStore
+    from sada_gym.runs.record import STORE_FILE
 
     kept, path = 0, folder / STORE_FILE
     if path.exists():

@@ -110,7 +110,7 @@ def benchmark(
         from sada_gym.benchmark.run import report_benchmark, run_benchmark
         from sada_gym.benchmark.suite import choose, find_suite
         from sada_gym.cli.benchmark_progress import BenchmarkBars
-        from sada_gym.reference import FOLDER
+        from sada_gym.measures.reference import FOLDER
 
         known = references or FOLDER
         if report:

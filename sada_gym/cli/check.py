@@ -30,7 +30,7 @@ def check(
     and one of each class that needs no arguments. Exit code 1 where a check fails.
     """
     with told_in_a_sentence():
-        from sada_gym.check import check_environment, check_file
+        from sada_gym.testing.check import check_environment, check_file
 
         if subject.endswith(".py"):
             if env_kwargs:

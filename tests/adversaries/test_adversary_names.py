@@ -60,7 +60,7 @@ def test_ones_own_by_module_and_class():
         ("bbgan", {"stages": 2}, r"Expected the option of bbgan to be"),
         ("random", {"preset": "paper"}, r"Expected no preset with random, which has none"),
         ("missing_module:X", {}, r"Expected an adversary's name or module:Class.*missing_module"),
-        ("sada_gym.store:EvaluationStore", {}, r"to be a subclass of Adversary"),
+        ("sada_gym.evaluation.store:EvaluationStore", {}, r"to be a subclass of Adversary"),
     ],
 )
 def test_bad_names_and_options_are_refused(name, options, message):

@@ -1,9 +1,9 @@
 import numpy as np
-from landscape import FunctionOracle
 
 from sada_gym.adversaries.archive import MEMORISED, Archive
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.testing import AdversaryContract
+from sada_gym.testing.landscapes import FunctionOracle
 
 
 class TestArchive(AdversaryContract):

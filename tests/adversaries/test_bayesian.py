@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 
 from sada_gym.adversaries import make
 from sada_gym.adversaries.bayesian import Bayesian
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 QUICK = {"candidates": 512, "components": (1, 4)}
 

@@ -3,13 +3,13 @@ import sys
 
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 
 from sada_gym.adversaries.cma_mae import CMAMAE
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.adversaries.omega import Omega
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 pytest.importorskip("ribs")
 

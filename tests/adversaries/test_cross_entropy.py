@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 
 from sada_gym.adversaries.cross_entropy import CrossEntropy
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.metrics import attack_fooling_rate, lead_interval
+from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 QUICK = {"stages": 2, "components": 2}
 

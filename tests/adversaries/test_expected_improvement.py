@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.stats import norm
@@ -15,6 +14,7 @@ from sada_gym.adversaries.expected_improvement import (
     stages,
 )
 from sada_gym.adversaries.omega import evaluate_uniform
+from sada_gym.testing.landscapes import FunctionOracle
 
 QUICK = {"candidates": 512}
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle
 
 from sada_gym.adversaries.gaussian_mixture import GMM10, GMM50, Gaussian
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.metrics import attack_fooling_rate, lead_interval
+from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle
 
 KINDS = [Gaussian, GMM10, GMM50]
 

@@ -2,7 +2,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 from numpy.testing import assert_allclose
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
@@ -19,6 +18,7 @@ from sada_gym.adversaries.gp import CONSTANT, GP
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 
 class TestGP(AdversaryContract):

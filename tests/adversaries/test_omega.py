@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle
 
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate_uniform, induce
+from sada_gym.testing.landscapes import FunctionOracle
 
 
 def pool(scores):

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.adversaries.sada import LEAST_BUDGET, SADA
-from sada_gym.coverage import fooling_coverage
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.metrics import attack_fooling_rate
+from sada_gym.measures.coverage import fooling_coverage
+from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.testing import AdversaryContract
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 
 class TestSADA(AdversaryContract):

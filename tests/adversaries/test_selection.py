@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle
 
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT, Selection
+from sada_gym.testing.landscapes import FunctionOracle
 
 
 class First(Selection):

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
-from landscape import FunctionOracle, Landscape
 
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.smc import SMC
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.metrics import attack_fooling_rate, lead_interval
+from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
+from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 
 class TestSMC(AdversaryContract):

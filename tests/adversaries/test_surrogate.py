@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from landscape import Landscape
 from sklearn.gaussian_process import GaussianProcessRegressor
 from threadpoolctl import threadpool_limits
 
@@ -8,6 +7,7 @@ from sada_gym.adversaries.exact_gp import fit_weights, predict_mean
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.sparse_gp import SparseGP
 from sada_gym.adversaries.surrogate import CrossFittedTrees, Surrogate
+from sada_gym.testing.landscapes import Landscape
 
 
 @pytest.fixture(autouse=True)

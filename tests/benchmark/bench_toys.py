@@ -14,7 +14,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
 from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
-from sada_gym.reference import reference_mu, reference_seeds, write_reference
+from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
 from sada_gym.registration import make_application
 
 ANALYTIC = "SADA-Analytic-v0"

@@ -17,14 +17,15 @@ from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.results import write_results
 from sada_gym.benchmark.run import report_benchmark
 from sada_gym.benchmark.work import CellError, Job, work_on
-from sada_gym.coverage import fooling_coverage
-from sada_gym.metrics import mu_std
-from sada_gym.novelty import novelty
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.files import read_model
+from sada_gym.measures.coverage import fooling_coverage
+from sada_gym.measures.novelty import novelty
+from sada_gym.measures.rates import mu_std
+from sada_gym.measures.reference import load_reference
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.reference import load_reference
 from sada_gym.registration import make_application
-from sada_gym.results import read_model, read_samples
-from sada_gym.store import EvaluationStore
+from sada_gym.runs.record import read_samples
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from sada_gym.benchmark.charts import (
 )
 from sada_gym.benchmark.labels import _spread, label_ends, place_labels
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.plots import png
+from sada_gym.plots.attack import png
 
 
 def crowd(count, spread, seed=0):

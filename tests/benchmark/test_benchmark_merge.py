@@ -6,7 +6,7 @@ from sada_gym.benchmark.merge import merge, merge_files
 from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.cli import app
-from sada_gym.results import read_model, write_model
+from sada_gym.files import read_model, write_model
 
 WHOLE = suite("ideal", "archive", "random", budgets=(90, 60), seeds=2)
 

@@ -16,8 +16,8 @@ from sada_gym.benchmark.run import run_benchmark
 from sada_gym.benchmark.suite import choose
 from sada_gym.benchmark.work import CellError
 from sada_gym.errors import WorkerError
-from sada_gym.results import read_model
-from sada_gym.store import EvaluationStore
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.files import read_model
 
 WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
 

@@ -7,7 +7,7 @@ from sada_gym.benchmark.plan import ReferenceMark
 from sada_gym.benchmark.results import CellResult, Results, Target, rows_of_cells
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.benchmark.tables import short_name, write_tables
-from sada_gym.results import FeasibleRate
+from sada_gym.runs.record import FeasibleRate
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))

@@ -10,8 +10,8 @@ from sada_gym.benchmark.plan import CellKey, make_plan
 from sada_gym.benchmark.results import RESULTS_FILE, Results
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.benchmark.tables import TABLE_FILE, write_tables
+from sada_gym.files import read_model
 from sada_gym.registration import make_application
-from sada_gym.results import read_model
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDERS = sorted(path.parent for path in (DOCS / "results").glob(f"*/{RESULTS_FILE}"))

@@ -20,10 +20,10 @@ from numpy.testing import assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
-from sada_gym.contract import check_live_parameters, check_outcomes
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.purity import assert_pure
 from sada_gym.registration import TABLE, find_spec, register_environments
+from sada_gym.testing.purity import assert_pure
+from sada_gym.testing.rules import check_live_parameters, check_outcomes
 
 IDS = sada_gym.env_ids()
 GENERAL_IDS = [row.id for row in TABLE if not row.kwargs]

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.determinism import one_thread
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.picture import annotate
 from sada_gym.envs.detection.scene import Renderer, Rendering, Scene
@@ -24,7 +25,6 @@ from sada_gym.envs.detection.shapes import (
 )
 from sada_gym.errors import UserError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
-from sada_gym.threads import one_thread
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -38,7 +38,7 @@ TOP_DETECTIONS = 20
 """Detections an image that are looked at, best first."""
 
 DetectorLike = Callable[[list["Tensor"]], Sequence[Mapping[str, "Tensor"]]]
-"""Anything with torchvision's calling convention: see `sada_gym.agents.detector.model.Detector`."""
+"""Anything with torchvision's calling convention: see `Detector` in `agent/network.py`."""
 
 
 class DetectionApplication(Application):
@@ -162,7 +162,7 @@ class DetectionApplication(Application):
     def _render(self, scene: Scene) -> Rendering:
         if self._renderer is not None:
             return self._renderer.render(scene, self.image_size)
-        from sada_gym.envs.detection.tinyrenderer import shared_renderer
+        from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
 
         return shared_renderer().render(scene, self.image_size)
 

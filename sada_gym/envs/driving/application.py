@@ -12,11 +12,11 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.wrappers import Acting
 from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.envs.driving.camera import Mount, camera
-from sada_gym.envs.driving.driver import Driver
+from sada_gym.envs.driving.agent.driver import Driver
+from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.drives import Drives, Ending, Start
-from sada_gym.envs.driving.tasks import LAYOUT, task_routes
-from sada_gym.envs.driving.weather import NAMES, WEATHERS
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 

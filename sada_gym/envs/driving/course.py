@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sada_gym.envs.checks import check_number, check_range
-from sada_gym.envs.driving.camera import Mount
+from sada_gym.envs.driving.camera.pinhole import Mount
 from sada_gym.envs.driving.drives import TOP_SPEED_M_S, Start
-from sada_gym.envs.driving.layout import LAYOUTS
-from sada_gym.envs.driving.route import random_route
-from sada_gym.envs.driving.town import LANE_WIDTH_M, town
-from sada_gym.envs.driving.weather import NAMES, TRAINING_WEATHERS, weather_index
+from sada_gym.envs.driving.world.layout import LAYOUTS
+from sada_gym.envs.driving.world.route import random_route
+from sada_gym.envs.driving.world.town import LANE_WIDTH_M, town
+from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS, weather_index
 from sada_gym.errors import UserError
 
 _RANGES: dict[str, tuple[float, float]] = {

@@ -9,10 +9,10 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.driving.camera import Camera, Lens, Mount, Pictures
-from sada_gym.envs.driving.route import COMMANDS, SPACING_M, Route
-from sada_gym.envs.driving.town import LANE_WIDTH_M
-from sada_gym.envs.driving.vehicle import (
+from sada_gym.envs.driving.camera.pinhole import Camera, Lens, Mount, Pictures
+from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, Route
+from sada_gym.envs.driving.world.town import LANE_WIDTH_M
+from sada_gym.envs.driving.world.vehicle import (
     MAX_ACCELERATION_M_S2,
     MAX_STEERING_RAD,
     WIDTH_M,

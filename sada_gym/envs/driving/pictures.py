@@ -11,13 +11,13 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.application import Frame, validate_world
-from sada_gym.envs.driving.camera import Camera, Lens, camera
+from sada_gym.envs.driving.camera.pinhole import Camera, Lens, camera
+from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Ending, Start
-from sada_gym.envs.driving.route import COMMANDS
-from sada_gym.envs.driving.scenery import BUILDING
-from sada_gym.envs.driving.tasks import LAYOUT
-from sada_gym.envs.driving.town import town
-from sada_gym.envs.driving.weather import NAMES
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
+from sada_gym.envs.driving.world.route import COMMANDS
+from sada_gym.envs.driving.world.town import town
+from sada_gym.envs.driving.world.weather import NAMES
 
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication

@@ -11,7 +11,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
-from sada_gym.envs.driving.camera import camera
+from sada_gym.envs.driving.agent.expert import CRUISE_M_S
+from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.drives import (
     PICTURE_COLUMNS,
@@ -22,9 +23,8 @@ from sada_gym.envs.driving.drives import (
     Observation,
     Start,
 )
-from sada_gym.envs.driving.expert import CRUISE_M_S
-from sada_gym.envs.driving.route import COMMANDS
-from sada_gym.envs.driving.town import LANE_WIDTH_M
+from sada_gym.envs.driving.world.route import COMMANDS
+from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.task import TaskEnv, TaskVectorEnv
 
 ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
+from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, pilot
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.course import set_off
-from sada_gym.envs.uav.pilot import Pilot, PilotLike, pilot
 from sada_gym.envs.uav.races import Ending, Races
-from sada_gym.envs.uav.reference import Reference
-from sada_gym.envs.uav.templates import template
-from sada_gym.envs.uav.track import Tracks
+from sada_gym.envs.uav.world.templates import template
+from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.parameters import Mu
 
 LOCKSTEP = 64

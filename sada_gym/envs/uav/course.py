@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sada_gym.envs.checks import check_number
-from sada_gym.envs.uav.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.races import Start
-from sada_gym.envs.uav.templates import TEMPLATES, template
-from sada_gym.envs.uav.track import GATES, Tracks, along
+from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S
+from sada_gym.envs.uav.world.templates import TEMPLATES, template
+from sada_gym.envs.uav.world.track import GATES, Tracks, along
 from sada_gym.errors import UserError
 
 START_SHIFT_M = 0.3

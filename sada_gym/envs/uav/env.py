@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
+from sada_gym.envs.uav.agent.pilot import PilotLike
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.pilot import PilotLike
 from sada_gym.envs.uav.races import FILM_HZ
 
 

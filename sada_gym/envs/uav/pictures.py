@@ -10,11 +10,11 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.application import Frame, validate_world
-from sada_gym.envs.uav.camera import camera
-from sada_gym.envs.uav.drone import headings
-from sada_gym.envs.uav.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.races import FILM_HZ, POLICY_HZ, Ending, Races, Start
-from sada_gym.envs.uav.track import line
+from sada_gym.envs.uav.world.drone import headings
+from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.world.track import line
 
 if TYPE_CHECKING:
     from sada_gym.envs.uav.application import UAVApplication

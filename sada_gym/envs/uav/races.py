@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.uav.drone import (
+from sada_gym.envs.uav.world.drone import (
     GRAVITY_M_S2,
     MASS_KG,
     SIMULATION_HZ,
@@ -24,8 +24,9 @@ from sada_gym.envs.uav.drone import (
     heading_of,
     upright,
 )
-from sada_gym.envs.uav.guidance import waypoints
-from sada_gym.envs.uav.referee import (
+from sada_gym.envs.uav.world.guidance import waypoints
+from sada_gym.envs.uav.world.physics import SLOTS, World
+from sada_gym.envs.uav.world.referee import (
     felt,
     frames_near,
     judge,
@@ -33,7 +34,6 @@ from sada_gym.envs.uav.referee import (
     orders,
     seen,
 )
-from sada_gym.envs.uav.world import SLOTS, World
 from sada_gym.errors import UserError
 
 POLICY_HZ = 20

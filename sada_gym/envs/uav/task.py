@@ -12,10 +12,10 @@ from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.task import TaskEnv, TaskVectorEnv
-from sada_gym.envs.uav.camera import camera
+from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.races import GATES_AHEAD, POLICY_HZ, Ending, Observation, Races, Start
-from sada_gym.envs.uav.track import GATES
+from sada_gym.envs.uav.world.track import GATES
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.5, 2.0, -5.0, -0.5
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.detection.backdrop import random_backdrop
+from sada_gym.envs.detection.renderers.tinyrenderer import VISUALS, TinyRenderer, shared_renderer
 from sada_gym.envs.detection.scene import Scene, centre_of, view_of
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, generate
-from sada_gym.envs.detection.tinyrenderer import VISUALS, TinyRenderer, shared_renderer
 
 
 def scene(shape, seed=3, **changes):

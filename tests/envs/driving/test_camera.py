@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.driving import kernels
-from sada_gym.envs.driving.camera import Lens, Mount, camera
+from sada_gym.envs.driving.camera import kernels
+from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
+from sada_gym.envs.driving.camera.scenery import BUILDING, TREE
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.route import make_route
-from sada_gym.envs.driving.scenery import BUILDING, TREE
-from sada_gym.envs.driving.town import LANE_WIDTH_M, local_coordinates, town
-from sada_gym.envs.driving.weather import NAMES, WEATHERS, weather_index
+from sada_gym.envs.driving.world.route import make_route
+from sada_gym.envs.driving.world.town import LANE_WIDTH_M, local_coordinates, town
+from sada_gym.envs.driving.world.weather import NAMES, WEATHERS, weather_index
 
 LENS = Lens(44, 100)
 

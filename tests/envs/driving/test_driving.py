@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.driving.application import DrivingApplication
-from sada_gym.envs.driving.camera import Mount, camera
+from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Start
 from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
 from sada_gym.envs.driving.pictures import Film
-from sada_gym.envs.driving.tasks import LAYOUT, task_routes
-from sada_gym.envs.driving.weather import NAMES
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.world.weather import NAMES
 
 MU = [[-0.2, 0.0, -0.9], [0.0, 1.0, -0.5], [1.0, 0.8, 0.0], [-1.0, -0.4, 0.3], [0.6, 0.2, 0.7]]
 
@@ -121,7 +121,7 @@ def test_an_agent_of_another_application_is_refused():
 def test_a_driver_with_other_weights_is_refused(tmp_path, monkeypatch):
     from sada_gym import agents
 
-    copy = tmp_path / "cil.zip"
+    copy = tmp_path / "cil.safetensors"
     copy.write_bytes(agents.card("cil").path.read_bytes() + b"more")
     monkeypatch.setattr(agents.AgentCard, "path", property(lambda _: copy))
     with pytest.raises(ValueError, match="the shipped weights were changed"):

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.driving.camera import camera
+from sada_gym.envs.driving.agent.expert import Expert
+from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.drives import LANE_TOLERANCE_M, Drives, Ending
-from sada_gym.envs.driving.expert import Expert
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 

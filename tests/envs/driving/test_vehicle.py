@@ -1,7 +1,7 @@
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from sada_gym.envs.driving.vehicle import drive, locate
+from sada_gym.envs.driving.world.vehicle import drive, locate
 
 
 def test_paths_are_those_of_highway_envs_vehicle():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sada_gym.envs.uav.drone import (
+from sada_gym.envs.uav.world.drone import (
     GRAVITY_M_S2,
     INERTIA_KG_M2,
     MASS_KG,
@@ -12,8 +12,8 @@ from sada_gym.envs.uav.drone import (
     headings,
     upright,
 )
-from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
-from sada_gym.envs.uav.world import SLOTS, World
+from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.world.physics import SLOTS, World
 
 DT = 1 / SIMULATION_HZ
 GATE = np.array([[5.0, 0.0, CENTRE_HEIGHT_M, 0.0]])

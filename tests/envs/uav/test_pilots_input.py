@@ -6,14 +6,14 @@ import torch
 from torch import nn
 
 from sada_gym import agents
-from sada_gym.agents.pilot.network import WaypointNetwork
-from sada_gym.agents.pilot.reinforcement import new_model
 from sada_gym.agents.policy import TILE
+from sada_gym.envs.uav.agent.network import WaypointNetwork
+from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.reinforcement import new_model
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.races import POLICY_HZ
-from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
-from sada_gym.envs.uav.track import GATES
+from sada_gym.envs.uav.world.track import GATES
 
 
 class Own:

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.course import Course, set_off
-from sada_gym.envs.uav.drone import upright
-from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.races import GATE_LIMIT_S, POLICY_HZ, Ending, Races, Start
-from sada_gym.envs.uav.reference import Reference
-from sada_gym.envs.uav.templates import TEMPLATES
-from sada_gym.envs.uav.track import GATES, Tracks
+from sada_gym.envs.uav.world.drone import upright
+from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.world.templates import TEMPLATES
+from sada_gym.envs.uav.world.track import GATES, Tracks
 
 H = CENTRE_HEIGHT_M
 ROW = np.array([[8.0 * k, 0.0, H, 0.0] for k in range(1, 5)])

@@ -2,8 +2,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sada_gym.envs.uav.camera import COLUMNS, FORWARD_M, ROWS, TILT_DEG, UP_M, Camera, camera
-from sada_gym.envs.uav.gates import BARS, CENTRE_HEIGHT_M, OPENING_WIDTH_M
+from sada_gym.envs.uav.camera.pinhole import (
+    COLUMNS,
+    FORWARD_M,
+    ROWS,
+    TILT_DEG,
+    UP_M,
+    Camera,
+    camera,
+)
+from sada_gym.envs.uav.world.gates import BARS, CENTRE_HEIGHT_M, OPENING_WIDTH_M
 
 FINE = Camera(240, 320)
 EYE = np.array([FORWARD_M, 0.0, UP_M])

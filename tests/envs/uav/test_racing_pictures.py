@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
 from sada_gym.envs.uav.pictures import VIEW_COLUMNS, VIEW_ROWS, Film, Plan
 from sada_gym.envs.uav.races import FILM_HZ, Ending
-from sada_gym.envs.uav.reference import Reference
-from sada_gym.envs.uav.track import GATES
+from sada_gym.envs.uav.world.track import GATES
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
 BLIND = (3, 6)

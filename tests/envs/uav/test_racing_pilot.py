@@ -6,11 +6,11 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
-from sada_gym.agents.pilot.network import WaypointNetwork, new_network
-from sada_gym.agents.pilot.reinforcement import new_model
+from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
+from sada_gym.envs.uav.agent.pilot import TaskPilot, WaypointPilot, pilot
+from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.reinforcement import new_model
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.pilot import TaskPilot, WaypointPilot, pilot
-from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
 from sada_gym.sb3 import SB3VecEnv
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.races import Ending
-from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.task import RacingTaskEnv
-from sada_gym.envs.uav.track import GATES
+from sada_gym.envs.uav.world.track import GATES
 
 
 def test_good_flying_is_rewarded_and_standing_still_is_not():

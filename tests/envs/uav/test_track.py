@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from sada_gym.envs.uav.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
-from sada_gym.envs.uav.templates import (
+from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
+from sada_gym.envs.uav.world.templates import (
     LEAST_SPACING_M,
     LEAST_START_M,
     TEMPLATES,
@@ -11,7 +11,7 @@ from sada_gym.envs.uav.templates import (
     buildable,
     template,
 )
-from sada_gym.envs.uav.track import GATES, Tracks, along, line
+from sada_gym.envs.uav.world.track import GATES, Tracks, along, line
 
 COUNTS = tuple(TEMPLATES)
 

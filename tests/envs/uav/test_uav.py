@@ -8,14 +8,14 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from sada_gym.contract import check_outcomes
+from sada_gym.envs.uav.agent.privileged import Reference
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
 from sada_gym.envs.uav.races import Ending
-from sada_gym.envs.uav.reference import Reference
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
-from sada_gym.envs.uav.track import GATES
-from sada_gym.purity import assert_pure, draw_worlds
+from sada_gym.envs.uav.world.track import GATES
+from sada_gym.testing.purity import assert_pure, draw_worlds
+from sada_gym.testing.rules import check_outcomes
 
 
 def application(anchors=3, speed_m_s=9.5):
@@ -188,7 +188,7 @@ def test_an_unknown_pilot_is_refused():
 
 
 def test_the_docstring_gives_ranges_and_endings_as_they_are():
-    from sada_gym.envs.uav.templates import LEAST_SPACING_M, TEMPLATES
+    from sada_gym.envs.uav.world.templates import LEAST_SPACING_M, TEMPLATES
 
     for anchors, chosen in TEMPLATES.items():
         row = f"| {anchors} | {2 * anchors} | {chosen.range_m:g} |"

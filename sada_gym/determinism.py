@@ -1,0 +1,42 @@
+"""What libraries change for the whole process, put back: global generators, torch's threads."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+
+@contextmanager
+def generators_kept() -> Iterator[None]:
+    """Let a library seed Python's, NumPy's and torch's generators; afterwards they are as before.
+
+    SB3 does so whenever a model with a seed is made or loaded.
+    """
+    import torch
+
+    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the global one
+    try:
+        with torch.random.fork_rng():
+            yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let torch compute in one thread; afterwards it has as many as before.
+
+    Small networks want no more, and more threads give other last bits.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

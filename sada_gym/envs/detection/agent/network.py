@@ -1,0 +1,153 @@
+"""The detector under attack: a small single-stage network, torchvision's calling convention.
+
+One heat map a class says where an object's centre lies, and four more channels how far its box
+reaches from there: CenterNet (Zhou et al. 2019) with the box regression of FCOS (Tian et al. 2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from sada_gym.agents.weights import load_weights
+
+STRIDE = 8
+"""Pixels per cell of the heat map."""
+
+
+class Block(nn.Sequential):
+    """Convolution, batch normalisation, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, *, stride: int = 1, kernel: int = 3) -> None:
+        super().__init__(
+            nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2, bias=False),
+            nn.BatchNorm2d(outputs),
+            nn.ReLU(inplace=True),
+        )
+
+
+class Residual(nn.Module):
+    """Two blocks around a skip."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(Block(channels, channels), Block(channels, channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Add the body to its input."""
+        change: Tensor = self.body(x)
+        return x + change
+
+
+class Detector(nn.Module):
+    """Detects the classes it was trained on.
+
+    Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
+    in [0, 1] and gives a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64 from
+    1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, the same in one call.
+
+    Args:
+        classes: The class names; label i + 1 is classes[i].
+        top: Most detections an image.
+        floor: Detections with a lower score are dropped.
+    """
+
+    # where the class stood when the published results were made: fingerprints hold this name
+    fingerprint_name: ClassVar[str] = "sada_gym.agents.detector.model.Detector"
+
+    def __init__(self, classes: Sequence[str], *, top: int = 10, floor: float = 0.05) -> None:
+        super().__init__()
+        self.labels = {name: i + 1 for i, name in enumerate(classes)}
+        self.top, self.floor = top, floor
+        self.fine = nn.Sequential(
+            Block(3, 16, stride=2),
+            Block(16, 32, stride=2),
+            Block(32, 48, stride=2),
+            Residual(48),
+        )
+        self.coarse = nn.Sequential(Block(48, 96, stride=2), Residual(96), Block(96, 48, kernel=1))
+        self.neck = Block(48, 64)
+        self.head = nn.Conv2d(64, len(classes) + 4, 1)
+        nn.init.constant_(self.head.bias[: len(classes)], -4.0)  # type: ignore[index]
+
+    def maps(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw maps of a batch (b, 3, H, W): class logits (b, k, h, w) and log reach (b, 4, h, w).
+
+        The reach is left, top, right, bottom from a cell's centre, in cells.
+        """
+        fine = self.fine((images - 0.5) / 0.25)
+        coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0, mode="nearest")
+        out = self.head(self.neck(fine + coarse))
+        return out[:, :-4], out[:, -4:].clamp(-4, 4)
+
+    def forward(self, images: Sequence[Tensor]) -> list[dict[str, Tensor]]:
+        """Detect: see the class."""
+        heat, reach = self.maps(torch.stack(list(images)))
+        heat = heat.sigmoid()
+        peak = heat == functional.max_pool2d(heat, 3, 1, 1)
+        scores, index = (heat * peak).flatten(1).topk(self.top)
+        cells = heat.shape[2] * heat.shape[3]
+        labels, cell = index // cells + 1, index % cells
+        boxes = boxes_at(reach, cell)
+        keeps = unique(boxes, labels, scores >= self.floor)
+        return [
+            {"boxes": boxes[k, keep], "labels": labels[k, keep], "scores": scores[k, keep]}
+            for k, keep in enumerate(keeps)
+        ]
+
+
+def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
+    """Boxes (b, n, 4) in pixels at cells (b, n) of a reach map (b, 4, h, w)."""
+    width = reach.shape[3]
+    spread = reach.flatten(2).gather(2, cell[:, None].expand(-1, 4, -1)).exp()
+    x, y = cell % width + 0.5, torch.div(cell, width, rounding_mode="floor") + 0.5
+    left, top, right, bottom = spread.unbind(1)
+    return STRIDE * torch.stack([x - left, y - top, x + right, y + bottom], 2)
+
+
+def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -> list[list[int]]:
+    """Non-maximum suppression within a class.
+
+    Args:
+        boxes: (b, n, 4), best first.
+        labels: (b, n).
+        alive: (b, n) bool; the others are left out.
+        overlap: Boxes that overlap a better one by more than this are left out.
+
+    Returns:
+        For each image the indices to keep.
+    """
+    doubles = iou(boxes[:, :, None], boxes[:, None]) > overlap
+    doubles &= labels[:, :, None] == labels[:, None]
+    keeps = []
+    for rows, living in zip(doubles.tolist(), alive.tolist(), strict=True):
+        keep: list[int] = []
+        for i, row in enumerate(rows):
+            if living[i] and not any(row[j] for j in keep):
+                keep.append(i)
+        keeps.append(keep)
+    return keeps
+
+
+def iou(a: Tensor, b: Tensor) -> Tensor:
+    """Intersection over union of boxes (..., 4)."""
+    low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
+    shared = (high - low).clamp(min=0).prod(-1)
+    whole = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)
+    return shared / (whole - shared).clamp(min=1e-9)
+
+
+def load(path: Path, classes: Sequence[str]) -> Detector:
+    """Read a trained detector from safetensors, frozen and ready to detect.
+
+    Raises:
+        ValueError: If the file does not hold this network's weights.
+    """
+    model = Detector(classes)
+    load_weights(model, path, f"the weights of the {len(classes)}-class Detector")
+    return model.eval().requires_grad_(False)

@@ -1,0 +1,1 @@
+"""What draws the scenes of the detection application: one module a renderer."""

@@ -1,0 +1,388 @@
+"""Pixel kernels of the default renderer: the place by ray casting, the object from a G-buffer.
+
+TinyRenderer says which part of the object a sub-pixel shows (normal, material, depth); these
+kernels light it, cast its shadow, and draw ground, buildings and sky behind it. Scalar loops
+compiled by numba without fast-math, so that equal scenes give equal bytes. Vectors are tuples of
+three floats, which the compiler keeps in registers. Light is linear RGB.
+
+All kernels and their constants stand in this one file, because numba's cache notices changes in a
+kernel's own file only: with a second file, an upgrade could go on with stale machine code.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.detection.backdrop import Triple
+from sada_gym.envs.detection.renderers.gbuffer import Array, Camera, GBuffer, Lamp, Place
+
+# divisions as NumPy does them: Python's check for zero costs a branch each
+_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
+_part = nb.njit(inline="always", error_model="numpy")
+
+SUPERSAMPLING = 2
+"""Sub-pixels per pixel and axis on the object."""
+
+SUN = (1.3, 1.22, 1.08)
+FAR_AWAY = 120.0
+TONE_STEPS = 4096
+TONE_WHITE = 3.0
+
+
+def tone_table() -> npt.NDArray[np.uint8]:
+    """Map linear light in [0, TONE_WHITE] to sRGB bytes: exponential shoulder, then gamma 2.2."""
+    mapped = 1 - np.exp(-1.5 * np.linspace(0, TONE_WHITE, TONE_STEPS))
+    level: npt.NDArray[np.float64] = 255 * (mapped / mapped[-1]) ** (1 / 2.2)
+    return np.round(level).astype(np.uint8)
+
+
+@_part
+def _dot(a: Triple, b: Triple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@_part
+def _blend(a: Triple, b: Triple, share: float) -> Triple:
+    return (
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+    )
+
+
+@_part
+def _square(value: float, times: int) -> float:
+    for _ in range(times):
+        value *= value
+    return value
+
+
+@_part
+def _ray(camera: Camera, x: float, y: float) -> Triple:
+    """Direction through image-plane point (right, up), at distance 1 along the viewing axis."""
+    return (
+        x * camera.right[0] + y * camera.up[0] - camera.back[0],
+        x * camera.right[1] + y * camera.up[1] - camera.back[1],
+        x * camera.right[2] + y * camera.up[2] - camera.back[2],
+    )
+
+
+@_part
+def _unit(a: Triple) -> Triple:
+    scale = 1 / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    return (a[0] * scale, a[1] * scale, a[2] * scale)
+
+
+@_part
+def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
+    """Share of the light that reaches a point: bilinear look-up in the light's depth view."""
+    p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
+    size = lamp.depth.shape[0]
+    along = _dot(lamp.back, p)
+    scale = lamp.distance / ((lamp.distance - along) * lamp.half)
+    u = (scale * _dot(lamp.right, p) + 1) * 0.5 * size
+    v = (1 - scale * _dot(lamp.up, p)) * 0.5 * size - 1
+    if not (0 <= u < size - 1 and 0 <= v < size - 1):
+        return 1.0
+    i, j = int(u), int(v)
+    fu, fv = u - i, v - j
+    along += bias
+    a = 1.0 if lamp.depth[j, i] <= along else 0.0
+    b = 1.0 if lamp.depth[j, i + 1] <= along else 0.0
+    c = 1.0 if lamp.depth[j + 1, i] <= along else 0.0
+    d = 1.0 if lamp.depth[j + 1, i + 1] <= along else 0.0
+    lit: float = (a + fu * (b - a)) * (1 - fv) + (c + fu * (d - c)) * fv
+    return lit
+
+
+@_part
+def _sky(height: float, place: Place) -> Triple:
+    return _blend(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
+
+
+@_part
+def _noise(tile: Array, u: float, v: float) -> float:
+    size = tile.shape[0]  # a power of two: & wraps
+    fu, fv = math.floor(u), math.floor(v)
+    i, j = int(fu) & (size - 1), int(fv) & (size - 1)
+    i1, j1 = (i + 1) & (size - 1), (j + 1) & (size - 1)
+    du, dv = u - fu, v - fv
+    above: float = tile[j, i] * (1 - du) + tile[j, i1] * du
+    below: float = tile[j1, i] * (1 - du) + tile[j1, i1] * du
+    return above * (1 - dv) + below * dv
+
+
+@_part
+def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
+    """Pattern of the ground at (x, y); lines thinner than a pixel's footprint fade."""
+    u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
+    v = place.turn[1] * x + place.turn[0] * y + place.shift[1]
+    fine = _noise(place.noise, u * 14.0, v * 14.0) * min(1.0, 0.05 / footprint)
+    shade = 1.0 + 0.22 * _noise(place.noise, u * 3.1, v * 3.1) + 0.3 * fine
+    line = 0.0
+    if place.ground == 0:  # asphalt: a dashed marking every 9 units
+        across = abs(u - 9.0 * math.floor(u / 9.0 + 0.5))
+        if across < 0.09 and v - 3.0 * math.floor(v / 3.0) < 1.8:
+            line = min(1.0, 0.18 / footprint)
+    elif place.ground == 3:  # grass
+        shade += 0.35 * fine + 0.15 * _noise(place.noise, u * 0.9, v * 0.9)
+    else:  # paving stones, brick in running bond, concrete slabs
+        brick = place.ground == 2
+        size = place.tile * (0.7 if brick else 1.0 if place.ground == 1 else 2.6)
+        cv = v / (0.5 * size) if brick else v / size
+        iv = math.floor(cv)
+        cu = u / size + (0.5 * (iv - 2 * math.floor(iv / 2)) if brick else 0.0)
+        iu = math.floor(cu)
+        if cu - iu < 0.05 / size or cv - iv < (0.1 if brick else 0.05) / size:
+            line = 0.65 * min(1.0, 0.05 / footprint)
+        shade *= 1.0 + 0.3 * _noise(place.noise, iu * 37.3, iv * 23.7)
+    shade = max(0.2, shade)
+    colour = (place.colour[0] * shade, place.colour[1] * shade, place.colour[2] * shade)
+    return _blend(colour, place.joint, line)
+
+
+@_part
+def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float]:
+    """Where a ray enters and leaves the slab low..high of one axis."""
+    if abs(ray) < 1e-12:
+        return (-np.inf, np.inf) if low <= eye <= high else (np.inf, -np.inf)
+    a, b = (low - eye) / ray, (high - eye) / ray
+    return (a, b) if a < b else (b, a)
+
+
+@_part
+def _building(
+    eye: Triple, ray: Triple, reach: float, toward: Triple, place: Place
+) -> tuple[float, Triple]:
+    """Distance and colour of the first building along a ray within reach."""
+    best, face, which = reach, -1, -1
+    for b in range(place.buildings.shape[0]):
+        box = place.buildings[b]
+        x0, x1 = _slab(eye[0], ray[0], box[0] - box[2], box[0] + box[2])
+        y0, y1 = _slab(eye[1], ray[1], box[1] - box[3], box[1] + box[3])
+        z0, z1 = _slab(eye[2], ray[2], 0.0, box[4])
+        near = max(x0, y0, z0)
+        if 0.0 < near < min(x1, y1, z1) and near < best:
+            best, which = near, b
+            face = 0 if near == x0 else 1 if near == y0 else 2
+    if which < 0:
+        return reach, (0.0, 0.0, 0.0)
+    box = place.buildings[which]
+    slope, along = 0.0, 0.0
+    if face == 0:
+        slope = -toward[0] if ray[0] > 0 else toward[0]
+        along = eye[1] + best * ray[1] - box[1]
+    elif face == 1:
+        slope = -toward[1] if ray[1] > 0 else toward[1]
+        along = eye[0] + best * ray[0] - box[0]
+    else:
+        slope = toward[2]
+    column, storey = along / box[8] + 0.25, (eye[2] + best * ray[2]) / box[9]
+    if face < 2 and column - math.floor(column) < 0.5 and 0.3 < storey - math.floor(storey) < 0.8:
+        glass = place.horizon
+        return best, (0.03 + 0.2 * glass[0], 0.04 + 0.2 * glass[1], 0.05 + 0.2 * glass[2])
+    slope = 0.75 * max(0.0, slope)
+    return best, (
+        box[5] * (slope * SUN[0] + 1.2 * place.ambient[0]),
+        box[6] * (slope * SUN[1] + 1.2 * place.ambient[1]),
+        box[7] * (slope * SUN[2] + 1.2 * place.ambient[2]),
+    )
+
+
+@_part
+def _ground(
+    eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
+) -> Triple:
+    """Colour of the ground where a ray meets it: pattern, shadow, wet mirror and glint."""
+    x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
+    albedo = _ground_albedo(place, x, y, reach * step / max(0.15, -ray[2]))
+    sun = 1.0
+    if x * x + y * y < 3600.0:
+        sun = _sunlit((x, y, 0.0), 0.03, lamp)
+    toward = lamp.toward
+    glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
+    glint = 1.5 * place.gloss * sun * _square(max(0.0, glint), 5)
+    mirror = place.gloss * (0.04 + 0.96 * _square(1 + ray[2], 2))
+    lit = sun * toward[2]
+    return (
+        (1 - mirror) * albedo[0] * (SUN[0] * lit + place.ambient[0])
+        + mirror * place.horizon[0]
+        + SUN[0] * glint,
+        (1 - mirror) * albedo[1] * (SUN[1] * lit + place.ambient[1])
+        + mirror * place.horizon[1]
+        + SUN[1] * glint,
+        (1 - mirror) * albedo[2] * (SUN[2] * lit + place.ambient[2])
+        + mirror * place.horizon[2]
+        + SUN[2] * glint,
+    )
+
+
+@_part
+def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place) -> Triple:
+    """Light along a ray that misses the object."""
+    reach = FAR_AWAY
+    if ray[2] < 0:
+        reach = min(reach, -eye[2] / ray[2])
+    distance, colour = reach, (0.0, 0.0, 0.0)
+    x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
+    if x * x + y * y > 280.0:  # the plaza's radius squared
+        distance, colour = _building(eye, ray, reach, lamp.toward, place)
+    if distance == reach:
+        if reach == FAR_AWAY:
+            return _sky(ray[2], place)
+        colour = _ground(eye, ray, reach, step, lamp, place)
+    return _blend(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
+
+
+@_part
+def _normal(u: int, v: int) -> Triple:
+    """Unit normal from its octahedral code of two bytes."""
+    x, y = u / 127.5 - 1.0, v / 127.5 - 1.0
+    z = 1.0 - abs(x) - abs(y)
+    if z < 0:
+        x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
+    return _unit((x, y, z))
+
+
+@_part
+def _surface(
+    normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
+) -> Triple:
+    """Light that a point of the object sends to the eye: Blinn-Phong and a mirrored place."""
+    facing = -_dot(normal, ray)
+    slope = sun * max(0.0, _dot(normal, toward))
+    half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
+    peak = _square(max(0.0, _dot(normal, half)), int(row[5]))
+    peak *= (2.0 ** row[5] + 8.0) / 8.0 * slope
+    mirrored = ray[2] + 2 * facing * normal[2]
+    upward = 0.5 + 0.5 * normal[2]
+    fresnel = 0.7 * _square(1 - min(1.0, max(0.0, facing)), 2)
+    lit = toward[2]
+    floor = (
+        place.colour[0] * (SUN[0] * lit + place.ambient[0]),
+        place.colour[1] * (SUN[1] * lit + place.ambient[1]),
+        place.colour[2] * (SUN[2] * lit + place.ambient[2]),
+    )
+    around = floor
+    if mirrored > 0:
+        around = _sky(mirrored, place)
+    metal = row[4]
+    plain = row[3] * (1 - metal)
+    tint = (
+        plain + metal * 0.6 * min(1.0, 0.15 + row[0]),
+        plain + metal * 0.6 * min(1.0, 0.15 + row[1]),
+        plain + metal * 0.6 * min(1.0, 0.15 + row[2]),
+    )
+    matt = 1 - 0.5 * metal
+    bounce = 0.35 * (1 - upward)
+    return (
+        row[0] * matt * (SUN[0] * slope + place.ambient[0] * upward + bounce * floor[0])
+        + 0.7 * (tint[0] + (1 - tint[0]) * fresnel) * around[0]
+        + tint[0] * peak * SUN[0],
+        row[1] * matt * (SUN[1] * slope + place.ambient[1] * upward + bounce * floor[1])
+        + 0.7 * (tint[1] + (1 - tint[1]) * fresnel) * around[1]
+        + tint[1] * peak * SUN[1],
+        row[2] * matt * (SUN[2] * slope + place.ambient[2] * upward + bounce * floor[2])
+        + 0.7 * (tint[2] + (1 - tint[2]) * fresnel) * around[2]
+        + tint[2] * peak * SUN[2],
+    )
+
+
+@_part
+def _glare(toward: float) -> float:
+    """Veil that the light lays over the picture when the camera looks towards it."""
+    veil = _square(max(0.0, toward), 3)
+    return 0.12 * veil + 0.3 * _square(veil, 5)
+
+
+@_part
+def _object(
+    camera: Camera,
+    x: float,
+    y: float,
+    g: GBuffer,
+    j: int,
+    i: int,
+    lamp: Lamp,
+    place: Place,
+    materials: Array,
+) -> Triple:
+    """Light of the object at sub-pixel (j, i) of the G-buffer, seen at image-plane point (x, y)."""
+    ray = _ray(camera, x, y)
+    depth = g.depth[j, i]
+    eye = camera.eye
+    point = (eye[0] + depth * ray[0], eye[1] + depth * ray[1], eye[2] + depth * ray[2])
+    ray = _unit(ray)
+    normal = _normal(g.code[j, i, 0], g.code[j, i, 1])
+    if _dot(normal, ray) > 0:  # the back of an open surface
+        normal = (-normal[0], -normal[1], -normal[2])
+    point = (
+        point[0] + 0.06 * normal[0],
+        point[1] + 0.06 * normal[1],
+        point[2] + 0.06 * normal[2],
+    )
+    sun = _sunlit(point, 0.05, lamp)
+    row = materials[min(g.code[j, i, 2], materials.shape[0] - 1)]
+    colour = _surface(normal, ray, sun, row, lamp.toward, place)
+    veil = _glare(_dot(ray, lamp.toward))
+    return (colour[0] + veil * SUN[0], colour[1] + veil * SUN[1], colour[2] + veil * SUN[2])
+
+
+@_kernel
+def compose(
+    image: Array,
+    coverage: Array,
+    camera: Camera,
+    lamp: Lamp,
+    place: Place,
+    g: GBuffer,
+    materials: Array,
+    tone: Array,
+) -> None:
+    """Light every pixel.
+
+    Args:
+        image: Written, (size, size, 3) uint8.
+        coverage: Written, (size, size) uint8: sub-pixels that the object covers.
+        camera: The camera.
+        lamp: The main light.
+        place: The surroundings.
+        g: The object.
+        materials: (7, 6), see `painted`.
+        tone: (TONE_STEPS,), see `tone_table`.
+    """
+    size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
+    rows, columns = g.depth.shape[0] // SUPERSAMPLING, g.depth.shape[1] // SUPERSAMPLING
+    shift_x = camera.offset[0] * 0.5 * size - 0.5 * size
+    shift_y = camera.offset[1] * 0.5 * size + 0.5 * size
+    for j in range(size):
+        for i in range(size):
+            covered, red, green, blue = 0, 0.0, 0.0, 0.0
+            if 0 <= i - g.column < columns and 0 <= j - g.row < rows:
+                for s in range(samples):
+                    dj, di = s // SUPERSAMPLING, s % SUPERSAMPLING
+                    gj, gi = SUPERSAMPLING * (j - g.row) + dj, SUPERSAMPLING * (i - g.column) + di
+                    if g.seen[gj, gi]:
+                        covered += 1
+                        x = (i + (di + 0.5) / SUPERSAMPLING + shift_x) * camera.step
+                        y = (shift_y - j - (dj + 0.5) / SUPERSAMPLING) * camera.step
+                        light = _object(camera, x, y, g, gj, gi, lamp, place, materials)
+                        red, green, blue = red + light[0], green + light[1], blue + light[2]
+            if covered < samples:
+                x, y = (i + 0.5 + shift_x) * camera.step, (shift_y - j - 0.5) * camera.step
+                ray = _unit(_ray(camera, x, y))
+                light = _background(camera.eye, ray, camera.step, lamp, place)
+                veil = _glare(_dot(ray, lamp.toward))
+                share = samples - covered
+                red += share * (light[0] + veil * SUN[0])
+                green += share * (light[1] + veil * SUN[1])
+                blue += share * (light[2] + veil * SUN[2])
+            coverage[j, i] = covered
+            scale = (TONE_STEPS - 1) / TONE_WHITE / samples
+            image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]
+            image[j, i, 1] = tone[min(int(green * scale + 0.5), TONE_STEPS - 1)]
+            image[j, i, 2] = tone[min(int(blue * scale + 0.5), TONE_STEPS - 1)]

@@ -1,0 +1,315 @@
+"""The default renderer: PyBullet's TinyRenderer rasterises the object, our kernels light it."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from sada_gym.envs.detection.backdrop import Backdrop, Triple
+from sada_gym.envs.detection.renderers.encoding import code_texture, encode
+from sada_gym.envs.detection.renderers.gbuffer import (
+    Camera,
+    GBuffer,
+    Lamp,
+    Place,
+    noise_tile,
+    painted,
+)
+from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, compose, tone_table
+from sada_gym.envs.detection.scene import (
+    Rendering,
+    Scene,
+    View,
+    axes_facing,
+    centre_of,
+    light_of,
+    view_of,
+)
+from sada_gym.envs.detection.shapes.model import Shape
+
+NEAR, FAR = 2.0, 32.0
+AMBIENT = 0.2
+LIGHT_SIZE = 64
+LIGHT_HALF = 2.7
+LIGHT_DISTANCE = 30.0
+VISUALS = 64
+"""Shapes kept in PyBullet, 0.3 MB each; one of them is a body at a time."""
+
+Matrix = npt.NDArray[np.float64]
+
+
+@functools.cache
+def shared_renderer() -> TinyRenderer:
+    """The process's one renderer: a PyBullet client costs 30 MB."""
+    return TinyRenderer()
+
+
+class TinyRenderer:
+    """Renders scenes with a PyBullet client of its own. One shape is loaded at a time."""
+
+    def __init__(self) -> None:
+        self._bullet = _import_pybullet()
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._texture = self._load_texture()
+        self._rows = (_Rows(), _Rows(), _Rows())
+        self._visuals: dict[Shape, int] = {}
+        self._shape: Shape | None = None
+        self._body = -1
+        self._lock = threading.Lock()
+        self._noise = noise_tile()
+        self._tone = tone_table()
+
+    def render(self, scene: Scene, image_size: int) -> Rendering:
+        """Draw a scene as a square image of `image_size` pixels."""
+        view, centre, toward = view_of(scene), centre_of(scene), light_of(scene)
+        light_axes = axes_facing(toward)
+        with self._lock:
+            g = self._object(scene.shape, view, image_size)
+            light_depth = self._light_depth(scene.shape, centre, light_axes)
+        image = np.empty((image_size, image_size, 3), dtype=np.uint8)
+        coverage = np.empty((image_size, image_size), dtype=np.uint8)
+        compose(
+            image,
+            coverage,
+            _camera(view, image_size),
+            _lamp(centre, toward, light_axes, light_depth),
+            self._place(scene.backdrop, view),
+            g,
+            painted(scene.colour),
+            self._tone,
+        )
+        return Rendering(image, coverage > SUPERSAMPLING, _box(g))
+
+    def _place(self, backdrop: Backdrop, view: View) -> Place:
+        ambient = AMBIENT * (np.array(backdrop.horizon) + np.array(backdrop.zenith))
+        return Place(
+            backdrop.ground,
+            backdrop.ground_colour,
+            backdrop.joint_colour,
+            backdrop.ground_turn,
+            backdrop.ground_shift,
+            backdrop.tile,
+            backdrop.gloss,
+            backdrop.horizon,
+            backdrop.zenith,
+            _triple(ambient),
+            _buildings_in_sight(backdrop.buildings, view),
+            self._noise,
+        )
+
+    def _object(self, shape: Shape | None, view: View, image_size: int) -> GBuffer:
+        """Rasterise the object in the window of the image that it can touch."""
+        empty = GBuffer(
+            0,
+            0,
+            np.zeros((0, 0, 4), dtype=np.uint8),
+            np.zeros((0, 0)),
+            np.zeros((0, 0), dtype=np.bool_),
+        )
+        if shape is None:
+            return empty
+        self._load(shape)
+        low, high = _window(shape, view, image_size)
+        if (high <= low).any():
+            return empty
+        width, height = (int(n) for n in SUPERSAMPLING * (high - low))
+        # TinyRenderer samples a pixel at its lower right corner: shift by half a sub-pixel
+        offset = np.array(view.offset) + 1 / (SUPERSAMPLING * image_size)
+        corner = np.array([low[0], image_size - high[1]])
+        opposite = np.array([high[0], image_size - low[1]])
+        projection = _frustum(
+            2 * corner / image_size - 1 + offset,
+            2 * opposite / image_size - 1 + offset,
+            view.tangent,
+            NEAR,
+            FAR,
+        )
+        colour, raw, seen = self._picture(width, height, view.matrix, projection)
+        depth = FAR * NEAR / (FAR - (FAR - NEAR) * raw.astype(np.float64))
+        return GBuffer(int(low[0]), int(low[1]), colour, depth, seen)
+
+    def _light_depth(self, shape: Shape | None, centre: Matrix, axes: Matrix) -> Matrix:
+        """The object's depth from the light: coordinate along the light's axis, -inf beside it."""
+        if shape is None:
+            return np.full((2, 2), -np.inf)
+        self._load(shape)
+        view = View(
+            centre + LIGHT_DISTANCE * axes[2], axes, LIGHT_HALF / LIGHT_DISTANCE, (0.0, 0.0)
+        )
+        near, far = LIGHT_DISTANCE - 4.0, LIGHT_DISTANCE + 4.0
+        projection = _frustum(np.array([-1.0, -1.0]), np.array([1.0, 1.0]), view.tangent, near, far)
+        _, raw, seen = self._picture(LIGHT_SIZE, LIGHT_SIZE, view.matrix, projection)
+        depth = far * near / (far - (far - near) * raw.astype(np.float64))
+        return np.where(seen, LIGHT_DISTANCE - depth, -np.inf)
+
+    def _picture(
+        self, width: int, height: int, view: Matrix, projection: Matrix
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        bullet = self._bullet
+        _, _, colour, depth, bodies = bullet.getCameraImage(
+            width,
+            height,
+            view.T.ravel().tolist(),
+            projection.T.ravel().tolist(),
+            lightDirection=(0, 0, 1),
+            lightColor=(1, 1, 1),
+            lightAmbientCoeff=1.0,
+            lightDiffuseCoeff=0.0,
+            lightSpecularCoeff=0.0,
+            shadow=0,
+            renderer=bullet.ER_TINY_RENDERER,
+            physicsClientId=self._client,
+        )
+        shape = (height, width)
+        return (
+            np.reshape(colour, (*shape, 4)),
+            np.reshape(depth, shape),
+            np.reshape(bodies, shape) >= 0,
+        )
+
+    def _load(self, shape: Shape) -> None:
+        if shape is self._shape:
+            return
+        bullet, client = self._bullet, self._client
+        if self._shape is not None:
+            bullet.removeBody(self._body, physicsClientId=client)
+            self._shape = None
+        if shape not in self._visuals and len(self._visuals) == VISUALS:
+            bullet.resetSimulation(physicsClientId=client)  # nothing less frees a visual shape
+            self._visuals.clear()
+            self._texture = self._load_texture()
+        if shape not in self._visuals:
+            self._visuals[shape] = self._create_visual(shape)
+        self._body = bullet.createMultiBody(0, -1, self._visuals[shape], physicsClientId=client)
+        bullet.changeVisualShape(
+            self._body, -1, textureUniqueId=self._texture, physicsClientId=client
+        )
+        self._shape = shape
+
+    def _create_visual(self, shape: Shape) -> int:
+        mesh = encode(shape)
+        corners = self._rows[0].fill(mesh.corners)
+        codes = self._rows[1].fill(mesh.texture)
+        normals = self._rows[2].fill(mesh.normals)
+        indices = list(range(len(corners)))
+        visual = self._bullet.createVisualShape(
+            self._bullet.GEOM_MESH,
+            vertices=corners,
+            indices=indices,
+            uvs=codes,
+            normals=normals,
+            rgbaColor=(1, 1, 1, 1),
+            flags=self._bullet.VISUAL_SHAPE_DOUBLE_SIDED if shape.double_sided else 0,
+            physicsClientId=self._client,
+        )
+        for values in (corners, codes, normals, indices):
+            values.clear()
+        return int(visual)
+
+    def _load_texture(self) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "code.png"
+            Image.fromarray(code_texture()).save(path)
+            return int(self._bullet.loadTexture(str(path), physicsClientId=self._client))
+
+
+def _camera(view: View, image_size: int) -> Camera:
+    right, up, back = map(_triple, view.axes)
+    step = 2 * view.tangent / image_size
+    return Camera(_triple(view.eye), right, up, back, step, view.offset)
+
+
+def _lamp(centre: Matrix, toward: Matrix, axes: Matrix, depth: Matrix) -> Lamp:
+    right, up, back = map(_triple, axes)
+    place = _triple(centre)
+    return Lamp(_triple(toward), right, up, back, place, LIGHT_DISTANCE, LIGHT_HALF, depth)
+
+
+def _frustum(low: Matrix, high: Matrix, tangent: float, near: float, far: float) -> Matrix:
+    """Projection (4, 4) of the window low..high (right, up), in units of half the image."""
+    projection = np.zeros((4, 4))
+    projection[[0, 1], [0, 1]] = 2 / (tangent * (high - low))
+    projection[:2, 2] = (high + low) / (high - low)
+    projection[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    projection[3, 2] = -1.0
+    return projection
+
+
+def _window(
+    shape: Shape, view: View, image_size: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The pixels that the shape's bounding box can touch: first and last + 1 (column, row)."""
+    seen = (shape.corners - view.eye) @ view.axes.T
+    plane = seen[:, :2] / (-seen[:, 2:] * view.tangent) - np.array(view.offset)
+    columns = (plane[:, 0] + 1) / 2 * image_size
+    rows = (1 - plane[:, 1]) / 2 * image_size
+    first = np.floor([columns.min(), rows.min()]).astype(np.int64) - 1
+    last = np.ceil([columns.max(), rows.max()]).astype(np.int64) + 1
+    return first.clip(0, image_size), last.clip(0, image_size)
+
+
+def _buildings_in_sight(buildings: Matrix, view: View) -> Matrix:
+    """The buildings that can stand in the frame: the kernel's inner loop is over these."""
+    reach = np.hypot(buildings[:, 2], buildings[:, 3])
+    offset = buildings[:, :2] - view.eye[:2]
+    ahead = -view.axes[2, :2]
+    norm = np.hypot(ahead[0], ahead[1])
+    ahead = ahead / norm
+    along = offset @ ahead
+    across = np.abs(offset @ np.array([ahead[1], -ahead[0]]))
+    # steep views widen the frame's edge on the ground: divide by the pitch's cosine
+    half = view.tangent * (1 + abs(view.offset[0])) / norm
+    in_sight: Matrix = buildings[(along > -reach) & (across < along * half + reach * (1 + half))]
+    return in_sight
+
+
+def _box(g: GBuffer) -> npt.NDArray[np.float64] | None:
+    rows, columns = np.flatnonzero(g.seen.any(axis=1)), np.flatnonzero(g.seen.any(axis=0))
+    if not len(rows):
+        return None
+    corners = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], dtype=np.float64)
+    corner = np.array([g.column, g.row, g.column, g.row])
+    box: npt.NDArray[np.float64] = corners / SUPERSAMPLING + corner
+    return box
+
+
+def _triple(vector: npt.NDArray[np.float64]) -> Triple:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _import_pybullet() -> Any:
+    """Import PyBullet without the line that it prints to standard error on loading."""
+    sys.stderr.flush()
+    with open(os.devnull, "wb") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            import pybullet
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+    return pybullet
+
+
+class _Rows:
+    """Lists handed to PyBullet over and over: it never releases one, 0.8 MB a shape otherwise."""
+
+    def __init__(self) -> None:
+        self._rows: list[list[float]] = []
+
+    def fill(self, values: npt.NDArray[Any]) -> list[list[float]]:
+        """Give (n, k) values as n of the lists; clear the outer list after use."""
+        self._rows += [[] for _ in range(len(values) - len(self._rows))]
+        for row, value in zip(self._rows, values.tolist(), strict=False):
+            row[:] = value
+        return self._rows[: len(values)]

@@ -1,0 +1,89 @@
+"""The drivers' network: image and speed, then one branch for each command.
+
+After the branched network of conditional imitation learning (Codevilla et al. 2018), with smaller
+pictures. It is an SB3 features extractor: the branch of the command given keeps its features, the
+others' are zero, so that the linear action layer behind it is one head a command.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import GymEnv
+from torch import Tensor, nn
+
+from sada_gym.determinism import generators_kept
+from sada_gym.envs.driving.task import DrivingTaskEnv
+
+BRANCH_FEATURES = 64
+_LOG_NOISE = -2.0
+"""Of the actions that a reinforcement learner begins with: 0.14; with SB3's own, 1, no car stays in
+its lane long enough to learn from it."""
+
+
+class ConditionalExtractor(BaseFeaturesExtractor):
+    """Features of `image` (3, rows, columns) in [0, 1], `speed` (1,) and `command` (4,) one-hot.
+
+    Args:
+        observation_space: The driving task's, its image transposed as SB3 does.
+    """
+
+    def __init__(self, observation_space: spaces.Dict) -> None:
+        command, image = observation_space["command"], observation_space["image"]
+        assert command.shape is not None
+        commands = command.shape[0]
+        super().__init__(observation_space, features_dim=commands * BRANCH_FEATURES)
+        self.convolutions = nn.Sequential(
+            *_block(3, 24, kernel=5, stride=2),
+            *_block(24, 36, kernel=5, stride=2),
+            *_block(36, 48, kernel=3, stride=2),
+            *_block(48, 64, kernel=3, stride=1),
+            nn.Flatten(),
+        )
+        with torch.no_grad():
+            flat = self.convolutions(torch.zeros(1, *image.shape)).shape[1]  # type: ignore[misc]
+        self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
+        self.speed = nn.Sequential(nn.Linear(1, 16), nn.ReLU())
+        self.branches = nn.ModuleList(
+            nn.Sequential(nn.Linear(144, BRANCH_FEATURES), nn.ReLU()) for _ in range(commands)
+        )
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        """Give the features (n, commands * BRANCH_FEATURES)."""
+        seen = self.seen(self.convolutions(observations["image"]))
+        joint = torch.cat([seen, self.speed(observations["speed"])], dim=1)
+        command = observations["command"]
+        told = [branch(joint) * command[:, i : i + 1] for i, branch in enumerate(self.branches)]
+        return torch.cat(told, dim=1)
+
+
+def _block(inputs: int, outputs: int, *, kernel: int, stride: int) -> list[nn.Module]:
+    return [nn.Conv2d(inputs, outputs, kernel, stride=stride), nn.ReLU()]
+
+
+def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
+    """Make an untrained driver: a PPO with this network.
+
+    Args:
+        seed: Fixes the weights.
+        env: What it will be trained on; by default one task.
+        **options: Others of PPO.
+    """
+    with generators_kept():
+        return PPO(
+            "MultiInputPolicy",
+            env or DrivingTaskEnv(),
+            policy_kwargs={
+                "features_extractor_class": ConditionalExtractor,
+                "net_arch": {"pi": [], "vf": [64]},
+                "ortho_init": False,
+                "log_std_init": _LOG_NOISE,
+            },
+            seed=seed,
+            device="cpu",
+            **options,
+        )

@@ -1,0 +1,38 @@
+"""Drivers in files: the policy's weights, and in the header how its network is built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3 import PPO
+
+from sada_gym.agents.weights import load_weights, save_weights
+from sada_gym.envs.driving.agent.network import BRANCH_FEATURES, ConditionalExtractor, new_model
+from sada_gym.envs.driving.task import OBSERVATION_SPACE
+
+
+def save(driver: PPO, path: Path) -> None:
+    """Write a driver's weights."""
+    save_weights(driver.policy, path, _architecture())
+
+
+def load(path: Path) -> PPO:
+    """Read a driver's weights.
+
+    Raises:
+        UserError: If the file holds no weights of a driver.
+    """
+    model = new_model(0)
+    load_weights(model.policy, path, "the weights of a driver", _architecture())
+    return model
+
+
+def _architecture() -> dict[str, Any]:
+    return {
+        "extractor": ConditionalExtractor.__name__,
+        "branch_features": BRANCH_FEATURES,
+        "observations": {
+            key: list(space.shape or ()) for key, space in sorted(OBSERVATION_SPACE.spaces.items())
+        },
+    }

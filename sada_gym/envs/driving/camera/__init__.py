@@ -1,0 +1,1 @@
+"""The driver's camera and what stands before it."""

@@ -1,0 +1,173 @@
+"""The driver's camera: a pinhole at the front of the car, looking into a town in some weather."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+
+from sada_gym.envs.driving.camera import kernels
+from sada_gym.envs.driving.camera.ground import Ground, paint
+from sada_gym.envs.driving.camera.scenery import CELL_M, Scenery, furnish
+from sada_gym.envs.driving.world.town import town
+from sada_gym.envs.driving.world.weather import WEATHERS
+
+FIELD_OF_VIEW_DEG = 100.0
+FORWARD_M = 2.0
+"""From the car's middle to the camera."""
+HALF_ANGLE_DEG = 62.0
+"""Of the fan of vertical planes: a little more than the picture's corners need."""
+
+_SHADE_LEVEL = 2
+_NEAR_M = 10.0
+"""Cameras that stand so close are drawn one after another, which is faster."""
+
+Pictures = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How a camera is mounted.
+
+    Attributes:
+        height_m: Above the ground.
+        pitch_deg: Of its axis; negative looks down.
+    """
+
+    height_m: float = 1.4
+    pitch_deg: float = -15.0
+
+
+class Lens:
+    """The directions of a picture's pixels.
+
+    Args:
+        rows: Of the picture.
+        columns: Of the picture.
+    """
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.rows, self.columns = rows, columns
+        self.pixel = 2 * np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2) / columns
+        self.planes = 2 * columns + 56
+        self._right = self.pixel * (np.arange(columns) + 0.5 - columns / 2)
+        self._down = self.pixel * (np.arange(rows) + 0.5 - rows / 2)
+
+    def rays(self, pitch_deg: float) -> npt.NDArray[np.float32]:
+        """(rows, columns, 4): forward, right, slope and the vertical plane of each pixel."""
+        pitch = np.deg2rad(pitch_deg)
+        forward = (np.cos(pitch) + self._down * np.sin(pitch))[:, None]
+        up = (np.sin(pitch) - self._down * np.cos(pitch))[:, None]
+        flat = np.hypot(forward, self._right)
+        angle = np.rad2deg(np.arctan2(self._right, forward)) / HALF_ANGLE_DEG
+        plane = np.floor((angle + 1) / 2 * self.planes).clip(0, self.planes - 1)
+        parts = np.broadcast_arrays(forward / flat, self._right / flat, up / flat, plane)
+        return np.stack(parts, axis=-1).astype(np.float32)
+
+
+class Camera:
+    """Draws a town.
+
+    Args:
+        layout_name: `benchmark` or `training`.
+    """
+
+    def __init__(self, layout_name: str) -> None:
+        place = town(layout_name)
+        self.ground = paint(place)
+        self.scenery = furnish(place, self.ground)
+        self.world = _world(self.ground, self.scenery)
+        suns = [tuple(weather.numbers[:3]) for weather in WEATHERS]
+        different = list(dict.fromkeys(suns))
+        self._shades = np.stack([self._shade(sun) for sun in different])
+        self._shade_of = np.array([different.index(sun) for sun in suns])
+        self._light = np.array([weather.numbers for weather in WEATHERS])
+
+    def draw(
+        self,
+        lens: Lens,
+        rays: npt.NDArray[np.float32],
+        rays_of: npt.NDArray[np.int64],
+        poses: npt.NDArray[np.float64],
+        weathers: npt.NDArray[np.int64],
+        keys: npt.NDArray[np.uint64],
+    ) -> Pictures:
+        """Draw what n cameras see.
+
+        Args:
+            lens: The pixels' directions.
+            rays: (m, rows, columns, 4) of the lens, at each pitch that occurs.
+            rays_of: (n,) which of them each camera has.
+            poses: (n, 4): the car's x, y and heading, and the camera's height.
+            weathers: (n,) indices into `WEATHERS`.
+            keys: (n,) what fixes the rain.
+
+        Returns:
+            (n, rows, columns, 3).
+        """
+        pictures = np.empty((len(poses), lens.rows, lens.columns, 3), np.uint8)
+        kernels.draw_all(
+            pictures,
+            np.lexsort(tuple(poses[:, :2].T // _NEAR_M)),
+            rays,
+            rays_of,
+            poses,
+            FORWARD_M,
+            self._light[weathers],
+            lens.pixel,
+            np.deg2rad(HALF_ANGLE_DEG),
+            lens.planes,
+            self.world,
+            self._shades,
+            self._shade_of[weathers],
+            keys,
+        )
+        return pictures
+
+    def plan(self, level: int) -> Pictures:
+        """The ground from above, at a level of the mip map: (rows, columns, 3)."""
+        rows, columns = self.ground.shape[level]
+        first = self.ground.offset[level]
+        texels = self.ground.texels[first : first + rows * columns]
+        return texels[:, :3].reshape(rows, columns, 3)
+
+    def _shade(self, sun: tuple[float, float, float]) -> npt.NDArray[np.uint8]:
+        shade = np.empty(tuple(self.ground.shape[_SHADE_LEVEL]), np.uint8)
+        kernels.sunlit(shade, *sun, self.world)
+        soft: npt.NDArray[np.uint8] = gaussian_filter(shade, 0.6)
+        return soft
+
+
+@cache
+def camera(layout_name: str) -> Camera:
+    """Build a town's camera once a process."""
+    return Camera(layout_name)
+
+
+def _world(ground: Ground, scenery: Scenery) -> kernels.World:
+    clouds = gaussian_filter(np.random.default_rng(1).normal(size=(256, 256)), 2.0, mode="wrap")
+    clouds += (
+        0.35
+        * gaussian_filter(np.random.default_rng(2).normal(size=(256, 256)), 0.7, mode="wrap")
+        * clouds.std()
+        / 0.4
+    )
+    ranks = clouds.ravel().argsort().argsort().reshape(clouds.shape)
+    return kernels.World(
+        texels=ground.texels,
+        offset=ground.offset,
+        shape=ground.shape,
+        texel_m=ground.texel_m,
+        objects=scenery.objects,
+        first=scenery.first,
+        items=scenery.items,
+        cells=scenery.cells,
+        cell_m=CELL_M,
+        origin=ground.origin,
+        clouds=(ranks / ranks.size).astype(np.float32),
+        tone=kernels.tone_table(),
+        shade_texel_m=ground.texel_m * 2**_SHADE_LEVEL,
+    )

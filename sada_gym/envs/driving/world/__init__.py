@@ -1,0 +1,1 @@
+"""The driving world: towns, routes, vehicles, weathers."""

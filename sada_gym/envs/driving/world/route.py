@@ -1,0 +1,116 @@
+"""Routes: a way through a town, sampled, with the command a driver is given at each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from highway_env.road.lane import AbstractLane
+
+from sada_gym.envs.driving.world.layout import Corner
+from sada_gym.envs.driving.world.town import Manoeuvre, Town
+from sada_gym.errors import UserError
+
+COMMANDS: tuple[Manoeuvre, ...] = ("follow", "left", "right", "straight")
+SPACING_M = 0.5
+"""Between two points of a route."""
+COMMAND_LEAD_M = 15.0
+"""How long before a junction its command begins."""
+SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
+"""The time limit is what the route takes at 10 km/h, as in CARLA's benchmark."""
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way along lanes of a town.
+
+    Attributes:
+        corners: From which corner the first street comes, those passed, and the last one's aim.
+        points: (n, 2) the lanes' centres, every `SPACING_M`.
+        heading: (n,) the lanes' heading there, in rad, continuous.
+        command: (n,) int8, index into `COMMANDS`.
+    """
+
+    corners: tuple[Corner, ...]
+    points: Array
+    heading: Array
+    command: npt.NDArray[np.int8]
+
+    @property
+    def length_m(self) -> float:
+        """Its length."""
+        return SPACING_M * (len(self.points) - 1)
+
+    @property
+    def time_limit_s(self) -> float:
+        """How long a driver may take."""
+        return self.length_m / SLOWEST_MEAN_SPEED_M_S
+
+
+def make_route(
+    town: Town, corners: tuple[Corner, ...], *, start: float = 0.1, goal: float = 0.5
+) -> Route:
+    """Make the route that passes corners[1:-1].
+
+    Args:
+        town: The town.
+        corners: At least two, each joined to the next by a street.
+        start: Where it begins, as a share of the first street's lane.
+        goal: Where it ends, as a share of the last street's lane.
+
+    Raises:
+        ValueError: If a street is missing.
+    """
+    for pair in pairwise(corners):
+        if pair not in town.streets:
+            known = ", ".join(town.layout.neighbours(pair[0])) or "none"
+            raise UserError(
+                f"Expected a street from {pair[0]} to {pair[1]}, got none. From {pair[0]} streets "
+                f"lead to: {known}."
+            )
+    lanes: list[AbstractLane] = []
+    junctions: list[tuple[float, float, int]] = []
+    travelled = 0.0
+    for i, pair in enumerate(pairwise(corners)):
+        lanes.append(town.streets[pair])
+        travelled += lanes[-1].length
+        if i < len(corners) - 2:
+            passage = town.passages[corners[i], corners[i + 1], corners[i + 2]]
+            length = sum(lane.length for lane in passage.lanes)
+            command = COMMANDS.index(passage.manoeuvre)
+            junctions.append((travelled - COMMAND_LEAD_M, travelled + length, command))
+            lanes.extend(passage.lanes)
+            travelled += length
+    first = start * lanes[0].length
+    last = travelled - (1 - goal) * lanes[-1].length
+    along = np.arange(first, last, SPACING_M)
+    points, heading = _sample(lanes, along)
+    commands = np.zeros(len(along), np.int8)
+    for begin, end, command in junctions:
+        if command:  # a bend has none of its own, and ends no junction's before it
+            commands[(along >= begin) & (along < end)] = command
+    return Route(corners, points, heading, commands)
+
+
+def random_route(town: Town, rng: np.random.Generator, corners: int) -> Route:
+    """Draw a route that never turns back: it passes `corners` corners or bends."""
+    pairs = list(town.streets)
+    way = list(pairs[rng.integers(len(pairs))])
+    for _ in range(corners):
+        onward = [c for c in town.layout.neighbours(way[-1]) if c != way[-2]]
+        way.append(onward[rng.integers(len(onward))])
+    start, goal = rng.uniform(0.0, 0.6), rng.uniform(0.3, 0.9)
+    return make_route(town, tuple(way), start=float(start), goal=float(goal))
+
+
+def _sample(lanes: list[AbstractLane], along: Array) -> tuple[Array, Array]:
+    ends = np.cumsum([lane.length for lane in lanes])
+    index = np.minimum(np.searchsorted(ends, along, side="right"), len(lanes) - 1)
+    local = along - (ends - [lane.length for lane in lanes])[index]
+    points = np.array([lanes[i].position(s, 0.0) for i, s in zip(index, local, strict=True)])
+    heading = [lanes[i].heading_at(s) for i, s in zip(index, local, strict=True)]
+    return points, np.unwrap(heading)

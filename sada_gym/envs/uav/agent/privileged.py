@@ -1,0 +1,32 @@
+"""The privileged pilot: the guidance, told the truth about the next gate.
+
+It shows that a track can be flown, and teaches the pilots that see.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.world.guidance import SPEED_M_S, steer
+
+
+class Reference:
+    """Flies drones through gates whose true poses it knows.
+
+    Args:
+        speed_m_s: The guidance's.
+    """
+
+    def __init__(self, speed_m_s: float = SPEED_M_S) -> None:
+        self._speed_m_s = speed_m_s
+        self.fingerprint = f"reference at {speed_m_s:g} m/s"
+
+    def start(self, count: int) -> None:
+        """Nothing is remembered."""
+
+    def act(self, races: Races, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+        """Choose actions (n, 4) for some of the drones."""
+        actions: npt.NDArray[np.float64] = steer(races.waypoints(which), self._speed_m_s)
+        return actions

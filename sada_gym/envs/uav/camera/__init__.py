@@ -1,0 +1,1 @@
+"""The drone's camera."""

@@ -1,0 +1,129 @@
+"""The drone's camera: a wide pinhole at its front, looking over a field with gates."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from sada_gym.envs.uav.camera import drawing
+from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
+
+ROWS, COLUMNS = 48, 64
+"""Of what the pilots see."""
+FIELD_OF_VIEW_DEG = 90.0
+"""From the left to the right."""
+TILT_DEG = 10.0
+"""Upwards, from the drone's own forward axis."""
+FORWARD_M, UP_M = 0.1, 0.02
+"""From the drone's middle to the camera."""
+
+_SIZE, _TEXEL_M, _STRIPE_M = 512, 0.125, 4.0
+
+Pictures = npt.NDArray[np.uint8]
+
+
+class Camera:
+    """Draws what drones see.
+
+    A picture depends on its own gates, pose and look alone. The look fixes the sun, the light's
+    colour, and where field, clouds and hills lie; it changes no gate.
+
+    Args:
+        rows: Of the pictures.
+        columns: Of the pictures; the field of view is the same.
+    """
+
+    def __init__(self, rows: int = ROWS, columns: int = COLUMNS) -> None:
+        self.rows, self.columns = rows, columns
+        self.pixel = 2 * float(np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)) / columns
+        self._mount = np.array([np.deg2rad(TILT_DEG), FORWARD_M, UP_M])
+        self._field = field()
+
+    def draw(
+        self,
+        gates: npt.NDArray[np.float64],
+        poses: npt.NDArray[np.float64],
+        looks: npt.ArrayLike,
+    ) -> Pictures:
+        """Draw what n drones see.
+
+        Args:
+            gates: (n, g, 4): x, y, z of the openings' centres, and headings.
+            poses: (n, 7) or more: position, quaternion x, y, z, w. Where one is no number, or
+                farther off than 1,000 km, the picture is black.
+            looks: (n,) integers.
+
+        Returns:
+            (n, rows, columns, 3).
+        """
+        pictures = np.empty((len(poses), self.rows, self.columns, 3), np.uint8)
+        keys = np.asarray(looks, np.int64).astype(np.uint64)
+        drawing.draw_all(
+            pictures, gates, poses, keys, self._mount, self.pixel, BARS, DEPTH_M, self._field
+        )
+        return pictures
+
+    def project(
+        self, pose: npt.NDArray[np.float64], points: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """Where in the picture of a pose (7,) points (k, 3) are: (k, 2) columns and rows.
+
+        NaN where a point is behind the camera.
+        """
+        tilt, forward, up = self._mount
+        turn = Rotation.from_quat(pose[3:7])
+        eye = pose[:3] + turn.apply([forward, 0.0, up])
+        x, y, z = turn.inv().apply(points - eye).T
+        depth = np.cos(tilt) * x + np.sin(tilt) * z
+        down = np.sin(tilt) * x - np.cos(tilt) * z
+        depth = np.where(depth > 0, depth, np.nan)
+        middle = np.array([self.columns, self.rows]) / 2
+        place: npt.NDArray[np.float64] = middle + np.stack([-y, down], axis=1) / (
+            depth[:, None] * self.pixel
+        )
+        return place
+
+
+@cache
+def camera(rows: int = ROWS, columns: int = COLUMNS) -> Camera:
+    """Build a camera once a process."""
+    return Camera(rows, columns)
+
+
+@cache
+def field() -> drawing.Field:
+    """Sow the field, once a process: mown grass, clouds and hills, none of it from photographs."""
+    rng = np.random.default_rng(7)
+
+    def noise(size: int, width: float) -> npt.NDArray[np.float64]:
+        values = gaussian_filter(rng.normal(size=(size, size)), width, mode="wrap")
+        return np.asarray(values / values.std())
+
+    stripes = np.floor(np.arange(_SIZE) * _TEXEL_M / _STRIPE_M) % 2 * 2 - 1
+    grass = 7 * noise(_SIZE, 0.8) + 8 * noise(_SIZE, 5) + 9 * noise(_SIZE, 28) + 9 * stripes
+    dry = 0.5 * noise(_SIZE, 12) + 0.3 * noise(_SIZE, 2)
+    earth = np.stack([96 + 14 * dry + grass, 132 + grass, 66 + 8 * dry + 0.6 * grass], axis=-1)
+    levels = [earth]
+    while len(levels[-1]) > 2:
+        last = levels[-1]
+        half = len(last) // 2
+        levels.append(last.reshape(half, 2, half, 2, 3).mean(axis=(1, 3)))
+    texels = np.concatenate([level.reshape(-1, 3) for level in levels]).clip(0, 255)
+    first = np.cumsum([0, *(level.size // 3 for level in levels[:-1])])
+    clouds = noise(256, 9) + 0.6 * noise(256, 3)
+    ranks = clouds.ravel().argsort().argsort().reshape(clouds.shape)
+    hills = gaussian_filter1d(rng.normal(size=1024), 24, mode="wrap")
+    trees = gaussian_filter1d(rng.normal(size=1024), 1.5, mode="wrap")
+    ridge = 0.045 + 0.02 * hills / hills.std() + 0.007 * trees / trees.std()
+    return drawing.Field(
+        texels=np.round(texels).astype(np.uint8),
+        first=first,
+        size=_SIZE,
+        scales=1 / (_TEXEL_M * 2.0 ** np.arange(len(levels))),
+        clouds=(0.8 * (ranks / ranks.size - 0.55).clip(0, None) / 0.45).astype(np.float32),
+        hills=ridge.clip(0.005, None).astype(np.float32),
+    )

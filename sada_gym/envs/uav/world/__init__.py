@@ -1,0 +1,1 @@
+"""The racing world: tracks, gates, drones, and the rules of a race."""

@@ -1,0 +1,102 @@
+"""The undisturbed tracks, one for each number of anchor points, and how far mu moves an anchor.
+
+Every template is a regular course of 80 m, flown anticlockwise. Where anchors come to lie so that
+two frames would touch or nearly so, they are drawn back towards the template, all by one share,
+until they do not: every mu gives a track that can be built. The range is the widest, in steps of
+half a metre, at which no more than a twentieth of uniform mu are drawn back. No pilot was asked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.uav.world.track import Tracks
+from sada_gym.errors import UserError
+from sada_gym.parameters import Parameter, ParameterSpace
+
+LEAST_SPACING_M = 0.9
+"""Between any two frames of a track."""
+LEAST_START_M = 0.8
+"""Between the start and any frame."""
+
+_SHARES = np.linspace(0.95, 0.0, 20)
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Template:
+    """An undisturbed track.
+
+    Attributes:
+        anchors: The anchor points in m, in the order of flight.
+        range_m: How far mu = 1 moves an anchor, along x and along y.
+    """
+
+    anchors: tuple[tuple[float, float], ...]
+    range_m: float
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """What mu controls: the anchors' displacements, x and y of the first one first."""
+        return ParameterSpace(
+            *(
+                Parameter(f"anchor_{number}_{axis}_m", -self.range_m, self.range_m, "m")
+                for number in range(1, len(self.anchors) + 1)
+                for axis in "xy"
+            )
+        )
+
+    def displaced(self, mu: npt.ArrayLike) -> Array:
+        """The anchors (n, k, 2) of a batch of mu (n, 2 k)."""
+        kept = self.kept(mu)[:, None, None]
+        anchors: Array = np.array(self.anchors) + kept * self._moves(mu)
+        return anchors
+
+    def kept(self, mu: npt.ArrayLike) -> Array:
+        """How much of its displacement each track keeps, (n,): 1 where it can be built as it is."""
+        moves, home = self._moves(mu), np.array(self.anchors)
+        kept = np.ones(len(moves))
+        for i in np.flatnonzero(~buildable(Tracks(home + moves))).tolist():
+            kept[i] = next(
+                share
+                for share in _SHARES.tolist()
+                if buildable(Tracks((home + share * moves[i])[None]))[0]
+            )
+        return kept
+
+    def _moves(self, mu: npt.ArrayLike) -> Array:
+        rows = np.asarray(mu, np.float32).astype(np.float64)
+        return self.range_m * rows.reshape(len(rows), len(self.anchors), 2)
+
+
+def buildable(tracks: Tracks) -> npt.NDArray[np.bool_]:
+    """Whether all frames of tracks keep apart from one another and from the start, (n,)."""
+    apart: npt.NDArray[np.bool_] = tracks.closest_m() >= LEAST_SPACING_M
+    apart &= tracks.start_m() >= LEAST_START_M
+    return apart
+
+
+TEMPLATES = {
+    3: Template(((-19.3, -11.2), (19.3, -11.2), (0.0, 22.3)), 18.5),
+    4: Template(((-13.4, -11.2), (13.4, -11.2), (13.4, 11.2), (-13.4, 11.2)), 15.0),
+    5: Template(((-9.2, -12.6), (9.2, -12.6), (14.8, 4.8), (0.0, 15.6), (-14.8, 4.8)), 13.0),
+}
+"""By the number of anchor points."""
+
+
+def template(anchors: int) -> Template:
+    """The template with so many anchor points.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    whole = isinstance(anchors, int | np.integer) and not isinstance(anchors, bool)
+    if not whole or anchors not in TEMPLATES:
+        raise UserError(
+            f"Expected anchors among {', '.join(map(str, TEMPLATES))}, got {anchors!r}."
+        )
+    return TEMPLATES[anchors]

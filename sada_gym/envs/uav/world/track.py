@@ -1,0 +1,196 @@
+"""From anchor points to gates: a closed quadratic B-spline with gates at equal arc length."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+from sada_gym.compiled import kernel
+from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
+
+GATES = 8
+"""On every track, one lap."""
+DEGREE = 2
+_SAMPLES = 600
+"""Chords by which a lap is measured."""
+_SHARES = np.append(0.5, np.arange(GATES) + 1.0) / GATES
+"""Where on the lap the start and the gates stand."""
+
+Array = npt.NDArray[np.float64]
+
+
+class Tracks:
+    """The tracks of a batch of anchor points.
+
+    A track is built by itself, from arrays of one size: it never depends on the others.
+
+    Args:
+        anchors: (n, k, 2) in m, in the order of flight; k is at least 3.
+
+    Attributes:
+        gates: (n, GATES, 4) x, y, z of the opening's centre, and the heading of flight.
+        starts: (n, 4) x, y, z and heading: half a gate's spacing before the first gate.
+        length_m: (n,) of the lap.
+    """
+
+    def __init__(self, anchors: Array) -> None:
+        count = len(anchors)
+        self.anchors = anchors
+        self.gates = np.empty((count, GATES, 4))
+        self.starts = np.empty((count, 4))
+        self.length_m = np.empty(count)
+        for i, points in enumerate(anchors):
+            places, self.length_m[i] = along(points, _SHARES)
+            self.starts[i], self.gates[i] = places[0], places[1:]
+
+    def turns_deg(self) -> Array:
+        """How far a track turns from the start, and from every gate, to the next: (n, GATES).
+
+        Left is positive. A loop between two gates counts: a turn may be of more than 180.
+        """
+        turned = np.empty((len(self.anchors), GATES))
+        for i, points in enumerate(self.anchors):
+            turned[i] = np.diff(_headings(points, _parameters(points, _SHARES)[0]))
+        return np.rad2deg(turned)
+
+    def sharpest_turn_deg(self) -> Array:
+        """The greatest turn of each track, to either side, (n,)."""
+        sharpest: Array = np.abs(self.turns_deg()).max(axis=1)
+        return sharpest
+
+    def closest_m(self) -> Array:
+        """The smallest distance between two frames of a track, (n,); 0 where they overlap."""
+        return np.array([_closest(gates) for gates in self.gates])
+
+    def start_m(self) -> Array:
+        """The distance from the start to the nearest frame, (n,)."""
+        return np.array(
+            [_nearest(gates, start) for gates, start in zip(self.gates, self.starts, strict=True)]
+        )
+
+
+def line(anchors: Array, count: int = 200) -> Array:
+    """The lap of one track, (count, 2) points from the start on."""
+    return along(anchors, np.linspace(0, 1, count))[0][:, :2]
+
+
+def along(anchors: Array, share: Array) -> tuple[Array, float]:
+    """Places on one track.
+
+    Args:
+        anchors: (k, 2).
+        share: (m,) of the lap, in [0, 1].
+
+    Returns:
+        (m, 4) x, y, z and heading there, and the lap's length in m.
+    """
+    at, length = _parameters(anchors, share)
+    spline = _spline(anchors)
+    place, tangent = spline(at), spline.derivative()(at)
+    heading = np.arctan2(tangent[:, 1], tangent[:, 0])
+    return np.column_stack([place, np.full(len(at), CENTRE_HEIGHT_M), heading]), length
+
+
+def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
+    """The spline's parameters at shares of a lap, and the lap's length in m."""
+    count = len(anchors)
+    points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
+    step = np.hypot(*np.diff(points, axis=0).T)
+    travelled = np.append(0.0, np.cumsum(step))
+    at = np.interp(share * travelled[-1], travelled, np.linspace(0, count, _SAMPLES + 1))
+    return at, float(travelled[-1])
+
+
+def _headings(anchors: Array, at: Array) -> Array:
+    """Headings at increasing parameters, without jumps of a whole turn."""
+    # between two knots the tangent runs straight from one vector to another: less than half a turn
+    every = np.union1d(at, np.arange(len(anchors) + 1))
+    tangent = _spline(anchors).derivative()(every)
+    headings: Array = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    return headings[np.searchsorted(every, at)]
+
+
+def _spline(anchors: Array) -> BSpline:
+    count = len(anchors)
+    return BSpline(_knots(count), anchors[np.arange(count + DEGREE) % count], DEGREE)
+
+
+def _knots(count: int) -> Array:
+    """Uniform ones, so that the lap's parameter runs from 0 to the number of anchors."""
+    return np.arange(-DEGREE, count + DEGREE + 1, dtype=np.float64)
+
+
+@lru_cache
+def _basis(count: int) -> Array:
+    """What every anchor weighs in every sample of a lap."""
+    parameter = np.linspace(0, count, _SAMPLES + 1)
+    basis: Array = BSpline.design_matrix(parameter, _knots(count), DEGREE).toarray()
+    return basis
+
+
+@kernel
+def _corners(gate: Array) -> Array:
+    """The four corners of a frame, seen from above."""
+    cosine, sine = math.cos(gate[3]), math.sin(gate[3])
+    corners = np.empty((4, 2))
+    for k in range(4):
+        x = DEPTH_M / 2 if k in (0, 3) else -DEPTH_M / 2
+        y = OUTER_WIDTH_M / 2 if k < 2 else -OUTER_WIDTH_M / 2
+        corners[k, 0] = gate[0] + x * cosine - y * sine
+        corners[k, 1] = gate[1] + x * sine + y * cosine
+    return corners
+
+
+@kernel
+def to_frame(gate: Array, x: float, y: float) -> float:
+    """The distance of a point from a frame, seen from above; 0 inside of it."""
+    cosine, sine = math.cos(gate[3]), math.sin(gate[3])
+    dx, dy = x - gate[0], y - gate[1]
+    forward = max(abs(dx * cosine + dy * sine) - DEPTH_M / 2, 0.0)
+    side = max(abs(-dx * sine + dy * cosine) - OUTER_WIDTH_M / 2, 0.0)
+    return math.hypot(forward, side)
+
+
+@kernel
+def _cross(one: Array, other: Array) -> bool:
+    """Whether the middle lines of two frames cross."""
+    ax, ay = -math.sin(one[3]), math.cos(one[3])
+    bx, by = -math.sin(other[3]), math.cos(other[3])
+    dx, dy = other[0] - one[0], other[1] - one[1]
+    across = ax * by - ay * bx
+    if abs(across) < 1e-12:
+        return False
+    half = OUTER_WIDTH_M / 2
+    along_one, along_other = (dx * by - dy * bx) / across, (dx * ay - dy * ax) / across
+    crosses: bool = max(abs(along_one), abs(along_other)) <= half
+    return crosses
+
+
+@kernel
+def _closest(gates: Array) -> float:
+    least = math.inf
+    for i in range(len(gates)):
+        for j in range(i):
+            dx, dy = gates[i, 0] - gates[j, 0], gates[i, 1] - gates[j, 1]
+            if math.hypot(dx, dy) > OUTER_WIDTH_M + DEPTH_M + least:
+                continue
+            if _cross(gates[i], gates[j]):
+                return 0.0
+            # two rectangles that do not cross are nearest at a corner of one of them
+            for a, b in ((i, j), (j, i)):
+                corners = _corners(gates[a])
+                for k in range(4):
+                    least = min(least, to_frame(gates[b], corners[k, 0], corners[k, 1]))
+    return least
+
+
+@kernel
+def _nearest(gates: Array, place: Array) -> float:
+    least = math.inf
+    for i in range(len(gates)):
+        least = min(least, to_frame(gates[i], place[0], place[1]))
+    return least

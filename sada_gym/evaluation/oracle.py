@@ -1,0 +1,235 @@
+"""The oracle: the counted, seeded, stored, parallel Q that an adversary sees, and all it sees."""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from typing_extensions import Self
+
+from sada_gym.application import Application
+from sada_gym.errors import BudgetExhausted, UserError, UserTypeError
+from sada_gym.evaluation.evaluator import Evaluator, Problem
+from sada_gym.parameters import Mu, validate_mu
+
+Progress = Callable[[int, int, int], None]
+"""Called as progress(done, total, known): queries answered, the budget, answered by the store."""
+
+Stream = Literal["train", "test", "validation", "verification"]
+"""What evaluations are for. No two streams ever share a seed."""
+
+_STREAMS: tuple[str, ...] = get_args(Stream)
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """A record of n evaluations.
+
+    Attributes:
+        mu: (n, d) float32.
+        score: (n,) float64.
+        seed: (n,) int64; with mu it replays the evaluation exactly.
+    """
+
+    mu: Mu
+    score: npt.NDArray[np.float64]
+    seed: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Count them."""
+        return len(self.score)
+
+
+def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[int]:
+    """Give the evaluation seeds of queries `start` to `start + count - 1`.
+
+    A hash of (seed, index) rather than a generator's draws, so that a query's seed depends on
+    nothing that came before it. The two lowest bits hold the stream: streams are disjoint.
+
+    Args:
+        seed: The oracle's seed.
+        stream: What the evaluations are for.
+        start: Index of the first query.
+        count: How many.
+
+    Returns:
+        `count` ints in [0, 2**31).
+    """
+    low = _STREAMS.index(stream)
+    return [_hash29(f"{seed}:{i}") << 2 | low for i in range(start, start + count)]
+
+
+def _hash29(text: str) -> int:
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "big") >> 3
+
+
+class Oracle:
+    """Q as an adversary may see it: `oracle(mu) -> q`, until the budget is spent.
+
+    Query i's evaluation seed is fixed by (seed, stream, i) before anything is dispatched, so the
+    scores depend neither on chunks nor on workers nor on what a store already knew.
+
+    Args:
+        problem: An environment id, an `Application`, a function (n, d) -> (n,), or an `Evaluator`
+            whose workers and store several oracles share; it is left open.
+        budget: Number of queries; one that the store answers counts too.
+        seed: Fixes the evaluation seeds.
+        stream: What the evaluations are for; streams never share seeds.
+        env_kwargs: Keywords of an environment id.
+        dimension: d of a function.
+        threshold: The fooling threshold of a function.
+        workers: 1 evaluates in this process, more in as many others.
+        store: The evaluation store's file; None keeps nothing.
+        chunk_size: Evaluations handed over at a time; None chooses.
+        executor: Any PEP 3148 executor (`concurrent.futures`, Dask's `Client.get_executor()`)
+            instead of our own processes; `workers` then says how many it has. It is left open.
+        progress: Called as progress(done, total, known) after each committed chunk.
+
+    Raises:
+        TypeError, ValueError: If the arguments do not fit together.
+        StoreError: If the store cannot serve.
+
+    Example:
+        >>> with Oracle("SADA-Detection-Car-v0", budget=1_000, workers=2) as oracle:
+        ...     q = oracle(np.zeros((10, oracle.dimension)))
+    """
+
+    def __init__(
+        self,
+        problem: Problem | Evaluator,
+        *,
+        budget: int,
+        seed: int = 0,
+        stream: Stream = "train",
+        env_kwargs: Mapping[str, Any] | None = None,
+        dimension: int | None = None,
+        threshold: float | None = None,
+        workers: int = 1,
+        store: str | Path | None = None,
+        chunk_size: int | None = None,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        if operator.index(budget) < 0 or operator.index(seed) < 0:
+            raise UserError(
+                f"Expected a budget and a seed of at least 0, got budget={budget}, seed={seed}."
+            )
+        if stream not in _STREAMS:
+            raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
+        self.budget = budget
+        self.seed = seed
+        self.stream: Stream = stream
+        self._progress = progress
+        self._record: list[Evaluations] = []
+        self._used = self._known = 0
+        settings: dict[str, Any] = {
+            "env_kwargs": env_kwargs,
+            "dimension": dimension,
+            "threshold": threshold,
+            "store": store,
+            "chunk_size": chunk_size,
+            "executor": executor,
+        }
+        self._owns = not isinstance(problem, Evaluator)
+        if not isinstance(problem, Evaluator):
+            self._evaluator = Evaluator(problem, workers=workers, **settings)
+        elif workers == 1 and all(value is None for value in settings.values()):
+            self._evaluator = problem
+        else:
+            raise UserTypeError(
+                "Expected only budget, seed, stream and progress with an Evaluator."
+            )
+
+    @property
+    def dimension(self) -> int:
+        """d, the number of semantic parameters."""
+        return self._evaluator.dimension
+
+    @property
+    def threshold(self) -> float:
+        """The fooling threshold; the agent is fooled where Q <= threshold."""
+        return self._evaluator.threshold
+
+    @property
+    def remaining(self) -> int:
+        """Queries left."""
+        return self.budget - self._used
+
+    @property
+    def application(self) -> Application | None:
+        """The application under attack; None for a function."""
+        return self._evaluator.application
+
+    @property
+    def record(self) -> Evaluations:
+        """All queries so far, in order."""
+        none = Evaluations(
+            np.zeros((0, self.dimension), np.float32), np.zeros(0), np.zeros(0, np.int64)
+        )
+        parts = [none, *self._record]
+        return Evaluations(
+            np.concatenate([part.mu for part in parts]),
+            np.concatenate([part.score for part in parts]),
+            np.concatenate([part.seed for part in parts]),
+        )
+
+    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Score mu.
+
+        Args:
+            mu: (n, d), values in [-1, 1]; rounded to float32. Costs n queries.
+
+        Returns:
+            (n,) float64 scores.
+
+        Raises:
+            ValueError: If mu is not as described.
+            BudgetExhausted: If fewer than n queries are left; none is evaluated then.
+        """
+        batch = validate_mu(mu, self.dimension)
+        count = len(batch)
+        if count > self.remaining:
+            raise BudgetExhausted(
+                f"Expected at most {self.remaining} more queries of {self.budget}, got {count}. "
+                "Ask for at most oracle.remaining, or raise the budget."
+            )
+        seeds = evaluation_seeds(self.seed, self.stream, self._used, count)
+        scores, known = self._evaluator.evaluate(batch, seeds, self._report)
+        self._used += count
+        self._known += known
+        self._record.append(Evaluations(batch.copy(), scores.copy(), np.array(seeds, np.int64)))
+        return scores
+
+    def _report(self, done: int, known: int) -> None:
+        if self._progress is not None:
+            self._progress(self._used + done, self.budget, self._known + known)
+
+    def close(self, *, now: bool = False) -> None:
+        """Stop the workers and close the store; calling it twice is fine.
+
+        Args:
+            now: Drop what the workers are at, instead of waiting for it.
+        """
+        if self._owns:
+            self._evaluator.close(now=now)
+
+    def __enter__(self) -> Self:
+        """Give the oracle itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close it; after an error or Ctrl-C without waiting for the workers."""
+        self.close(now=kind is not None)

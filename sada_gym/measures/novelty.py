@@ -1,0 +1,210 @@
+"""How new samples are: distances to the training queries, in mu and between images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Application, Frame, validate_seeds
+from sada_gym.errors import UserError
+from sada_gym.measures.rates import nearest_neighbours
+
+FrameFunction = Callable[[npt.NDArray[np.float32], int], Frame]
+"""Called as frame(mu, seed), mu of shape (d,)."""
+
+
+@dataclass(frozen=True)
+class Novelty:
+    """Euclidean distances in [-1, 1]^d from samples to their nearest training queries.
+
+    Attributes:
+        median: Over the samples.
+        fifth_percentile: Near 0 where a twentieth of the samples or more are hardly new.
+        minimum: Of all.
+        repeats: Number of samples that are a query, to the last bit of float32.
+    """
+
+    median: float
+    fifth_percentile: float
+    minimum: float
+    repeats: int
+
+
+@dataclass(frozen=True)
+class RelativeNovelty:
+    """An adversary's novelty beside that of ideal samples, given the same queries.
+
+    Attributes:
+        samples: Of the adversary's samples.
+        ideal: Of ideal samples.
+        ratio: Of the medians: about 1 where the samples are as new as the truth's, near 0 where
+            they are stored queries, shaken or not.
+        fifth_ratio: Of the fifth percentiles: shows already where only some are.
+    """
+
+    samples: Novelty
+    ideal: Novelty
+    ratio: float
+    fifth_ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbour:
+    """A training query near a sample, drawn in the sample's world.
+
+    Attributes:
+        query: Its row among the queries.
+        frame: Its image with the sample's seed.
+        mu_distance: Euclidean, in [-1, 1]^d.
+        image_distance: L2 over the whole image, pixels from -1 to 1: what the paper states.
+    """
+
+    query: int
+    frame: Frame
+    mu_distance: float
+    image_distance: float
+
+    @property
+    def pixel_distance(self) -> float:
+        """The image distance for any image's size: root mean square over the pixels' values."""
+        return float(self.image_distance / self.frame.size**0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """A sample and the training queries nearest to it.
+
+    Attributes:
+        mu: The sample, (d,) float32.
+        seed: The evaluation seed of all three images: shape and place are the same.
+        frame: The sample's image.
+        in_mu: The query nearest in mu.
+        in_image: The query nearest in image space among those that were drawn.
+    """
+
+    mu: npt.NDArray[np.float32]
+    seed: int
+    frame: Frame
+    in_mu: Neighbour
+    in_image: Neighbour
+
+
+def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
+    """Measure how far samples lie from the training queries.
+
+    Args:
+        samples: (m, d), m >= 1; rounded to float32, as mu is wherever it is evaluated.
+        queries: (n, d), n >= 1; rounded likewise.
+
+    Raises:
+        ValueError: If the shapes do not fit.
+    """
+    points = np.asarray(samples, np.float32)
+    distances, _ = nearest_neighbours(points, np.asarray(queries, np.float32))
+    if not len(distances):
+        raise UserError(f"Expected at least one sample, got shape {points.shape}.")
+    return Novelty(
+        median=float(np.median(distances)),
+        fifth_percentile=float(np.percentile(distances, 5)),
+        minimum=float(distances.min()),
+        repeats=int((distances == 0.0).sum()),
+    )
+
+
+def relative_novelty(
+    samples: npt.ArrayLike, ideal: npt.ArrayLike, queries: npt.ArrayLike
+) -> RelativeNovelty:
+    """Compare the novelty of an adversary's samples with that of ideal samples.
+
+    Ideal samples say how near the queries any good sample must lie: a thorough search leaves no
+    place that is far from all of them.
+
+    Args:
+        samples: (m, d) the adversary's.
+        ideal: (l, d) uniform in the true fooling set, drawn without regard to the queries.
+        queries: (n, d) the adversary's training queries.
+
+    Raises:
+        ValueError: If the shapes do not fit, or the ideal samples are themselves queries.
+    """
+    ours, truth = novelty(samples, queries), novelty(ideal, queries)
+    if truth.fifth_percentile == 0.0:
+        raise UserError(
+            f"Expected ideal samples that were not queried, got {truth.repeats} that were. Draw "
+            "them independently of the queries."
+        )
+    return RelativeNovelty(
+        ours,
+        truth,
+        ratio=ours.median / truth.median,
+        fifth_ratio=ours.fifth_percentile / truth.fifth_percentile,
+    )
+
+
+def image_neighbours(
+    application: Application,
+    samples: npt.ArrayLike,
+    seeds: Sequence[int],
+    queries: npt.ArrayLike,
+    *,
+    neighbours: int = 16,
+    others: int = 16,
+    seed: int = 0,
+    frame: FrameFunction | None = None,
+) -> tuple[Neighbours, ...]:
+    """Find the training queries nearest to samples, in mu and in image space.
+
+    The paper's figure "Nearest Neighbor in Training", with two differences. All images beside a
+    sample are drawn with the sample's own seed, so that mu alone sets them apart. And the nearest
+    image is looked for, too, among the nearest queries in mu and some random ones: all would cost
+    one image each, for every sample.
+
+    Args:
+        application: What was attacked.
+        samples: (m, d) the samples to look at, 8 to 16 for a figure.
+        seeds: (m,) their evaluation seeds.
+        queries: (n, d) the training queries.
+        neighbours: How many of the queries nearest in mu to draw, at least 1.
+        others: How many random other queries to draw.
+        seed: Picks the random queries.
+        frame: Draws the images; by default `application.view`.
+
+    Returns:
+        One for each sample; none where the application draws no images.
+
+    Raises:
+        ValueError: If the arguments do not fit together.
+    """
+    points, asked = (application.parameters.validate(mu) for mu in (samples, queries))
+    checked = validate_seeds(seeds, len(points))
+    if neighbours < 1 or others < 0 or not len(asked):
+        raise UserError(
+            "Expected at least 1 query, neighbours >= 1 and others >= 0, got "
+            f"{len(asked)} queries, neighbours={neighbours}, others={others}."
+        )
+    draw, rng = frame or application.view, np.random.default_rng(seed)
+    found = []
+    for mu, world in zip(points, checked, strict=True):
+        distances = np.linalg.norm(asked.astype(np.float64) - mu, axis=1)
+        order = np.argsort(distances, kind="stable")
+        rest = order[neighbours:]
+        random = rng.choice(rest, min(others, len(rest)), replace=False)
+        try:
+            picture = draw(mu, world)
+        except NotImplementedError:
+            return ()
+        near = [
+            _neighbour(int(row), draw(asked[row], world), float(distances[row]), picture)
+            for row in (*order[:neighbours], *random)
+        ]
+        nearest = min(near, key=lambda one: one.image_distance)
+        found.append(Neighbours(mu, world, picture, near[0], nearest))
+    return tuple(found)
+
+
+def _neighbour(row: int, frame: Frame, distance: float, sample: Frame) -> Neighbour:
+    difference = (frame.astype(np.float64) - sample) / 127.5
+    return Neighbour(row, frame, distance, float(np.linalg.norm(difference)))

@@ -1,0 +1,224 @@
+"""Reference sets: where in the box a track's agent is truly fooled, as a dense sample tells."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Application
+from sada_gym.errors import UserError
+from sada_gym.evaluation.oracle import evaluation_seeds
+from sada_gym.files import Strict, write_file, write_model
+from sada_gym.parameters import Mu
+
+FOLDER = Path(__file__).parents[1] / "references"
+INDEX = "index.json"
+
+_STREAM_SEED = 0
+_SPLIT_SEED = 0
+
+
+class ReferenceEntry(Strict):
+    """What a reference set is of: a row of the index beside the files.
+
+    Attributes:
+        track: The environment's id.
+        agent: The agent's name.
+        version: The environment's version.
+        fingerprint: The application's fingerprint: the agent's SHA-256.
+        points: Number of points.
+        seeds: Evaluations of each point.
+        sobol_seed: Makes the points, see `reference_mu`.
+        mu_sha256: Of the points' float32 bytes.
+        sha256: Of the file.
+    """
+
+    track: str
+    agent: str
+    version: int
+    fingerprint: str
+    points: int
+    seeds: int
+    sobol_seed: int
+    mu_sha256: str
+    sha256: str
+
+    @property
+    def file(self) -> str:
+        """The file's name."""
+        return f"{self.track}.{self.agent}.npz"
+
+
+class ReferenceIndex(Strict):
+    """All reference sets that are shipped."""
+
+    references: tuple[ReferenceEntry, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A dense sample of the box, each point evaluated on several seeds.
+
+    Attributes:
+        entry: What it is of.
+        mu: (n, d) float32, scrambled Sobol points.
+        fooled: (n,) uint8, on how many of `entry.seeds` seeds the agent was fooled.
+        mean_score: (n,) float32, mean Q.
+    """
+
+    entry: ReferenceEntry
+    mu: Mu
+    fooled: npt.NDArray[np.uint8]
+    mean_score: npt.NDArray[np.float32]
+
+    @property
+    def fooling_rate(self) -> npt.NDArray[np.float64]:
+        """On what share of its seeds each point fooled, (n,)."""
+        return self.fooled / self.entry.seeds
+
+    @property
+    def fooling(self) -> npt.NDArray[np.bool_]:
+        """Which points belong to the fooling set {mu: P(Q <= epsilon) >= 0.5}, (n,)."""
+        return 2 * self.fooled.astype(np.int64) >= self.entry.seeds
+
+    @property
+    def fooling_set(self) -> Mu:
+        """The points of the fooling set, (m, d)."""
+        return self.mu[self.fooling]
+
+    def halves(self) -> tuple[Mu, Mu]:
+        """Split the fooling set at random, always alike: points to measure by, points to draw.
+
+        Ideal samples that were themselves among the points to be covered would cover them all.
+        """
+        inside = self.fooling_set
+        order = np.random.default_rng(_SPLIT_SEED).permutation(len(inside))
+        return inside[order[::2]], inside[order[1::2]]
+
+
+@functools.lru_cache(maxsize=8)
+def reference_mu(dimension: int, points: int, sobol_seed: int) -> Mu:
+    """Make a reference set's points: the first of a scrambled Sobol sequence, (points, d) float32.
+
+    Not to be written to: it is shared.
+    """
+    from scipy.stats.qmc import Sobol
+
+    exponent = (points - 1).bit_length()
+    unit = Sobol(dimension, scramble=True, rng=sobol_seed).random_base2(exponent)[:points]
+    mu: Mu = (2.0 * unit - 1.0).astype(np.float32)
+    mu.flags.writeable = False
+    return mu
+
+
+def reference_seeds(point: int, seeds: int) -> list[int]:
+    """Give the evaluation seeds of a point: of the stream `validation`, so none is an attack's."""
+    return evaluation_seeds(_STREAM_SEED, "validation", point * seeds, seeds)
+
+
+def write_reference(
+    folder: str | Path,
+    track: str,
+    application: Application,
+    scores: npt.NDArray[np.float64],
+    *,
+    sobol_seed: int,
+) -> ReferenceEntry:
+    """Write a reference set and enter it into the folder's index.
+
+    Args:
+        folder: Where the reference sets lie.
+        track: The environment's id.
+        application: What was evaluated.
+        scores: (n, k) Q of each point on each of its k seeds.
+        sobol_seed: What made the points.
+
+    Raises:
+        ValueError: If the application has no fingerprint, or a score is no number.
+    """
+    fingerprint = application.fingerprint
+    if fingerprint is None or not np.isfinite(scores).all():
+        raise UserError("Expected finite scores of an application with a fingerprint.")
+    points, seeds = scores.shape
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        fooled=(scores <= application.fooling_threshold).sum(axis=1).astype(np.uint8),
+        mean_score=scores.mean(axis=1).astype(np.float32),
+    )
+    entry = ReferenceEntry(
+        track=track,
+        agent=application.agent_name,
+        version=application.version,
+        fingerprint=fingerprint,
+        points=points,
+        seeds=seeds,
+        sobol_seed=sobol_seed,
+        mu_sha256=_mu_sha256(reference_mu(len(application.parameters), points, sobol_seed)),
+        sha256=hashlib.sha256(buffer.getvalue()).hexdigest(),
+    )
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_file(folder / entry.file, buffer.getvalue())
+    others = [e for e in read_index(folder).references if e.file != entry.file]
+    ordered = sorted([*others, entry], key=lambda e: e.file)
+    write_model(folder / INDEX, ReferenceIndex(references=tuple(ordered)))
+    return entry
+
+
+def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
+    """List the reference sets that a folder holds."""
+    path = Path(folder) / INDEX
+    if not path.exists():
+        return ReferenceIndex(references=())
+    return ReferenceIndex.model_validate_json(path.read_bytes())
+
+
+def load_reference(
+    track: str, application: Application, folder: str | Path = FOLDER
+) -> Reference | None:
+    """Load the reference set of a track and its agent; None where there is none.
+
+    Args:
+        track: The environment's id.
+        application: The application under attack.
+        folder: Where the reference sets lie.
+
+    Raises:
+        ValueError: If the file is not the one that the index names, or is of another version of
+            the environment or of the agent.
+    """
+    found = [
+        entry
+        for entry in read_index(folder).references
+        if (entry.track, entry.agent) == (track, application.agent_name)
+    ]
+    if not found:
+        return None
+    entry = found[0]
+    path = Path(folder) / entry.file
+    content = path.read_bytes()
+    mu = reference_mu(len(application.parameters), entry.points, entry.sobol_seed)
+    for what, expected, got in (
+        ("SHA-256", entry.sha256, hashlib.sha256(content).hexdigest()),
+        ("environment's version", entry.version, application.version),
+        ("agent's fingerprint", entry.fingerprint, application.fingerprint),
+        ("points' SHA-256", entry.mu_sha256, _mu_sha256(mu)),
+    ):
+        if expected != got:
+            raise UserError(
+                f"Expected the reference set {path} with the {what} {expected}, got {got}. "
+                "Restore the file, or make the set anew with studies/reference_sets.py."
+            )
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return Reference(entry, mu, arrays["fooled"], arrays["mean_score"])
+
+
+def _mu_sha256(mu: Mu) -> str:
+    return hashlib.sha256(np.ascontiguousarray(mu, dtype="<f4").tobytes()).hexdigest()

@@ -1,0 +1,113 @@
+"""The search track: what the training queries found, against how many were spent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import UserError
+from sada_gym.measures.coverage import (
+    NEAREST,
+    checked_points,
+    nearest_distances,
+    neighbourhood_radii,
+)
+
+
+@dataclass(frozen=True)
+class SearchPoint:
+    """A point of an anytime curve.
+
+    Attributes:
+        queries: Queries spent.
+        found: Distinct mu among them that fooled; asking again for a known one finds nothing.
+        share: Share of the queries that fooled.
+        coverage: Share of the fooling set's points with a found mu in their neighbourhood, as of
+            `sada_gym.measures.coverage.density_and_coverage`; None without a fooling set.
+    """
+
+    queries: int
+    found: int
+    share: float
+    coverage: float | None
+
+
+def anytime(
+    queries: npt.ArrayLike,
+    scores: npt.ArrayLike,
+    threshold: float,
+    fooling_set: npt.ArrayLike | None,
+    checkpoints: Sequence[int],
+    *,
+    k: int = NEAREST,
+) -> tuple[SearchPoint, ...]:
+    """Follow what a search found while it spent its queries.
+
+    Coverage is of the whole fooling set, unlike that of M samples, which stand against M points:
+    thousands of found mu would cover all of so few. It depends on the set's size R, so it compares
+    searches on one set; `expected_coverage(R, found)` is what as many mu drawn from the truth
+    would reach.
+
+    Args:
+        queries: (N, d) in the order of asking; rounded to float32.
+        scores: (N,) Q of each.
+        threshold: The fooling threshold epsilon.
+        fooling_set: (R, d) points known to fool, R > k, or None where none is known.
+        checkpoints: Increasing numbers of queries, from 1 to N.
+        k: Which neighbour sets the radius of a point's neighbourhood.
+
+    Raises:
+        ValueError: If an argument is not as described.
+    """
+    mu = np.asarray(queries, np.float32)
+    q = np.asarray(scores, np.float64)
+    _check(mu, q, checkpoints)
+    fooled = q <= threshold
+    rows = np.flatnonzero(fooled)
+    firsts = np.sort(rows[np.unique(mu[rows], axis=0, return_index=True)[1]])
+    found = np.searchsorted(firsts, checkpoints)
+    coverage: Sequence[float | None] = [None] * len(checkpoints)
+    if fooling_set is not None:
+        coverage = _coverage(mu[firsts], found, fooling_set, k)
+    spent = np.cumsum(fooled)
+    return tuple(
+        SearchPoint(int(n), int(count), float(spent[n - 1] / n), covered)
+        for n, count, covered in zip(checkpoints, found, coverage, strict=True)
+    )
+
+
+def _coverage(
+    found: npt.NDArray[np.float32],
+    counts: npt.NDArray[np.intp],
+    fooling_set: npt.ArrayLike,
+    k: int,
+) -> list[float]:
+    """Cover the fooling set with the first `counts` of what was found."""
+    reference, fooling = checked_points(fooling_set, found, k)
+    radii = neighbourhood_radii(reference, k)
+    nearest = np.full(len(reference), np.inf)
+    coverage, start = [], 0
+    for stop in counts:
+        nearest = np.minimum(nearest, nearest_distances(reference, fooling[start:stop]))
+        coverage.append(float((nearest < radii).mean()))
+        start = stop
+    return coverage
+
+
+def _check(
+    mu: npt.NDArray[np.float32], q: npt.NDArray[np.float64], checkpoints: Sequence[int]
+) -> None:
+    if mu.ndim != 2 or q.shape != (len(mu),) or not np.isfinite(q).all():
+        raise UserError(
+            "Expected queries of shape (N, d) and finite scores of shape (N,), got "
+            f"{mu.shape} and {q.shape}."
+        )
+    stops = list(checkpoints)
+    if not stops or stops != sorted(set(stops)) or not 1 <= stops[0] <= stops[-1] <= len(mu):
+        raise UserError(
+            f"Expected increasing checkpoints from 1 to {len(mu)}, the number of queries, got "
+            f"{stops}."
+        )

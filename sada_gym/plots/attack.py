@@ -1,0 +1,264 @@
+"""Pictures of an attack: what the adversary chose, how the agent scored, what that looks like."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Application, Frame
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import write_file
+from sada_gym.parameters import Parameter, ParameterSpace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MAX_FRAMES = 24
+
+INK, MUTED, GRID = "#1f2933", "#6b7785", "#e4e8ec"
+_FOOLED, _SAMPLES, _OMEGA, ACCENT = "#c2410c", "#f2b48c", "#a9b4c0", "#1f2933"
+_BINS = 20
+_COLUMNS = 6
+
+
+def draw_pictures(
+    application: Application, samples: Evaluations, queries: Evaluations, folder: Path
+) -> tuple[Path, ...]:
+    """Draw all pictures of an attack into a folder.
+
+    Args:
+        application: What was attacked.
+        samples: The adversary's test samples.
+        queries: The training queries (Omega).
+        folder: Where the PNG files go.
+
+    Returns:
+        The files written. The contact sheet is left out where the application draws no frames or
+        no sample fooled the agent; the map is drawn in two dimensions only.
+    """
+    space, threshold = application.parameters, application.fooling_threshold
+    figures = {
+        "marginals.png": marginals(space, samples, threshold),
+        "scores.png": score_histogram(samples, queries, threshold),
+    }
+    if len(space) == 2:
+        figures["map.png"] = scatter(space, samples, queries, threshold)
+    fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
+    frames = _frames(application, samples, fooled)
+    if frames:
+        captions = [f"Q = {samples.score[i]:.2f}" for i in fooled]
+        count = int((samples.score <= threshold).sum())
+        shown = f"the first {len(frames)} of {count}" if count > len(frames) else f"all {count}"
+        title = f"Samples that fool the agent (Q ≤ {threshold:g}): {shown}"
+        figures["fooled.png"] = contact_sheet(frames, captions, title)
+    for name, figure in figures.items():
+        write_file(folder / name, png(figure))
+    return tuple(folder / name for name in figures)
+
+
+def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
+    """Draw how the samples spread over each parameter's range, against uniform.
+
+    Args:
+        space: The parameters, d of them.
+        samples: n samples.
+        threshold: The fooling threshold; samples that fool the agent stand out.
+    """
+    columns = min(4, len(space))
+    rows = -(-len(space) // columns)
+    figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    values, fooled = space.physical(samples.mu), samples.score <= threshold
+    for i, axes in enumerate(grid.flat):
+        if i >= len(space):
+            axes.set_visible(False)
+            continue
+        parameter = space.parameters[i]
+        bins = len(parameter.choices) or _BINS
+        edges = np.linspace(parameter.low, parameter.high, bins + 1)
+        axes.hist(
+            [values[fooled, i], values[~fooled, i]],
+            bins=list(edges),
+            weights=[_percent(fooled.sum(), len(samples)), _percent((~fooled).sum(), len(samples))],
+            stacked=True,
+            color=[_FOOLED, _SAMPLES],
+            label=["fool the agent", "do not fool it"],
+        )
+        axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
+        axes.set_xlim(parameter.low, parameter.high)
+        axes.set_xlabel(axis_label(parameter))
+        tidy(axes, grid="y")
+        name_choices(axes, parameter)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("samples (%)")
+        axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
+    figure.suptitle(f"Where {len(samples)} samples lie", x=0.01, ha="left", fontsize=12, color=INK)
+    return figure
+
+
+def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float) -> Figure:
+    """Draw the scores of the adversary's samples and of the training queries (Omega).
+
+    Args:
+        samples: The test samples.
+        queries: The training queries; may be empty.
+        threshold: The fooling threshold, drawn as a line.
+    """
+    figure = new_figure(6.4, 3.8)
+    axes = figure.subplots()
+    top = max(1.0, float(samples.score.max()), float(queries.score.max(initial=0.0)))
+    low = min(0.0, float(samples.score.min()), float(queries.score.min(initial=0.0)))
+    edges = list(np.linspace(low, top, 2 * _BINS + 1))
+    for scores, colour, name in (
+        (queries.score, _OMEGA, f"{len(queries):,} training queries"),
+        (samples.score, _FOOLED, f"{len(samples):,} samples of the adversary"),
+    ):
+        if len(scores):
+            weights = _percent(len(scores), len(scores))
+            axes.hist(
+                scores,
+                edges,
+                weights=weights,
+                histtype="stepfilled",
+                facecolor=(colour, 0.4),
+                edgecolor=colour,
+                linewidth=1.2,
+                label=name,
+            )
+    axes.axvline(threshold, color=ACCENT, linewidth=1.2, linestyle=(0, (4, 3)))
+    axes.annotate(
+        f"fooled: Q ≤ {threshold:g}",
+        (threshold, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(5, -4),
+        textcoords="offset points",
+        va="top",
+        color=INK,
+    )
+    axes.set_xlim(low, top)
+    axes.set_xlabel("score Q (low: the agent fails)")
+    axes.set_ylabel("share (%)")
+    tidy(axes, grid="y")
+    figure.legend(loc="outside upper right", ncols=2, frameon=False)
+    return figure
+
+
+def scatter(
+    space: ParameterSpace, samples: Evaluations, queries: Evaluations, threshold: float
+) -> Figure:
+    """Draw a two-dimensional problem's training queries and samples on a map.
+
+    Args:
+        space: Two parameters.
+        samples: The test samples.
+        queries: The training queries.
+        threshold: The fooling threshold; queries that fooled the agent stand out.
+    """
+    figure = new_figure(5.4, 5.4)
+    axes = figure.subplots()
+    fooled = queries.score <= threshold
+    for mu, colour, size, name in (
+        (queries.mu[~fooled], "#d5dbe1", 7, "training query"),
+        (queries.mu[fooled], _SAMPLES, 9, "training query that fooled the agent"),
+        (samples.mu, ACCENT, 11, "sample of the adversary"),
+    ):
+        x, y = space.physical(mu).T
+        axes.scatter(x, y, s=size, color=colour, linewidths=0, label=name, clip_on=False)
+    across, up = space.parameters
+    axes.set_xlim(across.low, across.high)
+    axes.set_ylim(up.low, up.high)
+    axes.set_xlabel(axis_label(across))
+    axes.set_ylabel(axis_label(up))
+    axes.set_box_aspect(1)
+    tidy(axes)
+    figure.legend(loc="outside upper left", ncols=1, frameon=False, markerscale=1.8)
+    return figure
+
+
+def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) -> Figure:
+    """Lay frames out in rows, each with a caption.
+
+    Args:
+        frames: n RGB images of one shape.
+        captions: n short lines.
+        title: A line above them all.
+    """
+    columns = max(3, min(_COLUMNS, len(frames)))  # room for the title
+    rows = -(-len(frames) // columns)
+    height, width = frames[0].shape[:2]
+    cell = 1.75
+    figure = new_figure(cell * columns + 0.1, (cell * height / width + 0.3) * rows + 0.35)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for i, axes in enumerate(grid.flat):
+        axes.axis("off")
+        if i < len(frames):
+            axes.imshow(frames[i])
+            axes.set_title(captions[i], fontsize=8.5, color=MUTED, pad=3)
+    figure.suptitle(title, x=0.008, ha="left", fontsize=10, color=INK)
+    return figure
+
+
+def _frames(
+    application: Application, samples: Evaluations, rows: npt.NDArray[np.intp]
+) -> list[Frame]:
+    try:
+        return [application.render(samples.mu[i], int(samples.seed[i])) for i in rows]
+    except NotImplementedError:
+        return []
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make a figure without pyplot, which would keep it in a global list."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
+
+
+def png(figure: Figure) -> bytes:
+    """Give a figure as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def _percent(count: int, total: int) -> npt.NDArray[np.float64]:
+    return np.full(int(count), 100.0 / total)
+
+
+def axis_label(parameter: Parameter) -> str:
+    """Write a parameter as people read it: its name, and its unit in brackets."""
+    name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
+    unit = "°" if parameter.unit == "deg" else parameter.unit
+    return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
+
+
+def name_choices(axes: Axes, parameter: Parameter) -> None:
+    """Write a parameter's choices below the axis along which it is drawn, if it has any."""
+    if parameter.choices:
+        edges = np.linspace(parameter.low, parameter.high, len(parameter.choices) + 1)
+        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(parameter.choices))
+        axes.tick_params(axis="x", length=0, labelsize=7)
+        for label in axes.get_xticklabels():
+            label.set(rotation=35, ha="right", rotation_mode="anchor")
+
+
+def tidy(axes: Axes, *, grid: str | None = None) -> None:
+    """Give axes the house look: two thin spines, quiet ticks, grid lines for y if asked."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(MUTED)
+    axes.tick_params(colors=MUTED, labelsize=8)
+    axes.xaxis.label.set_color(INK)
+    axes.yaxis.label.set_color(INK)
+    if grid == "y":
+        axes.grid(axis="y", color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)

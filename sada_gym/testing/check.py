@@ -1,0 +1,179 @@
+"""Checking an application, ours or a user's own, against the contract: `sada-gym check`."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gymnasium.utils.env_checker import check_env
+
+from sada_gym.application import Application
+from sada_gym.envs.adversary import AdversaryEnv
+from sada_gym.errors import UserError
+from sada_gym.testing import rules
+from sada_gym.testing.processes import import_file
+
+_CHECKS: Mapping[str, Callable[[Application], str]] = {
+    "declaration": rules.check_declaration,
+    "scores and infos": rules.check_outcomes,
+    "randomness": rules.check_randomness,
+    "bad input": rules.check_bad_input,
+    "live parameters": rules.check_live_parameters,
+    "purity": rules.check_purity,
+    "another process": rules.check_other_process,
+    "pictures": rules.check_pictures,
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check and its outcome.
+
+    Attributes:
+        name: A few words.
+        passed: Whether the application keeps this part of the contract.
+        sentence: What was found; where it failed, what was expected and what came.
+    """
+
+    name: str
+    passed: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """All checks of one application.
+
+    Attributes:
+        subject: The id or the class that was checked.
+        checks: The checks in the order in which they ran.
+    """
+
+    subject: str
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+
+def check_application(
+    application: Application, *, env: AdversaryEnv | None = None, subject: str | None = None
+) -> CheckReport:
+    """Check an application against the contract; what it raises becomes a failed check.
+
+    Args:
+        application: The application.
+        env: The environment around it; by default a plain `AdversaryEnv`.
+        subject: What the report calls it; by default its class.
+    """
+    declared, *rest = _CHECKS.items()
+    checks = [_run(declared[0], partial(declared[1], application))]
+    if checks[0].passed:  # nothing else makes sense without
+        env = AdversaryEnv(application) if env is None else env
+        checks += [_run(name, partial(check, application)) for name, check in rest]
+        checks += [
+            _run("environment", partial(rules.check_environment_steps, env)),
+            _run("check_env of Gymnasium", partial(_check_gymnasium, env)),
+            _run("check_env of Stable-Baselines3", partial(_check_sb3, env)),
+            _run("closing", partial(_check_closing, env)),
+        ]
+    return CheckReport(subject or type(application).__name__, tuple(checks))
+
+
+def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
+    """Check the application and environment behind a registered id.
+
+    Raises:
+        ValueError: If the id or a keyword is unknown, or it is no adversary environment.
+    """
+    from sada_gym.registration import make_env
+
+    env = make_env(env_id, **env_kwargs)
+    return [check_application(env.application, env=env, subject=env_id)]
+
+
+def check_file(path: str | Path) -> list[CheckReport]:
+    """Check all applications of a Python file, see `load_applications`."""
+    return [check_application(application) for application in load_applications(path)]
+
+
+def load_applications(path: str | Path) -> list[Application]:
+    """Get the applications that a Python file defines.
+
+    These are the instances at the module's top level, and an instance, made without arguments, of
+    each class defined there that has none. A class without a `name` counts as a base for others.
+
+    Raises:
+        ValueError: If the file can't be imported, a class needs arguments, or there is none.
+    """
+    module = import_file(path)
+    members = list(vars(module).values())
+    found: list[Application] = []
+    for member in members:
+        if isinstance(member, Application) and not any(member is other for other in found):
+            found.append(member)
+    for member in members:
+        if (
+            inspect.isclass(member)
+            and issubclass(member, Application)
+            and member.__module__ == module.__name__
+            and not inspect.isabstract(member)
+            and hasattr(member, "name")
+            and not any(type(application) is member for application in found)
+        ):
+            found.append(_build(member, path))
+    if not found:
+        raise UserError(
+            f"Expected a subclass of sada_gym.Application with a `name` in {str(path)!r}, found "
+            "none. Define one at the file's top level."
+        )
+    return found
+
+
+def _build(application_class: type[Application], path: str | Path) -> Application:
+    try:
+        return application_class()
+    except Exception as error:
+        raise UserError(
+            f"Expected {application_class.__name__} in {str(path)!r} to be made without arguments, "
+            f"got {type(error).__name__}: {error}. Add an instance at the file's top level instead."
+        ) from error
+
+
+def _run(name: str, check: Callable[[], str]) -> Check:
+    try:
+        return Check(name, True, check())
+    except AssertionError as error:
+        return Check(name, False, str(error) or "An assertion without a message failed.")
+    except Exception as error:  # a user's code may raise anything, and that is a finding
+        return Check(name, False, f"{type(error).__name__}: {error}")
+
+
+def _check_gymnasium(env: AdversaryEnv) -> str:
+    draws = type(env.application).render is not Application.render
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=env.spec is None or not draws)
+    return "Passes without a warning."
+
+
+def _check_sb3(env: AdversaryEnv) -> str:
+    from stable_baselines3.common.env_checker import check_env as check_env_sb3
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env_sb3(env)
+    return "Passes without a warning."
+
+
+def _check_closing(env: AdversaryEnv) -> str:
+    env.close()
+    env.close()
+    return "Closing twice is fine."

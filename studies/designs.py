@@ -1,0 +1,231 @@
+"""Compare designs of adversaries on training tracks: how the defaults were chosen.
+
+    python studies/designs.py --family sada --seeds 2
+
+The tracks are analytic boxes, synthetic landscapes with a random world and, for the family `sada`,
+two detection classes (car and chair, which are training tracks for that reason) with both agents.
+Each design learns from N = 2,000 queries. Then 500 samples are held against points that it never
+saw:
+
+- AFR: the samples' true fooling rate, in %; on detection the rate of fresh evaluations.
+- coverage (Naeem et al. 2020, k = 5): the share of held-out points of the fooling set
+  {mu: P(Q <= threshold) >= 0.5} that have a fooling sample within the distance to their fifth
+  nearest neighbour; as a share of what as many ideal samples (uniform over the set) reach.
+
+The criterion is the mean over tracks and seeds of AFR / ideal samples' AFR x coverage, each factor
+at most 1: a design has to fool, and to cover.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym import adversaries
+from sada_gym.adversaries.base import Query
+from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.measures.coverage import fooling_coverage
+from sada_gym.measures.reference import load_reference
+from sada_gym.testing.landscapes import THRESHOLD, FunctionOracle, Landscape
+
+BUDGET, SAMPLES = 2_000, 500
+
+DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
+    "bbgan": {
+        "random": ("random", {}),
+        "paper preset": ("bbgan", {"preset": "paper"}),
+        "paper preset, boosted": ("bbgan-boost", {"preset": "paper"}),
+        "**default**": ("bbgan", {}),
+        "without the rest of Omega": ("bbgan", {"rest": 0.0}),
+        "without a tether": ("bbgan", {"tether": 0.0}),
+        "without Fourier features": ("bbgan", {"features": 0}),
+        "G of z alone (no transport)": ("bbgan", {"transport": False, "tether": 0.0}),
+        "without refusals": ("bbgan", {"acceptance": 0.0}),
+        "s = 100": ("bbgan", {"induced_size": 100}),
+        "**default, boosted**": ("bbgan-boost", {}),
+    },
+    "sada": {
+        "**default**": ("sada", {}),
+        "no active queries": ("sada", {"rounds": 0}),
+        "a quarter uniform": ("sada", {"uniform": 0.25}),
+        "eight rounds": ("sada", {"rounds": 8}),
+        "no uniform share in a round": ("sada", {"explore": 0.0}),
+        "trees alone": ("sada", {"models": ["trees"]}),
+        "Gaussian process alone": ("sada", {"models": ["process"]}),
+        "level 1/2": ("sada", {"coverage": 1.0}),
+        "coverage 0.95": ("sada", {"coverage": 0.95}),
+        "no least volume": ("sada", {"volume": 0.0}),
+        "a quarter of the volume": ("sada", {"volume": 0.25}),
+        "half of the volume": ("sada", {"volume": 0.5}),
+    },
+}
+TRACKS = {
+    "bbgan": ("boxes-2", "boxes-5", "boxes-8", "waves-35", "waves-20"),
+    "sada": (
+        *("boxes-2", "boxes-5", "boxes-8", "boxes-16"),
+        *("waves-35", "waves-20", "waves-8", "waves-4", "waves-2"),
+        *("Car", "Chair", "Car:surveyor", "Chair:surveyor"),
+    ),
+}
+
+Mu = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Track:
+    """A problem whose truth is known.
+
+    Attributes:
+        dimension: d.
+        oracle: Makes an oracle with the budget, for a seed.
+        rate: Fooling rates of mu (n, d): true ones, or 0 and 1 of one evaluation each.
+        fooling_set: Held-out points of it.
+        ideal_rate: Mean fooling rate of its points.
+    """
+
+    dimension: int
+    oracle: Callable[[int], Query]
+    rate: Callable[[Mu], npt.NDArray[np.float64]]
+    fooling_set: Mu
+    ideal_rate: float
+
+
+def analytic(
+    dimension: int,
+    make: Callable[[], Callable[[Any], Any]],
+    rate: Callable[[Mu], npt.NDArray[np.float64]],
+) -> Track:
+    uniform = np.random.default_rng(12345).uniform(-1.0, 1.0, (60_000, dimension))
+    mu = uniform.astype(np.float32)
+    rates = rate(mu)
+    inside = rates >= 0.5
+    return Track(
+        dimension,
+        lambda seed: FunctionOracle(make(), BUDGET, THRESHOLD),  # noqa: ARG005
+        rate,
+        mu[inside],
+        float(rates[inside].mean()),
+    )
+
+
+def boxes(dimension: int) -> Track:
+    application = AnalyticApplication(dimension=dimension)
+
+    def score(mu: Mu) -> npt.NDArray[np.float64]:
+        return application.evaluate(mu, range(len(mu))).score
+
+    def rate(mu: Mu) -> npt.NDArray[np.float64]:
+        return (application.fooling_region(mu) >= 0).astype(np.float64)
+
+    return analytic(dimension, lambda: score, rate)
+
+
+def waves(percent: int) -> Track:
+    seed = {35: 0, 20: 1, 8: 2, 4: 3, 2: 4}[percent]
+    known = Landscape(seed, rate=percent / 100)
+    return analytic(8, lambda: Landscape(seed, rate=percent / 100), known.fooling_rate)
+
+
+def detection(object_class: str, agent: str | None, workers: int) -> Track:
+    track = f"SADA-Detection-{object_class}-v0"
+    evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {}, workers=workers)
+    assert evaluator.application is not None
+    reference = load_reference(track, evaluator.application)
+    if reference is None:
+        raise ValueError(f"Expected a reference set of {track}; make it with reference_sets.py.")
+
+    def rate(mu: Mu) -> npt.NDArray[np.float64]:
+        test = Oracle(evaluator, budget=len(mu), seed=0, stream="test")
+        return (test(mu) <= test.threshold).astype(np.float64)
+
+    rows = np.random.default_rng(0).choice(len(reference.fooling_set), SAMPLES)
+    return Track(
+        8,
+        lambda seed: Oracle(evaluator, budget=BUDGET, seed=seed),
+        rate,
+        reference.fooling_set,
+        float(rate(reference.fooling_set[rows]).mean()),
+    )
+
+
+def load(name: str, workers: int) -> Track:
+    kind, _, number = name.partition("-")
+    if kind == "boxes":
+        return boxes(int(number))
+    if kind == "waves":
+        return waves(int(number))
+    object_class, _, agent = name.partition(":")
+    return detection(object_class, agent or None, workers)
+
+
+def measure(track: Track, mu: Mu, rng: np.random.Generator) -> tuple[float, float]:
+    """Give AFR and coverage of samples."""
+    rate = track.rate(mu)
+    fooled = rng.random(len(mu)) < rate
+    return float(rate.mean()), fooling_coverage(mu, fooled, track.fooling_set).coverage
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--family", choices=list(DESIGNS), default="sada")
+    parser.add_argument("--designs", nargs="*", help="some of the family's")
+    parser.add_argument("--adversaries", nargs="*", default=[], help="by name, beside them")
+    parser.add_argument("--tracks", nargs="*")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=2)
+    chosen = parser.parse_args()
+    designs = DESIGNS[chosen.family]
+    if chosen.designs is not None:
+        designs = {name: designs[name] for name in chosen.designs}
+    designs |= {name: (name, {}) for name in chosen.adversaries}
+    names = chosen.tracks or TRACKS[chosen.family]
+    problems = {name: load(name, chosen.workers) for name in names}
+    print("| design |", *(f"{name} |" for name in names), "criterion | s a training |")
+    print("| --- |", *("--- |" for _ in names), "--- | --- |")
+    coverages = {}
+    cells = []
+    for name, track in problems.items():
+        rng = np.random.default_rng(99)
+        draws = []
+        for _ in range(4):
+            rows = rng.choice(len(track.fooling_set), SAMPLES)
+            fooled = rng.random(SAMPLES) < track.ideal_rate
+            mu = track.fooling_set[rows]
+            draws.append(fooling_coverage(mu, fooled, track.fooling_set).coverage)
+        coverages[name] = float(np.mean(draws))
+        cells.append(f"{100 * track.ideal_rate:.0f} / 1.00 |")
+    print("| ideal samples |", *cells, "1.00 | |", flush=True)
+    for design, (kind, options) in designs.items():
+        cells, merits, seconds = [], [], 0.0
+        for name, track in problems.items():
+            figures = []
+            for seed in range(chosen.seeds):
+                adversary = adversaries.make(kind, track.dimension, seed=seed, **options)
+                start = time.process_time()
+                adversary.train(track.oracle(seed))
+                seconds += time.process_time() - start
+                mu = adversary.sample(SAMPLES)
+                afr, coverage = measure(track, mu, np.random.default_rng(seed))
+                figures.append((afr, coverage / coverages[name]))
+                merits.append(min(afr / track.ideal_rate, 1.0) * min(figures[-1][1], 1.0))
+            afr, coverage = np.mean(figures, axis=0)
+            cells.append(f"{100 * afr:.0f} / {coverage:.2f} |")
+        print(
+            f"| {design} |",
+            *cells,
+            f"{np.mean(merits):.2f} | {seconds / len(merits):.1f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Reference sets: where each agent is fooled, from a dense sample that no adversary trains on.
+
+    python studies/reference_sets.py --workers 2
+
+Every track's Sobol points are evaluated on several seeds each. All agents look at the same worlds,
+so a world is drawn once for all of them. What was done is kept in `--work`, block by block, and a
+second call goes on where the first was stopped; finished sets go into the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import io
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym import agents
+from sada_gym.application import Application
+from sada_gym.envs.detection.application import DetectionApplication
+from sada_gym.envs.detection.scene import Renderer, Rendering, Scene
+from sada_gym.files import write_file
+from sada_gym.measures.reference import FOLDER, reference_mu, reference_seeds, write_reference
+from sada_gym.registration import find_spec, make_application, tracks
+
+BLOCK = 500
+CHUNK = 112
+SOBOL_SEED = 0
+SIZES = {"SADA-Detection": (20_000, 8)}
+OTHER_SIZE = (4_000, 3)
+
+
+class SharedRenderer:
+    """Hands the frames that one application asked for to the next, which asks in that order."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self._frames: list[Rendering] = []
+        self._next = 0
+
+    def render(self, scene: Scene, image_size: int) -> Rendering:
+        if self._next == len(self._frames):
+            self._frames.append(self._renderer.render(scene, image_size))
+        self._next += 1
+        return self._frames[self._next - 1]
+
+    def rewind(self, *, forget: bool) -> None:
+        self._next = 0
+        if forget:
+            self._frames.clear()
+
+
+@functools.cache
+def shared_renderer() -> SharedRenderer:
+    from sada_gym.envs.detection.renderers import tinyrenderer
+
+    return SharedRenderer(tinyrenderer.shared_renderer())
+
+
+@functools.cache
+def application(track: str, agent: str) -> Application:
+    if track.startswith("SADA-Detection"):
+        object_class = find_spec(track).kwargs["object_class"]
+        return DetectionApplication(object_class, agent=agent, renderer=shared_renderer())
+    return make_application(track, agent=agent)
+
+
+def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> None:
+    """Write the scores of a block of points, (agents, points, seeds)."""
+    applications = [application(track, name) for name in names]
+    points, seeds = SIZES.get(applications[0].name, OTHER_SIZE)
+    rows = range(block * BLOCK, min((block + 1) * BLOCK, points))
+    mu = reference_mu(len(applications[0].parameters), points, SOBOL_SEED)
+    pairs = [(row, seed) for row in rows for seed in reference_seeds(row, seeds)]
+    scores: list[list[np.ndarray]] = [[] for _ in names]
+    for start in range(0, len(pairs), CHUNK):
+        chunk = pairs[start : start + CHUNK]
+        batch = mu[[row for row, _ in chunk]]
+        shared_renderer().rewind(forget=True)
+        for of_agent, one in zip(scores, applications, strict=True):
+            of_agent.append(one.evaluate(batch, [seed for _, seed in chunk]).score)
+            shared_renderer().rewind(forget=False)
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), seeds) for s in scores]))
+    write_file(path, buffer.getvalue())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tracks", nargs="*", default=list(tracks()))
+    parser.add_argument("--agents", nargs="*", help="of the tracks' applications; all by default")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--work", type=Path, default=Path("runs/reference-sets"))
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    arguments = parser.parse_args()
+    arguments.work.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
+        for track in arguments.tracks:
+            name = make_application(track).name
+            names, (points, _) = agents.names(name), SIZES.get(name, OTHER_SIZE)
+            names = tuple(n for n in names if arguments.agents is None or n in arguments.agents)
+            stem = f"{track}-{'-'.join(names)}"
+            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(-(-points // BLOCK))]
+            missing = [i for i, path in enumerate(paths) if not path.exists()]
+            started = time.monotonic()
+            futures = [pool.submit(evaluate_block, track, names, i, paths[i]) for i in missing]
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                spent = time.monotonic() - started
+                print(f"{track}: block {done} of {len(missing)}, {spent:.0f} s", flush=True)
+            scores = np.concatenate([np.load(path) for path in paths], axis=1)
+            for agent, of_agent in zip(names, scores, strict=True):
+                write_reference(
+                    arguments.out,
+                    track,
+                    make_application(track, agent=agent),
+                    of_agent,
+                    sobol_seed=SOBOL_SEED,
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+import json
+
+import numpy as np
+import pytest
+
+from sada_gym import agents
+from sada_gym.measures.reference import (
+    INDEX,
+    load_reference,
+    read_index,
+    reference_mu,
+    reference_seeds,
+    write_reference,
+)
+from sada_gym.registration import make_application, tracks
+
+TRACK = "SADA-Analytic-v0"
+POINTS, SEEDS = 300, 4
+
+SHIPPED = read_index().references
+
+
+@pytest.fixture
+def analytic():
+    return make_application(TRACK, noise=0.2)
+
+
+def evaluate(application, points=POINTS, seeds=SEEDS):
+    mu = reference_mu(len(application.parameters), points, 0)
+    return np.array(
+        [
+            application.evaluate(
+                np.repeat(mu[i : i + 1], seeds, 0), reference_seeds(i, seeds)
+            ).score
+            for i in range(points)
+        ]
+    )
+
+
+def test_what_was_written_is_read(analytic, tmp_path):
+    scores = evaluate(analytic)
+    entry = write_reference(tmp_path, TRACK, analytic, scores, sobol_seed=0)
+    reference = load_reference(TRACK, analytic, tmp_path)
+    assert reference.entry == entry
+    assert (reference.mu == reference_mu(2, POINTS, 0)).all()
+    assert (reference.fooled == (scores <= 0.3).sum(axis=1)).all()
+    assert reference.mean_score == pytest.approx(scores.mean(axis=1), abs=1e-6)
+    inside = (scores <= 0.3).mean(axis=1) >= 0.5
+    assert 0 < inside.sum() < POINTS
+    assert (reference.fooling_set == reference.mu[inside]).all()
+
+
+def test_halves_share_no_point_and_leave_none_out(analytic, tmp_path):
+    write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    reference = load_reference(TRACK, analytic, tmp_path)
+    one, other = ({row.tobytes() for row in half} for half in reference.halves())
+    assert not one & other
+    assert one | other == {row.tobytes() for row in reference.fooling_set}
+    assert abs(len(one) - len(other)) <= 1
+
+
+def test_a_second_set_joins_the_index_and_a_new_one_replaces_its_like(analytic, tmp_path):
+    scores = evaluate(analytic)
+    write_reference(tmp_path, TRACK, analytic, scores, sobol_seed=0)
+    write_reference(tmp_path, "Other-v0", analytic, scores, sobol_seed=0)
+    write_reference(tmp_path, TRACK, analytic, 1.0 - scores, sobol_seed=0)
+    assert [entry.track for entry in read_index(tmp_path).references] == ["Other-v0", TRACK]
+    changed = load_reference(TRACK, analytic, tmp_path)
+    assert (changed.fooled == (1.0 - scores <= 0.3).sum(axis=1)).all()
+
+
+def test_no_set_for_a_track_is_no_error(analytic, tmp_path):
+    assert load_reference(TRACK, analytic, tmp_path) is None
+    write_reference(tmp_path, "Other-v0", analytic, evaluate(analytic), sobol_seed=0)
+    assert load_reference(TRACK, analytic, tmp_path) is None
+
+
+def test_a_changed_file_is_refused(analytic, tmp_path):
+    entry = write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    path = tmp_path / entry.file
+    path.write_bytes(path.read_bytes() + b"x")
+    with pytest.raises(ValueError, match=r"Expected the reference set .* with the SHA-256"):
+        load_reference(TRACK, analytic, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("version", 7, "environment's version 7, got 0"),
+        ("fingerprint", "other", "agent's fingerprint other, got"),
+        ("mu_sha256", "other", "points' SHA-256 other, got"),
+    ],
+)
+def test_a_set_of_something_else_is_refused(analytic, tmp_path, field, value, message):
+    write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    index = json.loads((tmp_path / INDEX).read_text())
+    index["references"][0][field] = value
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    with pytest.raises(ValueError, match=message):
+        load_reference(TRACK, analytic, tmp_path)
+
+
+def test_scores_that_are_no_numbers_are_refused(analytic, tmp_path):
+    with pytest.raises(ValueError, match="Expected finite scores"):
+        write_reference(tmp_path, TRACK, analytic, np.full((3, 2), np.nan), sobol_seed=0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_points_fill_the_box_evenly_and_cannot_be_changed():
+    mu = reference_mu(8, 20_000, 0)
+    assert mu.shape == (20_000, 8)
+    assert mu.dtype == np.float32
+    assert np.abs(mu.mean(axis=0)).max() < 0.01
+    assert mu.std(axis=0) == pytest.approx(np.full(8, 3**-0.5), abs=0.005)
+    with pytest.raises(ValueError, match="read-only"):
+        mu[0, 0] = 0.0
+
+
+def test_every_class_has_a_set_for_each_shipped_detector():
+    wanted = {
+        (track, agent)
+        for track in tracks()
+        if track.startswith("SADA-Detection")
+        for agent in agents.names("SADA-Detection")
+    }
+    assert len(wanted) == 24
+    sets = {(e.track, e.agent): e for e in SHIPPED}
+    assert wanted <= set(sets)
+    assert {(sets[key].points, sets[key].seeds) for key in wanted} == {(20_000, 8)}
+
+
+@pytest.mark.parametrize("entry", SHIPPED, ids=lambda entry: f"{entry.track}.{entry.agent}")
+def test_a_random_part_of_a_shipped_set_evaluates_the_same(entry):
+    application = make_application(entry.track, agent=entry.agent)
+    reference = load_reference(entry.track, application)
+    assert len(reference.mu) == entry.points
+    for point in np.random.default_rng(len(entry.file)).choice(entry.points, 3, replace=False):
+        mu = np.repeat(reference.mu[point : point + 1], entry.seeds, axis=0)
+        score = application.evaluate(mu, reference_seeds(int(point), entry.seeds)).score
+        # another processor may round the last bits otherwise
+        assert reference.mean_score[point] == pytest.approx(score.mean(), abs=1e-4)
+        threshold = application.fooling_threshold
+        assert (score <= threshold - 1e-4).sum() <= reference.fooled[point]
+        assert reference.fooled[point] <= (score <= threshold + 1e-4).sum()
+    application.close()

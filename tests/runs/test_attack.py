@@ -1,0 +1,267 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy import Greedy, Toy
+
+from sada_gym.attack import attack
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.files import read_model
+from sada_gym.oracle import evaluation_seeds
+from sada_gym.runs.record import AttackReport, read_samples
+
+SETTINGS = {"budget": 100, "samples": 30, "seed": 3, "pictures": False}
+
+
+def run(out, problem=None, adversary=Greedy, **settings):
+    return attack(problem or Toy(), adversary, out=out, **{**SETTINGS, **settings})
+
+
+def test_an_attack_writes_its_folder(tmp_path):
+    told = []
+    result = run(tmp_path / "a" / "b", pictures=True, progress=lambda *event: told.append(event))
+    assert sorted(path.name for path in result.folder.iterdir()) == [
+        "adversary",
+        "attack.json",
+        "fooled.png",
+        "marginals.png",
+        "result.json",
+        "run.sqlite",
+        "samples.npz",
+        "scores.png",
+    ]
+    assert [event[0] for event in told] == ["train"] * 2 + ["test"] + ["pictures"] * 2
+    report = read_model(result.folder / "result.json", AttackReport)
+    assert report == result.report
+    samples = read_samples(result.folder / "samples.npz")
+    np.testing.assert_array_equal(samples.mu, result.samples.mu)
+    replayed = Toy().evaluate(samples.mu, samples.seed.tolist())
+    np.testing.assert_array_equal(replayed.score, samples.score)
+    assert report.afr == replayed.fooled.mean() == report.fooled / 30
+    assert report.afr_interval_95[0] < report.afr <= report.afr_interval_95[1]
+    assert report.training.queries == len(result.queries) == 100
+    assert 0 < report.training.fooling_rate < report.afr
+    assert 0 < report.nearest_query.minimum <= report.nearest_fooling_query.median
+    assert report.settings.fingerprint == "toy"
+    assert report.settings.application_settings == {"dimension": 3, "offset": 0.0}
+    assert report.settings.packages["numpy"] == np.__version__
+
+
+def test_the_rate_over_feasible_worlds_is_reported_where_it_is_known(tmp_path):
+    assert run(tmp_path / "unknown").report.feasible is None
+
+    class Known(Toy):
+        def feasible(self, mu, seeds):
+            assert len(mu) == len(seeds) == 30
+            return np.asarray(mu)[:, 0] > 0
+
+    result = attack(Known(), "random", samples=30, out=tmp_path / "known")
+    worlds = result.samples.mu[:, 0] > 0
+    fooled = result.samples.score <= 0.3
+    rate = result.report.feasible
+    assert 0 < rate.fooled < rate.worlds < 30
+    assert (rate.worlds, rate.fooled) == (worlds.sum(), (worlds & fooled).sum())
+    assert rate.afr == rate.fooled / rate.worlds
+
+
+def test_test_samples_see_seeds_that_training_never_used(tmp_path):
+    result = run(tmp_path)
+    assert result.queries.seed.tolist() == evaluation_seeds(3, "train", 0, 100)
+    assert result.samples.seed.tolist() == evaluation_seeds(3, "test", 0, 30)
+    assert not set(result.queries.seed) & set(result.samples.seed)
+
+
+def test_the_same_seed_gives_the_same_files_and_another_another(tmp_path):
+    for name, seed, workers in (("a", 3, 1), ("b", 3, 2), ("c", 4, 1)):
+        run(tmp_path / name, seed=seed, workers=workers)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    assert contents(tmp_path / "a") != contents(tmp_path / "c")
+
+
+def contents(folder):
+    """Give all files but the store, whose bytes depend on the order in which chunks came."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "run.sqlite"
+    }
+
+
+def test_the_application_says_how_many_samples(tmp_path):
+    assert run(tmp_path, samples=None).report.settings.samples == 20
+
+
+def test_no_budget_is_no_error_of_ours(tmp_path):
+    class Idle(Greedy):
+        name = "idle"
+
+        def train(self, oracle):
+            self.mean, self.std = np.zeros(3), np.ones(3)
+
+    report = run(tmp_path, adversary=Idle, budget=0).report
+    assert report.nearest_query is None
+    assert report.training.fooling_rate is None
+
+
+def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
+    run(tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match=r"which holds a run.*--resume"):
+        run(tmp_path)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"budget": 200}, "budget was 100 and is 200"),
+        ({"seed": 4}, "seed was 3 and is 4"),
+        ({"options": {"best": 5}}, r"options was \{\} and is \{'best': 5\}"),
+        ({"problem": Toy(offset=0.1)}, "application_settings was .*'offset': 0.0.* is .*0.1"),
+        ({"problem": Toy(agent_id="new")}, "fingerprint was 'toy' and is 'new'"),
+        ({"problem": Toy(version=1)}, "version was 0 and is 1"),
+    ],
+)
+def test_resuming_with_other_settings_is_refused(tmp_path, change, message):
+    run(tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another folder"):
+        run(tmp_path, resume=True, **change)
+    assert contents(tmp_path) == before
+
+
+def test_resuming_where_nothing_is_starts(tmp_path):
+    run(tmp_path / "a", resume=True)
+    run(tmp_path / "b")
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_resuming_a_finished_run_evaluates_nothing(tmp_path):
+    run(tmp_path, Toy(log=str(tmp_path / "log")))
+    before = contents(tmp_path)
+    run(tmp_path, Toy(log=str(tmp_path / "log")), resume=True)
+    assert contents(tmp_path) == before
+
+
+def test_results_without_settings_are_refused(tmp_path):
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"got result.json in it without the attack.json"):
+        run(tmp_path, resume=True)
+    assert os.listdir(tmp_path) == ["result.json"]
+
+
+@pytest.mark.parametrize("text", ["{", '{"budget": 1}', "[]"])
+def test_damaged_settings_are_refused(tmp_path, text):
+    (tmp_path / "attack.json").write_text(text)
+    with pytest.raises(ValueError, match=r"Expected .*attack.json as an attack writes it"):
+        run(tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"problem": lambda mu: mu[:, 0]}, TypeError, "dimension="),
+        ({"budget": -1}, ValueError, "Expected budget of at least 0, got -1"),
+        ({"samples": 0}, ValueError, "Expected samples of at least 1, got 0"),
+        ({"adversary": 3}, TypeError, "Expected an adversary's name or class, got 3"),
+        ({"problem": Toy(agent_id=None)}, ValueError, "Expected a fingerprint"),
+        ({"options": {"best": object()}}, TypeError, "can be written as JSON"),
+        ({"options": {"bets": 3}}, TypeError, "bets"),
+        ({"workers": 2, "problem": type("Local", (Toy,), {})()}, TypeError, "can be pickled"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_written(tmp_path, settings, error, message):
+    with pytest.raises(error, match=message):
+        run(tmp_path / "new", **settings)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_file_in_the_folders_place_is_refused(tmp_path):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(ValueError, match="got the file"):
+        run(tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_too_few_samples_are_the_adversarys_fault(tmp_path):
+    class Short(Greedy):
+        name = "short"
+
+        def sample(self, n):
+            return super().sample(n)[1:] if n == 30 else super().sample(n)
+
+    with pytest.raises(ValueError, match=r"shape \(30, 3\) from Short.sample, got \(29, 3\)"):
+        run(tmp_path, adversary=Short)
+
+
+SCRIPT = """
+import sys
+from toy import Greedy, Toy
+from sada_gym.attack import attack
+out, log, resume = sys.argv[1], sys.argv[2], sys.argv[3] == "resume"
+attack(Toy(pause_s=0.004, log=log), Greedy, out=out, budget=300, samples=30, workers=2,
+       chunk_size=10, resume=resume, pictures=False)
+"""
+
+
+def start(out, log, how="anew"):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", SCRIPT, str(out), str(log), how]
+    return subprocess.Popen(command, env=environment)
+
+
+def logged(log):
+    """Give the (process, seed) pairs of a log; its last line may be incomplete."""
+    if not log.exists():
+        return []
+    return [
+        tuple(map(int, line.split()))
+        for line in log.read_text().splitlines(keepends=True)
+        if line.endswith("\n")
+    ]
+
+
+def wait_for(condition, limit_s=60.0):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+def is_alive(process):
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
+def test_killed_and_resumed_it_repeats_nothing_and_ends_the_same(tmp_path):
+    first, second = tmp_path / "first.log", tmp_path / "second.log"
+    process = start(tmp_path / "out", first)
+    wait_for(lambda: len(logged(first)) > 100)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    workers = {worker for worker, _ in logged(first)}
+    wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)
+
+    with EvaluationStore(tmp_path / "out" / "run.sqlite") as store:
+        rows = store._connection.execute("SELECT seed FROM evaluation").fetchall()
+    committed = {seed for (seed,) in rows}
+    assert 50 < len(committed) < 330
+
+    assert start(tmp_path / "out", second, "resume").wait() == 0
+    again = [seed for _, seed in logged(second)]
+    assert not committed & set(again)
+    assert len(committed) + len(again) == 330
+
+    assert start(tmp_path / "whole", tmp_path / "third.log").wait() == 0
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["afr"] > 0
