@@ -25,6 +25,9 @@ def load(path: Path) -> PPO:
     """
     model = new_model(0)
     load_weights(model.policy, path, "the weights of a driver", _architecture())
+    # as SB3 loads a model: with an environment its pictures would be transposed by that one's
+    # wrapper, into another order in memory, for which convolutions give other last bits
+    model.env = None
     return model
 
 
