@@ -170,8 +170,6 @@ def test_a_sound_application_passes_every_check() -> None:
         (Careless, "randomness", "Draw all randomness from numpy.random.default_rng(seed)"),
         (Meddling, "randomness", "evaluate moved one. Use numpy.random.default_rng(seed)"),
         (Averaging, "purity", "Expected the same score whatever surrounds an evaluation"),
-        (Tiled, "purity", "The agent is called with 8 inputs at once (tile=8): try tile=1."),
-        (Counting, "purity", "with 1 input at once (tile=1): an input's neighbours are not"),
         (Moody, "scores and infos", "Give each key in every world"),
         (NotANumber, "scores and infos", "Expected no NaN and no infinity in info"),
         (Unpicklable, "another process", "Expected Unpicklable to be picklable"),
@@ -193,6 +191,20 @@ def test_a_registered_id_is_checked_with_its_keywords() -> None:
     assert report.subject == "SADA-Analytic-v0"
     assert report.passed
     assert report.checks[0].sentence == "3 parameters: x0, x1, x2."
+
+
+@pytest.mark.parametrize(
+    ("application", "sentence"),
+    [
+        (Tiled, r"called with 8 inputs at once \(tile=8\): try tile=1\."),
+        (Counting, r"called with 1 input at once \(tile=1\): an input's neighbours are not"),
+    ],
+)
+def test_the_tile_is_named_where_purity_fails(
+    application: type[Application], sentence: str
+) -> None:
+    with pytest.raises(AssertionError, match=sentence):
+        check_purity(application())
 
 
 def test_purity_is_checked_in_the_tile_in_force() -> None:
