@@ -47,8 +47,10 @@ VISUALS = 64
 """Shapes kept in PyBullet, 0.3 MB each; one of them is drawn at a time."""
 FACES = 400_000
 """Faces kept in PyBullet, in all of these shapes; 2,500 of the benchmark's largest shape."""
-CORNERS = 3 * 43_690
-"""Corners in one of PyBullet's visual shapes: it takes 131,072; larger shapes become several."""
+CORNERS = 3 * 2_500
+"""Corners in one of PyBullet's visual shapes; larger shapes become several, drawn as one. PyBullet
+copies 68 bytes a corner into a buffer of 8 MB without looking at its end. From 123,362 corners on it
+overwrites what lies behind, so that pictures vary, or crashes; from 131,073 on it raises an error."""
 
 Matrix = npt.NDArray[np.float64]
 
