@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Protocol, TypeAlias, runtime_checkable
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -17,6 +16,7 @@ import torch
 from sada_gym import agents
 from sada_gym.agents.policy import Policy
 from sada_gym.agents.wrappers import Acting
+from sada_gym.compiled import kernel
 from sada_gym.determinism import one_thread
 from sada_gym.envs.uav.agent.network import WaypointNetwork, light
 from sada_gym.envs.uav.camera.pinhole import Pictures, camera
@@ -33,8 +33,6 @@ UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
 """Of the drone's own motion."""
 REACH_M = 10.0
 """The unit of the network's waypoints."""
-
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 
 Floats = npt.NDArray[np.float64]
 
@@ -198,7 +196,7 @@ def in_drone(poses: Floats, waypoints: Floats) -> npt.NDArray[np.float32]:
     return answers
 
 
-@_kernel
+@kernel
 def _axes(q: Floats, axes: Floats) -> None:
     """The drone's axes in the world, one a row, of a quaternion x, y, z, w."""
     x, y, z, w = q
@@ -207,13 +205,13 @@ def _axes(q: Floats, axes: Floats) -> None:
     axes[2] = 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
 
 
-@_kernel
+@kernel
 def _along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
     along: float = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
     return along
 
 
-@_kernel
+@kernel
 def _feel(poses: Floats, felt: npt.NDArray[np.float32]) -> None:
     axes = np.empty((3, 3))
     for i in range(len(poses)):
@@ -225,7 +223,7 @@ def _feel(poses: Floats, felt: npt.NDArray[np.float32]) -> None:
             felt[i, 6 + k] = _along(axes, k, turn[0], turn[1], turn[2]) / UNIT_RAD_S
 
 
-@_kernel
+@kernel
 def _level(axes: Floats) -> None:
     """The axes of the level frame, x to the drone's heading, in place of the drone's own."""
     size = math.hypot(axes[0, 0], axes[0, 1])
@@ -233,7 +231,7 @@ def _level(axes: Floats) -> None:
     axes[0], axes[1], axes[2] = (cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)
 
 
-@_kernel
+@kernel
 def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
     own, level = np.empty((3, 3)), np.empty((3, 3))
     for i in range(len(poses)):
@@ -251,7 +249,7 @@ def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
         waypoints[i, 3] = math.atan2(y, x)
 
 
-@_kernel
+@kernel
 def _to_drone(poses: Floats, waypoints: Floats, answers: npt.NDArray[np.float32]) -> None:
     own, level = np.empty((3, 3)), np.empty((3, 3))
     for i in range(len(poses)):
