@@ -30,6 +30,7 @@ UNUSED_DAYS = 30.0
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SETTINGS: Any = nb.config
+_APP_DIRS: Any = AppDirs
 _LOCK = threading.Lock()
 
 
@@ -98,7 +99,7 @@ def _homes() -> Iterator[Path]:
     if _SETTINGS.CACHE_DIR:
         yield Path(_SETTINGS.CACHE_DIR)
     yield _PACKAGE / "__pycache__"
-    users: Any = AppDirs(appname="numba", appauthor=False)
+    users: Any = _APP_DIRS(appname="numba", appauthor=False)
     yield Path(users.user_cache_dir)
 
 
