@@ -16,6 +16,7 @@ from sada_gym.envs.uav.agent.pilot import TILE, WaypointPilot, in_drone, in_leve
 from sada_gym.envs.uav.agent.recipe import MILD, RECIPES, Imitation, Reinforcement
 from sada_gym.envs.uav.agent.reinforcement import reinforce
 from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.world.drone import SIMULATION_HZ
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
@@ -40,6 +41,12 @@ def gates():
 @pytest.fixture(scope="module")
 def network():
     return new_network(0).eval()
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """A gate is missed after a second: pilots that were hardly trained miss all of them."""
+    monkeypatch.setattr("sada_gym.envs.uav.races._GATE_LIMIT", SIMULATION_HZ)
 
 
 def test_what_a_drone_feels_is_in_its_own_frame(poses):
@@ -203,6 +210,7 @@ def test_a_detectors_file_is_no_pilots():
 @pytest.mark.parametrize(
     ("name", "recipe", "steps"), [("waypoint-pid", TRY, "160"), ("ppo", TRY_PPO, "16")]
 )
+@pytest.mark.usefixtures("impatient")
 def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(train, "RECIPES", {name: recipe})
     monkeypatch.setattr(
@@ -246,6 +254,7 @@ def test_what_the_script_cannot_train_with_is_refused(
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_measurement_counts_gates(network):
     figures = evaluate.measure(network, seed=0, looks=1, mild=2, samples=3)
     assert list(figures) == list(TEMPLATES)
