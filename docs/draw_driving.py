@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
-from sada_gym.envs.driving.drives import PICTURE_COLUMNS, PICTURE_ROWS
+from sada_gym.envs.driving.episodes import PICTURE_COLUMNS, PICTURE_ROWS
 from sada_gym.envs.driving.pictures import Film
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES

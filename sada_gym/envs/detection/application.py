@@ -95,10 +95,8 @@ class DetectionApplication(Application):
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
         self._renderer = renderer
-        if isinstance(agent, str | Path):
-            self.agent_name, self.agent = str(agent), agents.load_detector(agent)
-        else:
-            self.agent_name, self.agent = agent_id or type(agent).__name__, _frozen(agent)
+        self.agent_name, found = agents.resolve(agent, self.name, agent_id)
+        self.agent = _frozen(found)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
 
@@ -115,7 +113,8 @@ class DetectionApplication(Application):
     @property
     def fingerprint(self) -> str | None:
         """SHA-256 over the detector's identity and, where a user brought them, the shapes."""
-        agent = self._agent_id or agents.fingerprint(self.agent)
+        weights = agents.fingerprint(self.agent)
+        agent = agents.identity(weights, self.agent, self._agent_id)
         if agent is None:
             return None
         parts = [agent, fingerprint(self.shapes) if self._own_shapes else ""]

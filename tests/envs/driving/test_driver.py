@@ -24,7 +24,7 @@ from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.drives import Drives
+from sada_gym.envs.driving.episodes import Drives
 from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
 from sada_gym.sb3 import SB3VecEnv
 

@@ -3,7 +3,7 @@ import pytest
 
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Start
 from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
 from sada_gym.envs.driving.pictures import Film
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes

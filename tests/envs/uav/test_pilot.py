@@ -15,7 +15,7 @@ from sada_gym.envs.uav.agent.network import new_network
 from sada_gym.envs.uav.agent.pilot import TILE, WaypointPilot, in_drone, in_level, motion, pilot
 from sada_gym.envs.uav.agent.recipe import MILD, RECIPES, Imitation, Reinforcement
 from sada_gym.envs.uav.agent.reinforcement import reinforce
-from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.episodes import Races
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES

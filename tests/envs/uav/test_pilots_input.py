@@ -8,10 +8,10 @@ from torch import nn
 from sada_gym import agents
 from sada_gym.agents.policy import TILE
 from sada_gym.envs.uav.agent.network import WaypointNetwork
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.agent.reinforcement import new_model
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.races import POLICY_HZ
+from sada_gym.envs.uav.episodes import POLICY_HZ
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.track import GATES
 
@@ -135,7 +135,7 @@ class Anonymous:
         pass
 
     def act(self, races, which):
-        return Reference().act(races, which)
+        return PrivilegedPilot().act(races, which)
 
 
 @pytest.mark.parametrize(
@@ -156,5 +156,5 @@ def test_what_can_fly_is_taken():
     class Finer(WaypointNetwork):
         pass
 
-    for agent in (Finer(), Own(), Reference()):
+    for agent in (Finer(), Own(), PrivilegedPilot()):
         assert UAVApplication(3, agent=agent).agent is agent

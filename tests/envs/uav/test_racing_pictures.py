@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
 from sada_gym.envs.uav.pictures import VIEW_COLUMNS, VIEW_ROWS, Film, Plan
-from sada_gym.envs.uav.races import FILM_HZ, Ending
+from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending
 from sada_gym.envs.uav.world.track import GATES
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
@@ -15,7 +15,7 @@ BLIND = (3, 6)
 MU = np.zeros(8)
 
 
-class Blinking(Reference):
+class Blinking(PrivilegedPilot):
     """Sees some gates only from near by."""
 
     def act(self, races, which):
@@ -33,7 +33,7 @@ def painted(picture, colour):
 @pytest.fixture(scope="module")
 def flown():
     """A race that passes all gates."""
-    return Film.of(UAVApplication(4, agent=Reference(8.0)), MU, 5)
+    return Film.of(UAVApplication(4, agent=PrivilegedPilot(8.0)), MU, 5)
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +66,8 @@ def test_a_flown_race_is_green(flown):
 def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score
-    assert len(frames) == -(-(len(failed.states) - 1) // 2) + FILM_HZ  # the end stays a second
-    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == FILM_HZ
+    assert len(frames) == -(-(len(failed.states) - 1) // 2) + REPLAY_HZ  # the end stays a second
+    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == REPLAY_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
     assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
     assert painted(frames[-1], RED) > 50

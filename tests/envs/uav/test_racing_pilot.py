@@ -8,7 +8,7 @@ from stable_baselines3 import PPO
 
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import TaskPilot, WaypointPilot, pilot
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.agent.reinforcement import new_model
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
@@ -28,7 +28,7 @@ def race(agent, mu, seeds=None):
 def test_what_flies_an_agent(model):
     assert isinstance(pilot(new_network(0)), WaypointPilot)
     assert isinstance(pilot(model), TaskPilot)
-    reference = Reference()
+    reference = PrivilegedPilot()
     assert pilot(reference) is reference
 
 
@@ -94,7 +94,7 @@ def test_answers_of_another_shape_are_refused(model):
         def forward(self, pictures, felt):
             return super().forward(pictures, felt)[:, :5]
 
-    class Lame(Reference):
+    class Lame(PrivilegedPilot):
         def act(self, races, which):
             return super().act(races, which)[:, :3]
 
