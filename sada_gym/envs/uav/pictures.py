@@ -36,9 +36,9 @@ Array = npt.NDArray[np.float64]
 
 def summary(rollout: Rollout) -> Frame:
     """The camera's picture where the first gate is missed (or half-way), beside the track."""
-    step, moment = _moment(rollout)
+    step, moment = summary_moment(rollout)
     passed = int((rollout.endings[-1] == Ending.PASSED).sum())
-    pair = _pair(rollout, step, rollout.endings[-1], _ways(rollout, len(rollout.states)))
+    pair = _pair(rollout, step, rollout.endings[-1], flown_ways(rollout, len(rollout.states)))
     text = (
         f"{rollout.name}: {passed} of {len(rollout.start.gates)} gates passed in "
         f"{rollout.times_s[-1]:.1f} s   {moment}"
@@ -60,12 +60,12 @@ def frames(rollout: Rollout) -> list[Frame]:
             f"{rollout.name}   {rollout.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
             f"m/s   {passed} passed   {missed} missed   {goal}"
         )
-        pair = _pair(rollout, step, endings, _ways(rollout, step + 1))
+        pair = _pair(rollout, step, endings, flown_ways(rollout, step + 1))
         drawn.append(np.asarray(_under(pair, text)))
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
 
-def _moment(rollout: Rollout) -> tuple[int, str]:
+def summary_moment(rollout: Rollout) -> tuple[int, str]:
     """The decision that the summary shows, and what to say of it."""
     missed = rollout.endings > Ending.PASSED
     if not missed.any():
@@ -87,7 +87,7 @@ def _moment(rollout: Rollout) -> tuple[int, str]:
     return step, f"seen: on the way to gate {gate + 1}"
 
 
-def _ways(rollout: Rollout, until: int) -> tuple[Array, ...]:
+def flown_ways(rollout: Rollout, until: int) -> tuple[Array, ...]:
     """The ways flown, apart where the drone was set back."""
     missed = (rollout.endings[:until] > Ending.PASSED).sum(axis=1)
     cuts = np.flatnonzero(np.diff(missed)) + 1

@@ -198,7 +198,9 @@ def starts(count):
     for i in range(count):
         anchors = (3, 4, 5)[i % 3]
         mu = rng.uniform(-1, 1, (1, 2 * anchors))
-        made += benchmark_starts(Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))])
+        made += benchmark_starts(
+            Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))]
+        )
     return made
 
 

@@ -127,7 +127,7 @@ def test_a_pilot_that_diverges_misses_what_is_left():
     assert outcomes.fooled.all()
 
 
-def test_watchers_see_every_decision():
+def test_on_step_is_called_before_every_decision():
     flown = application(3)
     races = flown.races(np.zeros((2, 6), np.float32), [0, 1])
     seen = []
@@ -147,7 +147,12 @@ def test_an_application_can_be_sent_to_another_process():
 
 def test_settings_and_fingerprint_name_what_a_score_belongs_to():
     assert application(5).settings == {"anchors": 5}
-    assert UAVApplication(3, agent=PrivilegedPilot(), agent_id="mine").fingerprint == "mine"
+    named = [
+        UAVApplication(3, agent=PrivilegedPilot(speed), agent_id=name).fingerprint
+        for speed, name in [(9.0, "mine"), (9.0, "mine"), (10.0, "mine"), (9.0, "other")]
+    ]
+    assert named[0] == named[1]
+    assert len(set(named)) == 3
     assert UAVApplication(3, agent=PrivilegedPilot(), agent_id="mine").agent_name == "mine"
     assert PrivilegedPilot(9.0).fingerprint != PrivilegedPilot(10.0).fingerprint
 
