@@ -8,7 +8,7 @@ from typing import Any
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.pilot import PilotLike
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.races import FILM_HZ
+from sada_gym.envs.uav.episodes import REPLAY_HZ
 
 
 class UAVEnv(AdversaryEnv):
@@ -71,7 +71,7 @@ class UAVEnv(AdversaryEnv):
     - v0: initial version.
     """
 
-    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": REPLAY_HZ}  # noqa: RUF012
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class UAVEnv(AdversaryEnv):
 class UAVVectorEnv(AdversaryVectorEnv):
     """`UAVEnv` in a batch: all drones of all worlds race in lockstep."""
 
-    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": REPLAY_HZ}  # noqa: RUF012
 
     def __init__(
         self,
