@@ -6,6 +6,9 @@ code 1. The benchmark records an `AdversaryError` as the result of the run that 
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable, Sequence
+
 
 class UserError(ValueError):
     """A bad input: what was expected, what came, and how to mend it."""
@@ -49,3 +52,13 @@ class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
 
 class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
+
+
+def refuse_unknown(what: str, given: Iterable[object], known: Sequence[str]) -> None:
+    """Raise UserError for the first of the given names that is not known, with close matches."""
+    for name in given:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=3)
+            hint = f" Did you mean {' or '.join(close)}?" if close else ""
+            listed = f"one of {', '.join(known)}" if known else "none"
+            raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")

@@ -14,8 +14,10 @@ from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import Frame
 from sada_gym.envs.checks import (
+    check_reset_options,
     checked_actions,
     checked_render_mode,
+    checked_seed,
     warn_without_render_mode,
 )
 from sada_gym.envs.vector import SeededVectorEnv
@@ -81,7 +83,8 @@ class TaskEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin another episode."""
-        super().reset(seed=seed, options=options)
+        check_reset_options(options)
+        super().reset(seed=checked_seed(seed))
         self._episodes.start(0, self.np_random)
         return self._observation(), self._episodes.info(0)
 
