@@ -118,7 +118,7 @@ AGENTS = (
         "SADA-UAV",
         "uav/agent/ppo.safetensors",
         "0f2b7f94aaa13fdcd7b1cd2bb2f55552dfc5c1990663a8c801126c8c4bdcd66f",
-        "told where the next two gates are, without a camera; learnt to fly by PPO",
+        "gets the places of the next two gates and no image; learnt to fly by PPO",
         "sada_gym.envs.uav.agent.weights:load",
         "pilot",
     ),

@@ -26,34 +26,13 @@ from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 
 PUBLISHED = {
-    (
-        "SADA-Detection-Car-v0",
-        "photographer",
-    ): "d0ce64e6ed5d1290f499bc7d66b8fb3b8a59af5294a93377c1cacf5eb12c3cef",
-    (
-        "SADA-Detection-Car-v0",
-        "surveyor",
-    ): "887301b4e17411283d2af9fdcca6bd6a068328aaf8a17faeda5a9aecc524316e",
-    (
-        "SADA-Driving-Straight-v0",
-        "cil",
-    ): "bc850ac2bdda355548921038071e7e0da7fc7038a3824a004b94e25c6fe6df4e",
-    (
-        "SADA-Driving-Straight-v0",
-        "cil-augmented",
-    ): "643f625a4ff0cbfc80cde49265fe0f6aa8e8f15ef7082e53130ee6202c1cd201",
-    (
-        "SADA-Driving-Straight-v0",
-        "ppo",
-    ): "612fcd57ed58d70642224b8c0fcea07ee0f53f2ab66bc968a32c67b494da4242",
-    (
-        "SADA-UAV-3Anchors-v0",
-        "waypoint-pid",
-    ): "e2e31265d2797e3464d56ac0e21eda3689d51f2cbd766a87adbbc2eb7b21b5f2",
-    (
-        "SADA-UAV-3Anchors-v0",
-        "ppo",
-    ): "6e9ca11ae34517ecf56dfa28b16087b8e8587a318a3743b38cba993c24366672",
+    ("SADA-Detection-Car-v0", "photographer"): "d0ce64e6ed5d1290",
+    ("SADA-Detection-Car-v0", "surveyor"): "887301b4e1741128",
+    ("SADA-Driving-Straight-v0", "cil"): "bc850ac2bdda3555",
+    ("SADA-Driving-Straight-v0", "cil-augmented"): "643f625a4ff0cbfc",
+    ("SADA-Driving-Straight-v0", "ppo"): "612fcd57ed58d706",
+    ("SADA-UAV-3Anchors-v0", "waypoint-pid"): "e2e31265d2797e34",
+    ("SADA-UAV-3Anchors-v0", "ppo"): "6e9ca11ae34517ec",
 }
 
 

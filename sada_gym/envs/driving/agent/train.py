@@ -41,9 +41,10 @@ def write_card(
     ModelCard(
         name=name,
         description=f"""A driver that steers by camera, speed and command
-(`sada_gym/envs/driving/agent/network.py`), held in a Stable-Baselines3 PPO. It learnt by {how}, in
-the training town; the benchmark's routes lie in another. It has never seen a photograph, and it is
-not CARLA's.""",
+(`sada_gym/envs/driving/agent/network.py`), held in a Stable-Baselines3 PPO. It learnt
+by {how},
+in the training town; the benchmark's routes lie in another. It has never seen a photograph, and it
+is not CARLA's.""",
         command=f"python -m sada_gym.envs.driving.agent.train {name} --seed {seed} --out DIR",
         training=f"{minutes:.0f} minutes of one core, driving included",
         recipe=recipe,
