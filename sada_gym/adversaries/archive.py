@@ -28,6 +28,7 @@ class Archive(Learner):
     """
 
     name: ClassVar[str] = "archive"
+    uniform_queries: ClassVar[bool] = True
 
     @property
     def options(self) -> dict[str, Any]:

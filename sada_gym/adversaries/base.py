@@ -41,9 +41,12 @@ class Adversary(ABC):
     Attributes:
         name: The adversary's name in the registry.
         flags: What a reader of the result must know, such as that no point fooled; set by `train`.
+        uniform_queries: Whether all training queries are uniform in the box, so that their fooling
+            rate is that of uniform worlds.
     """
 
     name: ClassVar[str]
+    uniform_queries: ClassVar[bool] = False
 
     def __init__(self, dimension: int, *, seed: int | None = None) -> None:
         if dimension < 1:

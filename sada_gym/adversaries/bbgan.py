@@ -133,6 +133,7 @@ class BBGAN(Adversary):
     """
 
     name: ClassVar[str] = "bbgan"
+    uniform_queries: ClassVar[bool] = True
     presets: ClassVar[Mapping[str, BBGANOptions]] = {
         "default": BBGANOptions(),
         "paper": BBGANOptions(**PAPER),

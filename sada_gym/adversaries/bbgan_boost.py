@@ -52,6 +52,7 @@ class BoostedBBGAN(BBGAN):
     """
 
     name: ClassVar[str] = "bbgan-boost"
+    uniform_queries: ClassVar[bool] = False  # stages query the generator's own samples
     presets: ClassVar[Mapping[str, BBGANOptions]] = {
         "default": BoostOptions(),
         "paper": BoostOptions(**PAPER, share=0.1, copies=5),

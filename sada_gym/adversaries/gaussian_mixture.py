@@ -46,6 +46,7 @@ class Gaussian(MixtureLearner):
     """
 
     name: ClassVar[str] = "gaussian"
+    uniform_queries: ClassVar[bool] = True
     components_share: ClassVar[float] = 0.0
     """The number of components, as a share of the points in the induced set; at least one."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,8 @@ class Selection(Learner):
     Raises:
         ValueError: If the dimension is below 1, the pool below 1, or the subset below 10.
     """
+
+    uniform_queries: ClassVar[bool] = True
 
     def __init__(
         self,
