@@ -31,7 +31,7 @@ _NAMES: dict[Stage, str] = {
 }
 _BAR_WIDTH = 28
 _LEAST_BAR = 8
-_BESIDE_BAR = 56  # columns that the rest of a line takes
+_BESIDE_BAR = 66  # columns that the rest of a line takes
 
 
 class Ticker:
@@ -190,7 +190,7 @@ class AttackProgress:
         """Draw a line for each stage so far."""
         table = Table.grid(padding=(0, 1))
         table.add_column(no_wrap=True)
-        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)  # the name; what follows wraps between words
         width = min(_BAR_WIDTH, self._console.width - _BESIDE_BAR)
         for stage in list(self._counts):
             count = self._counts[stage]

@@ -38,7 +38,7 @@ def test_an_attack_writes_its_folder(tmp_path):
         "scores.png",
     ]
     stages = [stage for stage, _ in itertools.groupby(event[0] for event in told)]
-    assert stages == ["train", "learn", "sample", "test", "pictures"]
+    assert stages == ["train", "learn", "train", "learn", "sample", "test", "pictures"]
     assert told[0] == ("train", 0, 100, 0)
     assert ("train", 100, 100, 0) in told
     assert ("test", 30, 30, 0) in told
