@@ -6,7 +6,9 @@ code 1. The benchmark records an `AdversaryError` as the result of the run that 
 
 from __future__ import annotations
 
+import difflib
 import operator
+from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
@@ -70,3 +72,13 @@ def refuse_number(name: str, value: object, least: int, most: int | None = None)
         raise UserError(f"Expected {name} of at least {least}, got {number}.")
     if most is not None and number > most:
         raise UserError(f"Expected {name} of at most {most:,}, got {number:,}.")
+
+
+def refuse_unknown(what: str, given: Iterable[object], known: Sequence[str]) -> None:
+    """Raise UserError for the first of the given names that is not known, with close matches."""
+    for name in given:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=3)
+            hint = f" Did you mean {' or '.join(close)}?" if close else ""
+            listed = f"one of {', '.join(known)}" if known else "none"
+            raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")

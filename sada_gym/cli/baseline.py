@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sada_gym import adversaries
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.runs.record import AttackReport, AttackSettings
 
@@ -17,7 +18,7 @@ def uniform_baseline(report: AttackReport) -> str:
     if settings.adversary == "random":
         return f"{100 * report.afr:.1f} % (these samples are uniform)"
     rate = report.training.fooling_rate
-    if rate is not None and _queries_uniformly(settings):
+    if rate is not None and adversaries.find(settings.adversary).uniform_queries:
         return f"{100 * rate:.1f} % (its {report.training.queries:,} training queries are uniform)"
     return "not known: run --adversary random"
 
@@ -41,11 +42,3 @@ def find_reference(settings: AttackSettings) -> Reference | None:
         finally:
             application.close()
     return None
-
-
-def _queries_uniformly(settings: AttackSettings) -> bool:
-    from sada_gym import adversaries
-
-    preset = {} if settings.preset is None else {"preset": settings.preset}
-    adversary = adversaries.make(settings.adversary, 1, seed=0, **preset, **settings.options)
-    return adversary.uniform_queries
