@@ -26,6 +26,9 @@ from sada_gym.parameters import Mu
 BatchFunction = Callable[[Mu], npt.ArrayLike]
 """A user's own black box: (n, d) float32 in [-1, 1] -> (n,) scores."""
 
+MAX_WORKERS = 1_024
+"""The most processes of our own: each holds a simulator and a network, some 300 MB."""
+
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
 _DYING_S = 10.0
