@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
@@ -175,7 +176,8 @@ def _cast(value: Any, kind: type) -> Any:
     if kind in (bool, str):
         return value if isinstance(value, kind) else None
     if isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool):
-        return kind(value)
+        # an int may be too large for a float; no option takes it either way
+        return kind(value) if abs(value) < sys.maxsize else math.inf
     return None
 
 
