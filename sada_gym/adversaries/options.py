@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
@@ -48,7 +47,7 @@ class Rule:
             return True
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             return False
         return bool(low < value < high if self.inside else low <= value <= high)
 
@@ -176,8 +175,10 @@ def _cast(value: Any, kind: type) -> Any:
     if kind in (bool, str):
         return value if isinstance(value, kind) else None
     if isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool):
-        # an int may be too large for a float; no option takes it either way
-        return kind(value) if abs(value) < sys.maxsize else math.inf
+        try:
+            return kind(value)
+        except OverflowError:  # an int beyond all floats
+            return math.inf
     return None
 
 
