@@ -1,6 +1,6 @@
 """Train a driver with Stable-Baselines3 on the driving task, then attack it.
 
-It takes half a minute. So short a training teaches little: the driver leaves its lane at once.
+It takes half a minute. Such a short training teaches little: the driver leaves its lane at once.
 """
 
 import gymnasium as gym

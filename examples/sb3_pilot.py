@@ -1,6 +1,6 @@
 """Train a racing pilot with Stable-Baselines3 on the racing task, then attack it.
 
-It takes a quarter of a minute. So short a training teaches little: the pilot misses most gates.
+It takes a quarter of a minute. Such a short training teaches little: the pilot misses most gates.
 """
 
 import gymnasium as gym

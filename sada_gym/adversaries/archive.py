@@ -23,6 +23,7 @@ class Archive(Learner):
     """
 
     name: ClassVar[str] = "archive"
+    uniform_queries: ClassVar[bool] = True
 
     def sample(self, n: int) -> npt.NDArray[np.float32]:
         """Draw n of the points that fooled in training: (n, d) float32, shuffled.

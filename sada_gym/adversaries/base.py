@@ -52,6 +52,8 @@ class Adversary(ABC):
         presets: Named sets of options, `default` among them; none where there is one set.
         options: The options, those not given at their defaults.
         flags: What a reader of the result must know, such as that no point fooled; set by `train`.
+        uniform_queries: Whether all training queries are uniform in the box, so that their fooling
+            rate is that of uniform worlds.
 
     Raises:
         ValueError: If the dimension, the seed, the preset or an option is unknown or bad.
@@ -60,6 +62,7 @@ class Adversary(ABC):
     name: ClassVar[str]
     options_class: ClassVar[type[Options]] = Options
     presets: ClassVar[Mapping[str, Options]] = {}
+    uniform_queries: ClassVar[bool] = False
 
     options: Options
 

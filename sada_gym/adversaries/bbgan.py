@@ -43,6 +43,7 @@ class BBGAN(Learner):
     """
 
     name: ClassVar[str] = "bbgan"
+    uniform_queries: ClassVar[bool] = True
     options_class = BBGANOptions
     presets: ClassVar[Mapping[str, BBGANOptions]] = {
         "default": BBGANOptions(),

@@ -38,6 +38,7 @@ class BoostedBBGAN(BBGAN):
     """
 
     name: ClassVar[str] = "bbgan-boost"
+    uniform_queries: ClassVar[bool] = False  # stages query the generator's own samples
     options_class = BoostOptions
     presets: ClassVar[Mapping[str, BoostOptions]] = {
         "default": BoostOptions(),

@@ -43,6 +43,7 @@ class Gaussian(MixtureLearner):
     """
 
     name: ClassVar[str] = "gaussian"
+    uniform_queries: ClassVar[bool] = True
     options_class = GaussianOptions
     components_share: ClassVar[float] = 0.0
     """The number of components, as a share of the points in the induced set; at least one."""

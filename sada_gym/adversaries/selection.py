@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,7 @@ class Selection(Learner):
     call, and equal predictions are taken in the random order of the pool. See `SelectionOptions`.
     """
 
+    uniform_queries: ClassVar[bool] = True
     options_class = SelectionOptions
     options: SelectionOptions
 
