@@ -117,7 +117,7 @@ def test_a_file_that_thins_out_everything_ends_the_sampling(tmp_path):
     ("change", "message"),
     [
         ({"dimension": 3}, r"omega.mu has the shape \(60, 2\), not \(60, 3\)"),
-        ({"dimension": 10**6}, "dimension of at least 1 and at most 1,000"),
+        ({"dimension": 10**6}, "Expected dimension of at most 1,000, got 1,000,000"),
         ({"options": {"margins": 1}}, "option of box to be one of margin; got 'margins'"),
         ({"options": {"margin": 2}}, "Expected margin to be a float from 0 to 1"),
         ({"adversary": "boxes"}, "saved adversary to be one of box; got 'boxes'"),
