@@ -165,6 +165,6 @@ def test_a_single_point_next_to_the_face_gives_many_samples():
     def one_point(n, stir):
         return np.ones((n, 1)) + stir * rng.normal(size=(n, 1))
 
-    samples = fresh_rows(one_point, (20_000, 1), known)
-    assert len(np.unique(samples)) == 20_000
+    samples = fresh_rows(one_point, (12_000, 1), known)
+    assert len(np.unique(samples)) == 12_000
     assert (np.abs(samples - 1.0) < 0.1).all()
