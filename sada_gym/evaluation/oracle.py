@@ -89,8 +89,9 @@ class Oracle:
         workers: 1 evaluates in this process, more in as many others.
         store: The evaluation store's file; None keeps nothing.
         chunk_size: Evaluations handed over at a time; None chooses.
-        executor: Any PEP 3148 executor (`concurrent.futures`, Dask's `Client.get_executor()`)
-            instead of our own processes; `workers` then says how many it has. It is left open.
+        executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
+            `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
+            says how many it has, where it cannot tell.
         progress: Called as progress(done, total, known) after each committed chunk.
 
     Raises:

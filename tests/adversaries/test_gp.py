@@ -7,6 +7,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from sada_gym.adversaries import gp
+from sada_gym.adversaries.gp import CONSTANT, GP
 from sada_gym.adversaries.models import exact_gp
 from sada_gym.adversaries.models.exact_gp import (
     Kernel,
@@ -15,7 +16,6 @@ from sada_gym.adversaries.models.exact_gp import (
     log_marginal_likelihood,
     predict_mean,
 )
-from sada_gym.adversaries.gp import CONSTANT, GP
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle

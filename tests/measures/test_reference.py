@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sada_gym import agents
+from sada_gym.errors import FileError
 from sada_gym.measures.reference import (
     INDEX,
     load_reference,
@@ -143,3 +144,21 @@ def test_a_random_part_of_a_shipped_set_evaluates_the_same(entry):
         assert (score <= threshold - 1e-4).sum() <= reference.fooled[point]
         assert reference.fooled[point] <= (score <= threshold + 1e-4).sum()
     application.close()
+
+
+def test_an_index_or_a_set_that_cannot_be_read_is_a_sentence(analytic, tmp_path):
+    entry = write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    (tmp_path / entry.file).unlink()
+    with pytest.raises(FileError, match=r"Expected to read .*npz, but there is no such file"):
+        load_reference(TRACK, analytic, tmp_path)
+    (tmp_path / INDEX).write_text("{")
+    with pytest.raises(FileError, match=r"Expected .*index.json as an attack writes it"):
+        read_index(tmp_path)
+
+
+def test_a_folder_for_sets_that_cannot_be_made_is_a_sentence(analytic, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match=r"make the folder .* a part of its path is a file"):
+        write_reference(
+            tmp_path / "file" / "sets", TRACK, analytic, evaluate(analytic), sobol_seed=0
+        )

@@ -64,8 +64,7 @@ class TinyRenderer(Renderer):
 
     def __init__(self) -> None:
         self._bullet = _import_pybullet()
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._texture = self._load_texture()
+        self._connect()
         self._rows = (_Rows(), _Rows(), _Rows())
         self._visuals: dict[Shape, list[int]] = {}
         self._shape: Shape | None = None
@@ -210,23 +209,28 @@ class TinyRenderer(Renderer):
     def _load(self, shape: Shape) -> None:
         if shape is self._shape:
             return
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         for body in self._bodies:
-            bullet.removeBody(body, physicsClientId=client)
+            bullet.removeBody(body, physicsClientId=self._client)
         self._shape, self._bodies = None, []
         if shape not in self._visuals and self._is_full(shape):
-            bullet.resetSimulation(physicsClientId=client)  # nothing less frees a visual shape
+            # nothing less frees a visual shape: after resetSimulation, larger ones crash PyBullet
+            bullet.disconnect(physicsClientId=self._client)
             self._visuals.clear()
-            self._texture = self._load_texture()
+            self._connect()
         if shape not in self._visuals:
             self._visuals[shape] = self._create_visuals(shape)
         for visual in self._visuals[shape]:
-            body = bullet.createMultiBody(0, -1, visual, physicsClientId=client)
+            body = bullet.createMultiBody(0, -1, visual, physicsClientId=self._client)
             self._bodies.append(body)
             bullet.changeVisualShape(
-                body, -1, textureUniqueId=self._texture, physicsClientId=client
+                body, -1, textureUniqueId=self._texture, physicsClientId=self._client
             )
         self._shape = shape
+
+    def _connect(self) -> None:
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._texture = self._load_texture()
 
     def _is_full(self, shape: Shape) -> bool:
         faces = sum(len(known.faces) for known in self._visuals) + len(shape.faces)
