@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Protocol
@@ -20,6 +19,7 @@ from sada_gym.benchmark.suite import Suite
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.benchmark.work import Job, connect, work
 from sada_gym.errors import WorkerError, refuse_number
+from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import MAX_WORKERS, WorkerPool
 from sada_gym.measures.reference import FOLDER
 
@@ -132,7 +132,7 @@ def _run(
     ]
     each = max(1, workers // len(groups))
     jobs = [Job(group, out, references, each) for group in groups]
-    channel: SimpleQueue[Told] = get_context("spawn").SimpleQueue()
+    channel: SimpleQueue[Told] = spawn_context().SimpleQueue()
     pool = WorkerPool(min(workers, len(groups)), prepare=partial(connect, channel))
     now = True
     try:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError, WorkerError
+from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
@@ -199,7 +200,7 @@ class WorkerPool:
         *,
         prepare: Callable[[], None] | None = None,
     ) -> None:
-        context = get_context("spawn")
+        context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
             workers, mp_context=context, initializer=_initialise, initargs=(watched, task, prepare)

@@ -60,12 +60,13 @@ def shared_renderer() -> TinyRenderer:
 class TinyRenderer(Renderer):
     """Renders scenes with a PyBullet client of its own. One shape is loaded at a time."""
 
+    _client: int
+
     def __init__(self) -> None:
         from sada_gym.envs.bullet import pybullet
 
         self._bullet = pybullet
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._texture = self._load_texture()
+        self._connect()
         self._rows = (_Rows(), _Rows(), _Rows())
         self._visuals: dict[Shape, list[int]] = {}
         self._shape: Shape | None = None
@@ -210,23 +211,28 @@ class TinyRenderer(Renderer):
     def _load(self, shape: Shape) -> None:
         if shape is self._shape:
             return
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         for body in self._bodies:
-            bullet.removeBody(body, physicsClientId=client)
+            bullet.removeBody(body, physicsClientId=self._client)
         self._shape, self._bodies = None, []
         if shape not in self._visuals and self._is_full(shape):
-            bullet.resetSimulation(physicsClientId=client)  # nothing less frees a visual shape
+            # nothing less frees a visual shape: after resetSimulation, larger ones crash PyBullet
+            bullet.disconnect(physicsClientId=self._client)
             self._visuals.clear()
-            self._texture = self._load_texture()
+            self._connect()
         if shape not in self._visuals:
             self._visuals[shape] = self._create_visuals(shape)
         for visual in self._visuals[shape]:
-            body = bullet.createMultiBody(0, -1, visual, physicsClientId=client)
+            body = bullet.createMultiBody(0, -1, visual, physicsClientId=self._client)
             self._bodies.append(body)
             bullet.changeVisualShape(
-                body, -1, textureUniqueId=self._texture, physicsClientId=client
+                body, -1, textureUniqueId=self._texture, physicsClientId=self._client
             )
         self._shape = shape
+
+    def _connect(self) -> None:
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._texture = self._load_texture()
 
     def _is_full(self, shape: Shape) -> bool:
         faces = sum(len(known.faces) for known in self._visuals) + len(shape.faces)
@@ -234,9 +240,12 @@ class TinyRenderer(Renderer):
 
     def _create_visuals(self, shape: Shape) -> list[int]:
         mesh = encode(shape)
+        parts = [slice(start, start + CORNERS) for start in range(0, len(mesh.corners), CORNERS)]
         return [
-            self._create_visual(Mesh(*(values[start : start + CORNERS] for values in mesh)), shape)
-            for start in range(0, len(mesh.corners), CORNERS)
+            self._create_visual(
+                Mesh(mesh.corners[part], mesh.texture[part], mesh.normals[part]), shape
+            )
+            for part in parts
         ]
 
     def _create_visual(self, mesh: Mesh, shape: Shape) -> int:

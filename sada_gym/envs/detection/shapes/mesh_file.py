@@ -15,12 +15,13 @@ MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 """File types that are read."""
 
 MAX_FACES = 500_000
-"""Faces of one file. They take 4 seconds to load, and half a second in each picture."""
+"""Faces of one file. So many take some 10 seconds to load, and a third of a second a picture."""
 
 MAX_COORDINATE = 1e9
 """Vertices within 1e-8 are merged; from 1e10 on numbers are coarser than that."""
 
 MAX_BYTES = 2**30
+"""Size of one file, which is read into memory."""
 
 
 def read_mesh(file: Path) -> trimesh.Trimesh:
