@@ -195,7 +195,7 @@ def test_the_summary_names_the_interval_and_the_uniform_rate(tmp_path):
 
 @pytest.mark.parametrize("name", adversaries.names())
 def test_uniform_queries_are_declared_truly(name):
-    class Enough(Exception):
+    class EnoughError(Exception):
         pass
 
     class FirstOnly:
@@ -203,11 +203,11 @@ def test_uniform_queries_are_declared_truly(name):
 
         def __call__(self, mu):
             self.first = np.array(mu)
-            raise Enough
+            raise EnoughError
 
     oracle = FirstOnly()
     oracle.first = np.zeros((0, 2))
-    with contextlib.suppress(Enough):
+    with contextlib.suppress(EnoughError):
         adversaries.make(name, 2, seed=5).train(oracle)
     uniform = np.random.default_rng(5).uniform(-1.0, 1.0, (200, 2)).astype(np.float32)
     assert adversaries.find(name).uniform_queries == np.array_equal(oracle.first, uniform)

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from sada_gym.cli import app
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "random", "--budget", "5", "--samples", "3"]
+ATTACK += ["--workers", "1"]
 SMALL = ["--tracks", "SADA-Analytic-v0", "--budget", "5", "--samples", "3", "--images", "0"]
 BENCHMARK = ["benchmark", *SMALL, "-a", "random", "--workers", "1"]
 DETECTION = ["attack", "SADA-Detection-Car-v0", "-a", "random", "--samples", "1"]
@@ -86,7 +87,6 @@ def invoke(args):
         [*ATTACK, "-a", "bbgan", "--set", "steps=-1"],
         [*ATTACK, "-a", "bbgan", "--set", "preset={}"],
         [*ATTACK, "-a", "bbgan", "--set", "log_dir=file"],
-        [*ATTACK, "-a", "bbgan", "--budget", "0"],
         [*ATTACK, "-a", "nowhere:Class"],
         [*ATTACK, "-a", "plain_module:Thing"],
         [*ATTACK, "-a", "plain_module:Nothing"],
@@ -154,7 +154,7 @@ def test_each_is_a_sentence(args, folder):
 
 
 WORDS = [
-    *["attack", "check", "envs", "agents", "benchmark", "merge", "--debug", "--help", "--version"],
+    *["attack", "--help", "--version"],
     *["SADA-Analytic-v0", "toy:Toy-v0", "CartPole-v1", "Nothing-v0", "file", "folder.py"],
     *["--adversary", "-a", "random", "archive", "svm", "toy:Greedy", "plain_module:Thing", "ideal"],
     *["--budget", "0", "3", "-7", "1e12", "9" * 30, "two", "", " ", "--samples", "--seed"],
@@ -167,17 +167,13 @@ WORDS = [
 
 
 def random_command(rng):
-    start = rng.choice([ATTACK, ATTACK, BENCHMARK, ["check"], ["envs"], ["merge"], []])
-    return [*start, *rng.choices(WORDS, k=rng.randint(1, 6)), "--workers", "1"][
-        : rng.randint(1, 20)
-    ]
+    start = rng.choice([*[ATTACK] * 6, BENCHMARK, ["check"], ["envs"], ["merge"], ["--version"]])
+    return [*start, *rng.choices(WORDS, k=rng.randint(1, 5))]
 
 
 def check_random_commands(seeds):
     for seed in seeds:
         args = random_command(random.Random(seed))
-        if (args[0] == "benchmark" and "--tracks" not in args) or "--debug" in args:
-            continue  # a whole suite
         result = invoke(args)
         assert result.exit_code in (0, 1, 2), (args, result.output)
         assert "Traceback" not in result.output
