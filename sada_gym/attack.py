@@ -224,7 +224,7 @@ def _make(
     taken = sorted({"name", "dimension", "seed"} & set(options))
     if taken:
         raise UserError(
-            f"Expected the adversary's own options, got {taken[0]!r}, which the attack itself gives."
+            f"Expected the adversary's own options, got {taken[0]!r}, which the attack sets itself."
         )
     chosen = dict(options) if preset is None else {"preset": preset, **options}
     if isinstance(adversary, str):
