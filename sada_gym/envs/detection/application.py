@@ -37,7 +37,7 @@ from sada_gym.envs.detection.shapes import (
     fingerprint,
     load_class,
 )
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
@@ -100,10 +100,8 @@ class DetectionApplication(Application):
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
         self._renderer = None if renderer is None else checked_renderer(renderer)
-        if isinstance(agent, str | Path):
-            self.agent_name, self.agent = str(agent), agents.load_detector(agent)
-        else:
-            self.agent_name, self.agent = agent_id or type(agent).__name__, checked_detector(agent)
+        self.agent_name, found = agents.resolve(agent, self.name, agent_id)
+        self.agent = checked_detector(found)
         self.tile = default_tile(self.agent) if tile is None else checked_tile(tile)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
@@ -126,7 +124,8 @@ class DetectionApplication(Application):
 
         None where the detector or a user's renderer has no identity.
         """
-        agent = self._agent_id or agents.fingerprint(self.agent)
+        weights = agents.fingerprint(self.agent)
+        agent = agents.identity(weights, self.agent, self._agent_id)
         if agent is None or (self._renderer is not None and self._renderer.identity is None):
             return None
         parts = [agent, fingerprint(self.shapes) if self._own_shapes else ""]
@@ -203,6 +202,8 @@ def _shapes(
                 "Give shapes=PATH to bring CAD files of another class."
             )
         return benchmark_shapes(object_class)
+    if not isinstance(folder, str | Path):
+        raise UserTypeError(f"Expected shapes to be the path of a folder or None, got {folder!r}.")
     return load_class(folder, object_class, skip_unreadable=skip_unreadable)
 
 

@@ -64,7 +64,7 @@ class Backdrop:
             UserError: If a key is missing or unknown.
         """
         check_keys("a backdrop", plain, [field.name for field in fields(cls)])
-        values = {
+        values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in plain.items()
         }

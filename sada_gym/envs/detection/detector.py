@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,45 +36,14 @@ def checked_detector(agent: DetectorLike) -> DetectorLike:
     """Give a user's detector back.
 
     Raises:
-        UserError: If it is in training mode, or a weight is no finite number.
+        UserError: If it is in training mode.
     """
     if getattr(agent, "training", False):
         raise UserError(
             f"Expected a detector in evaluation mode, got {type(agent).__name__} in training mode, "
             "in which looking at images changes it. Call model.eval() first."
         )
-    _refuse_nonfinite(agent)
     return agent
-
-
-def _refuse_nonfinite(agent: DetectorLike) -> None:
-    """Refuse a torch module with a parameter that is NaN or infinite, or a buffer that is NaN.
-
-    Such a detector finds nothing, and would be fooled by every world. Infinity in a buffer is
-    legal: attention masks hold it.
-    """
-    import torch
-
-    module = getattr(agent, "__self__", agent)  # a method's owner, as in agent=model.forward
-    if not isinstance(module, torch.nn.Module):
-        return
-    parameters = ((name, ~value.isfinite()) for name, value in _floats(module.named_parameters()))
-    buffers = ((name, value.isnan()) for name, value in _floats(module.named_buffers()))
-    for name, wrong in chain(parameters, buffers):
-        if wrong.any():
-            raise UserError(
-                f"Expected an agent whose weights are finite numbers, got {type(module).__name__} "
-                f"with NaN or infinity in {name}. Train it again, with a lower learning rate if "
-                "its training diverged, or load the weights from before that."
-            )
-
-
-def _floats(tensors: Iterable[tuple[str, Tensor]]) -> Iterator[tuple[str, Tensor]]:
-    """Those of floating-point numbers, in a precision that can be tested: 8 bits cannot."""
-    for name, tensor in tensors:
-        if tensor.is_floating_point():
-            values = tensor.detach()
-            yield name, values if values.element_size() > 1 else values.float()
 
 
 def default_tile(agent: DetectorLike) -> int:

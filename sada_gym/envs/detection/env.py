@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.detection.application import DetectionApplication, DetectorLike
+from sada_gym.envs.detection.application import DetectionApplication
+from sada_gym.envs.detection.detector import DetectorLike
 
 
 class DetectionEnv(AdversaryEnv):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
-import sys
 import tempfile
 import threading
 from collections.abc import Sequence
@@ -67,7 +65,9 @@ class TinyRenderer(Renderer):
     """Renders scenes with a PyBullet client of its own. One shape is loaded at a time."""
 
     def __init__(self) -> None:
-        self._bullet = _import_pybullet()
+        from sada_gym.envs.bullet import pybullet
+
+        self._bullet = pybullet
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._texture = self._load_texture()
         self._rows = (_Rows(), _Rows(), _Rows())
@@ -240,9 +240,12 @@ class TinyRenderer(Renderer):
 
     def _create_visuals(self, shape: Shape) -> list[int]:
         mesh = encode(shape)
+        parts = [slice(start, start + CORNERS) for start in range(0, len(mesh.corners), CORNERS)]
         return [
-            self._create_visual(Mesh(*(values[start : start + CORNERS] for values in mesh)), shape)
-            for start in range(0, len(mesh.corners), CORNERS)
+            self._create_visual(
+                Mesh(mesh.corners[part], mesh.texture[part], mesh.normals[part]), shape
+            )
+            for part in parts
         ]
 
     def _create_visual(self, mesh: Mesh, shape: Shape) -> int:
@@ -334,20 +337,6 @@ def _box(g: GBuffer) -> npt.NDArray[np.float64] | None:
 def _triple(vector: npt.NDArray[np.float64]) -> Triple:
     x, y, z = vector.tolist()
     return x, y, z
-
-
-def _import_pybullet() -> Any:
-    """Import PyBullet without the line that it prints to standard error on loading."""
-    sys.stderr.flush()
-    with open(os.devnull, "wb") as nowhere:
-        kept = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            import pybullet
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-    return pybullet
 
 
 class _Rows:
