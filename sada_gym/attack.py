@@ -18,7 +18,7 @@ from sada_gym.errors import UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations, Oracle
 from sada_gym.evaluation.store import Context
-from sada_gym.files import write_folder, write_model
+from sada_gym.files import file_errors, write_folder, write_model
 from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.parameters import Mu
 from sada_gym.runs.record import (
@@ -154,7 +154,8 @@ def attack(
         settings = _settings(
             environment, application, adversary, budget, samples, seed, preset, options or {}
         )
-        claim_folder(folder, settings, resume=resume)
+        with file_errors("make the folder", folder):
+            claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
         result = _run(solver, evaluator, application, settings, folder, progress or _silent)
         if pictures:
@@ -220,6 +221,11 @@ def _make(
     preset: str | None,
     options: Mapping[str, Any],
 ) -> Adversary:
+    taken = sorted({"name", "dimension", "seed"} & set(options))
+    if taken:
+        raise UserError(
+            f"Expected the adversary's own options, got {taken[0]!r}, which the attack sets itself."
+        )
     chosen = dict(options) if preset is None else {"preset": preset, **options}
     if isinstance(adversary, str):
         from sada_gym import adversaries

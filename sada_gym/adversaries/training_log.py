@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.errors import MissingExtra
+from sada_gym.files import file_errors
 
 
 class TrainingLog:
@@ -34,7 +35,8 @@ class TrainingLog:
                 "Expected tensorboard for log_dir, but it is not installed. Install it with: "
                 "pip install 'sada-gym[track]'"
             ) from error
-        self._writer = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]
+        with file_errors("write the log to", Path(folder)):
+            self._writer = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]
 
     def __bool__(self) -> bool:
         """Tell whether anything is written."""

@@ -21,6 +21,7 @@ from sada_gym.benchmark.work import Job, connect, work
 from sada_gym.errors import WorkerError, refuse_number
 from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import MAX_WORKERS, WorkerPool
+from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
 
 _LISTEN_EVERY_S = 0.1
@@ -85,7 +86,8 @@ def run_benchmark(
     folder, references, heard = Path(out), Path(references), listener or _Deaf()
     refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
-    claim(folder, suite.tables)
+    with file_errors("make the folder", folder):
+        claim(folder, suite.tables)
     with sole_user(folder):
         missing = find_missing(folder, plan)
         heard.begin(plan, missing)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import evaluation_seeds
 from sada_gym.files import (
     MAX_ARRAYS_BYTES,
@@ -197,6 +197,8 @@ def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
         FileError: If the index cannot be read.
     """
     path = Path(folder) / INDEX
+    if Path(folder).is_file():
+        raise FileError(f"Expected a folder of reference sets, got the file {folder}.")
     if not path.exists():
         return ReferenceIndex(references=())
     return read_model(path, ReferenceIndex)

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from sada_gym.benchmark.cell import Told
 from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.suite import SUITES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
 
@@ -115,6 +116,11 @@ def test_bad_input_gets_a_sentence(args, message, tmp_path, monkeypatch):
     assert message in result.stderr
     assert "Traceback" not in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_help_names_every_suite():
+    listed = run("--help").stdout.replace(",", " ").replace(".", " ").split()
+    assert {found.name for found in SUITES} <= set(listed)
 
 
 def test_other_settings_are_refused(done, references):

@@ -37,7 +37,7 @@ from sada_gym.envs.detection.shapes import (
     fingerprint,
     load_class,
 )
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
@@ -202,6 +202,8 @@ def _shapes(
                 "Give shapes=PATH to bring CAD files of another class."
             )
         return benchmark_shapes(object_class)
+    if not isinstance(folder, str | Path):
+        raise UserTypeError(f"Expected shapes to be the path of a folder or None, got {folder!r}.")
     return load_class(folder, object_class, skip_unreadable=skip_unreadable)
 
 
