@@ -10,14 +10,14 @@ from sada_gym.attack import attack
 from sada_gym.sb3 import SB3VecEnv
 
 env = SB3VecEnv(gym.make_vec("SADA-DrivingTask-v0", num_envs=16))
-driver = PPO("MultiInputPolicy", env, n_steps=64, batch_size=128, seed=0, device="cpu")
-driver.learn(1_024)
+driver = PPO("MultiInputPolicy", env, n_steps=32, batch_size=128, seed=0, device="cpu")
+driver.learn(512)
 
 result = attack(
     "SADA-Driving-Straight-v0",
     "random",
     env_kwargs={"agent": driver},
-    samples=5,
+    samples=3,
     seed=0,
     out="runs/own-driver",
 )

@@ -10,14 +10,14 @@ from sada_gym.attack import attack
 from sada_gym.sb3 import SB3VecEnv
 
 env = SB3VecEnv(gym.make_vec("SADA-RacingTask-v0", num_envs=16))
-pilot = PPO("MultiInputPolicy", env, n_steps=64, batch_size=128, seed=0, device="cpu")
-pilot.learn(1_024)
+pilot = PPO("MultiInputPolicy", env, n_steps=32, batch_size=128, seed=0, device="cpu")
+pilot.learn(512)
 
 result = attack(
     "SADA-UAV-3Anchors-v0",
     "random",
     env_kwargs={"agent": pilot},
-    samples=5,
+    samples=3,
     seed=0,
     out="runs/own-pilot",
 )

@@ -1,4 +1,7 @@
-"""What is installed from the sdist works: no checkout beside it, and all its data inside."""
+"""What is installed from the sdist works: no checkout beside it, and all its data inside.
+
+`make package` runs all of it; what steps environments compiles all kernels anew and is `slow`.
+"""
 
 from __future__ import annotations
 
@@ -134,6 +137,7 @@ def test_the_sdist_is_what_the_package_is_built_from(sdist: Path) -> None:
     assert folders == {"sada_gym", "sada_gym.egg-info"}
 
 
+@pytest.mark.slow
 def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
     lines = python(installed, "-c", STEP_ALL, installed).splitlines()
     import sada_gym
@@ -141,6 +145,7 @@ def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
     assert [line.split()[0] for line in lines if line.startswith("SADA-")] == [*sada_gym.env_ids()]
 
 
+@pytest.mark.slow
 def test_driving_is_attacked_outside_the_checkout(installed: Path) -> None:
     command = "attack SADA-Driving-Straight-v0 --adversary random --budget 4 --samples 2 --out run"
     python(installed, installed / "bin" / "sada-gym", *command.split())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.adversaries.options import Options, choose_options
-from sada_gym.errors import UserError
+from sada_gym.errors import refuse_number
 
 MOST_DIMENSIONS = 1_000
 """The most semantic parameters: far above any application's, and a covariance is still small."""
@@ -74,15 +73,9 @@ class Adversary(ABC):
         preset: str = "default",
         **options: Any,
     ) -> None:
-        whole = isinstance(dimension, Integral) and not isinstance(dimension, bool)
-        if not whole or not 1 <= dimension <= MOST_DIMENSIONS:
-            raise UserError(
-                f"Expected a dimension of at least 1 and at most {MOST_DIMENSIONS:,}, "
-                f"got {dimension!r}."
-            )
-        whole = isinstance(seed, Integral) and not isinstance(seed, bool)
-        if seed is not None and (not whole or seed < 0):
-            raise UserError(f"Expected seed to be an int of at least 0 or None, got {seed!r}.")
+        refuse_number("dimension", dimension, 1, MOST_DIMENSIONS)
+        if seed is not None:
+            refuse_number("seed", seed, 0)
         name = getattr(self, "name", type(self).__name__)
         self.options = choose_options(name, self.options_class(), self.presets, preset, options)
         self.dimension = int(dimension)

@@ -74,8 +74,10 @@ class BBGAN(Learner):
             TrainingDiverged: If the networks' weights stop being finite.
             ValueError: If there is no budget, or a score is not finite.
         """
-        super().train(oracle)
-        self._log.close()
+        try:
+            super().train(oracle)
+        finally:
+            self._log.close()
 
     def _fit(self, omega: Omega) -> None:
         self._seed_networks()

@@ -12,7 +12,8 @@ from sada_gym.errors import AdversaryError
 
 _ROUNDS_BEFORE_STIRRING = 100
 _STIR = 1e-4
-_BARREN_ROUNDS = 100
+_WINDOW = 20
+_LEAST_NEW = 0.1
 _MOST_STIR = 0.5
 
 
@@ -29,9 +30,9 @@ def fresh_rows(
 ) -> npt.NDArray[np.float32]:
     """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
 
-    After 100 rounds the proposals are stirred, by 1e-4. Each further 100 rounds in a row that bring
-    nothing new multiply that by 10, because few floats may be left around a single point. It gives
-    up where even a stir as wide as the box brings nothing new.
+    After 100 rounds the proposals are stirred, by 1e-4. Whenever less than a tenth of what 20
+    further rounds proposed was new, the stir grows tenfold, because few floats may be left around
+    a single point. It gives up where even a stir as wide as the box brings little new.
 
     Args:
         propose: Called as propose(missing, stir), gives some rows. Its stir is 0 until few distinct
@@ -43,11 +44,12 @@ def fresh_rows(
         AdversaryError: If a proposal is not finite, or so many different rows cannot be drawn.
     """
     chosen: dict[bytes, npt.NDArray[np.float32]] = {}
-    rounds = barren = 0
+    rounds = proposed = found = 0
     stir = _STIR
     while len(chosen) < shape[0]:
+        stirring = rounds > _ROUNDS_BEFORE_STIRRING
         before = len(chosen)
-        drawn = propose(shape[0] - before, stir if rounds > _ROUNDS_BEFORE_STIRRING else 0.0)
+        drawn = propose(shape[0] - before, stir if stirring else 0.0)
         if not np.isfinite(drawn).all():
             raise AdversaryError(
                 "Expected finite samples, but the adversary draws NaN or infinite ones: what it "
@@ -59,12 +61,20 @@ def fresh_rows(
             if key not in known and len(chosen) < shape[0]:
                 chosen.setdefault(key, row)
         rounds += 1
-        barren = barren + 1 if len(chosen) == before and rounds > _ROUNDS_BEFORE_STIRRING else 0
-        if barren > _BARREN_ROUNDS:
-            if stir > _MOST_STIR:
-                raise AdversaryError(
-                    f"Expected {shape[0]:,} different samples, but after {len(chosen):,} the "
-                    "adversary draws nothing new. Ask for fewer, or train it again."
-                )
-            stir, barren = 10.0 * stir, 0
+        if not stirring:
+            continue
+        proposed, found = proposed + len(drawn), found + len(chosen) - before
+        if rounds % _WINDOW == 0:
+            if found <= _LEAST_NEW * proposed:
+                stir = _more(stir, len(chosen), shape[0])
+            proposed = found = 0
     return np.array(list(chosen.values()), np.float32).reshape(shape)
+
+
+def _more(stir: float, found: int, wanted: int) -> float:
+    if stir > _MOST_STIR:
+        raise AdversaryError(
+            f"Expected {wanted:,} different samples, but after {found:,} the adversary draws "
+            "hardly anything new. Ask for fewer, or train it again."
+        )
+    return 10.0 * stir

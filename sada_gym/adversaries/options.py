@@ -47,7 +47,7 @@ class Rule:
             return True
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             return False
         return bool(low < value < high if self.inside else low <= value <= high)
 
@@ -175,7 +175,10 @@ def _cast(value: Any, kind: type) -> Any:
     if kind in (bool, str):
         return value if isinstance(value, kind) else None
     if isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool):
-        return kind(value)
+        try:
+            return kind(value)
+        except OverflowError:  # an int beyond all floats
+            return math.inf
     return None
 
 

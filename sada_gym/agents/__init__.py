@@ -177,10 +177,13 @@ def load(agent: str | Path, application: str) -> Any:
     return getattr(import_module(module), function)(path)
 
 
-# shorthands; another application's agents are loaded by `load`
+# shorthands; agents of further applications are loaded by `load`
 load_detector = partial(load, application="SADA-Detection")
+"""`load` for detectors."""
 load_driver = partial(load, application="SADA-Driving")
+"""`load` for drivers."""
 load_pilot = partial(load, application="SADA-UAV")
+"""`load` for pilots."""
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:

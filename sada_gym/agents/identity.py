@@ -78,8 +78,8 @@ def refuse_nonfinite(agent: Any) -> None:
     for name, values, infinity_too in _tensors(agent):
         if not values.is_floating_point():
             continue
-        if values.element_size() == 1:  # torch cannot test 8 bits
-            values = values.float()
+        if values.element_size() == 1:
+            values = values.float()  # torch does not test numbers of 8 bits
         wrong = ~values.isfinite() if infinity_too else values.isnan()
         if wrong.any():
             raise UserError(

@@ -158,7 +158,7 @@ def check_purity(application: Application) -> str:
     except AssertionError as error:
         if tile is None:
             raise
-        hint = "so its neighbours are not the cause" if tile == 1 else "try tile=1"
+        hint = "an input's neighbours are not the cause" if tile == 1 else "try tile=1"
         raise AssertionError(
             f"{error} The agent is called with {tile} input{'s' * (tile > 1)} at once "
             f"(tile={tile}): {hint}."

@@ -51,7 +51,7 @@ class BBGANOptions(Options):
     frequency: float = option(4.0, 0, 1e3)
     initial_sd: float = option(0.0, 0, 10)
     steps: int = option(600, 1, 10**7)
-    batch: int = option(128, 1, 65_536)
+    batch: int = option(128, 1, 16_384)
     discriminator_updates: int = option(1, 1, 100)
     generator_updates: int = option(1, 1, 100)
     learning_rate: float = option(2e-3, 1e-8, 1)

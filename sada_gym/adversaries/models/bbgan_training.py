@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 
 import torch
 from torch import Tensor, nn
@@ -82,7 +81,7 @@ def train_gan(
         _average(average_g, g, keep)
         _average(average_d, d, keep)
 
-        if not (math.isfinite(loss_d) and math.isfinite(loss_g)):
+        if not bool((loss_d.detach() + loss_g.detach()).isfinite()):
             raise _diverged(step, o)
         if log and (step % _LOG_EVERY == 0 or step == o.steps - 1):
             log.scalars(

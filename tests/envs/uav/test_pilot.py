@@ -18,6 +18,7 @@ from sada_gym.envs.uav.agent.pilot import TILE, WaypointPilot, as_pilot
 from sada_gym.envs.uav.agent.recipe import MILD, RECIPES
 from sada_gym.envs.uav.agent.reinforcement import reinforce
 from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.world.drone import SIMULATION_HZ
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
@@ -44,6 +45,12 @@ def gates():
 @pytest.fixture(scope="module")
 def network():
     return new_network(0).eval()
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """A gate is missed after a second: pilots that were hardly trained miss all of them."""
+    monkeypatch.setattr("sada_gym.envs.uav.episodes._GATE_LIMIT", SIMULATION_HZ)
 
 
 def test_a_drones_motion_is_in_its_own_frame(poses):
@@ -208,6 +215,7 @@ def test_a_detectors_file_is_no_pilots():
 @pytest.mark.parametrize(
     ("name", "recipe", "steps"), [("waypoint-pid", TRY, "160"), ("ppo", TRY_PPO, "16")]
 )
+@pytest.mark.usefixtures("impatient")
 def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(train, "RECIPES", {name: recipe})
     monkeypatch.setattr(
@@ -251,6 +259,7 @@ def test_what_the_script_cannot_train_with_is_refused(
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_measurement_counts_gates(network):
     figures = evaluate.measure(network, seed=0, starts=1, mild=2, samples=3)
     assert list(figures) == list(TEMPLATES)

@@ -82,8 +82,8 @@ def _check_faces(scene: trimesh.Scene) -> None:
         for name, geometry in scene.geometry.items()
         if isinstance(geometry, trimesh.Trimesh)
     }
-    places = (scene.graph[node][1] for node in scene.graph.nodes_geometry)
-    faces = sum(counts.get(name, 0) for name in places)
+    places = scene.graph.geometry_nodes.items()
+    faces = sum(counts.get(name, 0) * len(nodes) for name, nodes in places)
     if not faces:
         raise UserError("no faces")
     if faces > MAX_FACES:

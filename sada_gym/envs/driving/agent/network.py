@@ -7,17 +7,17 @@ others' are zero, so that the linear action layer behind it is one head a comman
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.training import new_ppo
+from sada_gym.agents.training import ShippedPolicy, new_ppo
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
@@ -67,39 +67,19 @@ def _block(inputs: int, outputs: int, *, kernel: int, stride: int) -> list[nn.Mo
     return [nn.Conv2d(inputs, outputs, kernel, stride=stride), nn.ReLU()]
 
 
-class DriverPolicy(MultiInputActorCriticPolicy):
-    """The drivers' policy: features of the command's branch, a linear layer, a small value network.
-
-    It takes no settings, so that its weights say everything about what it does.
-
-    Args:
-        observation_space: The driving task's.
-        action_space: The driving task's.
-        lr_schedule: Of learning.
-        use_sde: As SB3 passes it; not used.
-    """
+class DriverPolicy(ShippedPolicy):
+    """The command's branch of features, a linear layer, and a small value network."""
 
     # the class whose name fingerprints held when the published results were made
     fingerprint_name: ClassVar[str] = (
         "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
     )
-
-    def __init__(
-        self,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        lr_schedule: Schedule,
-        use_sde: bool = False,  # noqa: ARG002
-    ) -> None:
-        super().__init__(
-            observation_space,  # type: ignore[arg-type]
-            action_space,
-            lr_schedule,
-            net_arch={"pi": [], "vf": [64]},
-            ortho_init=False,
-            log_std_init=_LOG_NOISE,
-            features_extractor_class=ConditionalExtractor,
-        )
+    settings: ClassVar[Mapping[str, Any]] = {
+        "net_arch": {"pi": [], "vf": [64]},
+        "ortho_init": False,
+        "log_std_init": _LOG_NOISE,
+        "features_extractor_class": ConditionalExtractor,
+    }
 
 
 def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import torch
-from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
-from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.training import new_ppo
+from sada_gym.agents.training import ShippedPolicy, new_ppo
 from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
@@ -75,37 +74,17 @@ def light(pictures: Tensor) -> Tensor:
     return pictures.permute(0, 3, 1, 2).to(torch.float32) / 255
 
 
-class PilotPolicy(MultiInputActorCriticPolicy):
-    """Two layers of 64 units for the actions, and for the value.
-
-    It takes no settings, so that its weights say everything about what it does.
-
-    Args:
-        observation_space: The racing task's.
-        action_space: The racing task's.
-        lr_schedule: Of learning.
-        use_sde: As SB3 passes it; not used.
-    """
+class PilotPolicy(ShippedPolicy):
+    """Two layers of 64 units for the actions, and for the value."""
 
     # the class whose name fingerprints held when the published results were made
     fingerprint_name: ClassVar[str] = (
         "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
     )
-
-    def __init__(
-        self,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        lr_schedule: Schedule,
-        use_sde: bool = False,  # noqa: ARG002
-    ) -> None:
-        super().__init__(
-            observation_space,  # type: ignore[arg-type]
-            action_space,
-            lr_schedule,
-            net_arch={"pi": [64, 64], "vf": [64, 64]},
-            log_std_init=_LOG_NOISE,
-        )
+    settings: ClassVar[Mapping[str, Any]] = {
+        "net_arch": {"pi": [64, 64], "vf": [64, 64]},
+        "log_std_init": _LOG_NOISE,
+    }
 
 
 def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
