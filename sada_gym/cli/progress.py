@@ -213,7 +213,8 @@ class AttackProgress:
             say("", "Starting", console=self._console)
         else:
             text = ", ".join(self._detail(stage))
-            say("", f"{_NAMES[stage]}: {text}", console=self._console)
+            doing = " (compiling kernels)" if self._compiling else ""
+            say("", f"{_NAMES[stage]}{doing}: {text}", console=self._console)
 
 
 def clock(seconds: float | None) -> str:
