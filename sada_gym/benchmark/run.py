@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import Protocol
@@ -19,8 +18,9 @@ from sada_gym.benchmark.results import Results, write_results
 from sada_gym.benchmark.suite import Suite
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.benchmark.work import Job, connect, work
-from sada_gym.errors import UserError, WorkerError
-from sada_gym.evaluation.workers import WorkerPool
+from sada_gym.errors import WorkerError, refuse_number
+from sada_gym.evaluation.spawn import spawn_context
+from sada_gym.evaluation.workers import MAX_WORKERS, WorkerPool
 from sada_gym.measures.reference import FOLDER
 
 _LISTEN_EVERY_S = 0.1
@@ -83,8 +83,7 @@ def run_benchmark(
         CellError: If an adversary raised anything but a ValueError.
     """
     folder, references, heard = Path(out), Path(references), listener or _Deaf()
-    if workers < 1:
-        raise UserError(f"Expected workers of at least 1, got {workers}.")
+    refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     claim(folder, suite.tables)
     with sole_user(folder):
@@ -133,7 +132,7 @@ def _run(
     ]
     each = max(1, workers // len(groups))
     jobs = [Job(group, out, references, each) for group in groups]
-    channel: SimpleQueue[Told] = get_context("spawn").SimpleQueue()
+    channel: SimpleQueue[Told] = spawn_context().SimpleQueue()
     pool = WorkerPool(min(workers, len(groups)), prepare=partial(connect, channel))
     now = True
     try:

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.errors import StoreError, UserError, UserTypeError
+from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import BatchFunction, Registered, Task, score
+from sada_gym.evaluation.workers import MAX_WORKERS, BatchFunction, Registered, Task, score
 from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
@@ -55,9 +55,9 @@ class Evaluator:
         chunk_size: int | None = None,
         executor: Executor | None = None,
     ) -> None:
-        for name, value in (("workers", workers), ("chunk_size", chunk_size)):
-            if value is not None and value < 1:
-                raise UserError(f"Expected {name} of at least 1, got {value}.")
+        refuse_number("workers", workers, 1, None if executor is not None else MAX_WORKERS)
+        if chunk_size is not None:
+            refuse_number("chunk_size", chunk_size, 1)
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
             source = Registered(problem, dict(env_kwargs or {}))

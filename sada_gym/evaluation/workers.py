@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -20,10 +20,14 @@ import numpy.typing as npt
 
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError, WorkerError
+from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
 """A user's own black box: (n, d) float32 in [-1, 1] -> (n,) scores."""
+
+MAX_WORKERS = 1_024
+"""The most processes of our own: each holds a simulator and a network, some 300 MB."""
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
@@ -196,7 +200,7 @@ class WorkerPool:
         *,
         prepare: Callable[[], None] | None = None,
     ) -> None:
-        context = get_context("spawn")
+        context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
             workers, mp_context=context, initializer=_initialise, initargs=(watched, task, prepare)

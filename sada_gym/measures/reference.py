@@ -100,6 +100,11 @@ class Reference:
         """The points of the fooling set, (m, d)."""
         return self.mu[self.fooling]
 
+    @property
+    def uniform_rate(self) -> float:
+        """Share of all evaluations that fooled: the AFR of uniform samples."""
+        return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
+
     def halves(self) -> tuple[Mu, Mu]:
         """Split the fooling set at random, always alike: points to measure by, points to draw.
 

@@ -1,17 +1,19 @@
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
+from interrupting import start_interruptible
 from toy import Greedy
 from typer.testing import CliRunner
 
 from sada_gym import adversaries
 from sada_gym.cli import app
-from sada_gym.cli.console import _spread, key_values
+from sada_gym.cli.console import key_values
 from sada_gym.evaluation.store import EvaluationStore
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
@@ -63,7 +65,7 @@ def test_attack_ends_with_its_figures(tmp_path):
 
 
 def test_attack_passes_everything_on(tmp_path):
-    pairs = ["--env-kwargs", "dimension=3", "volume=0.2", "--seed", "7"]
+    pairs = ["--env-kwargs", "dimension=3", "--env-kwargs", "volume=0.2", "--seed", "7"]
     assert attack(tmp_path / "out", *pairs).exit_code == 0
     settings = json.loads((tmp_path / "out" / "result.json").read_text())["settings"]
     assert settings["application_settings"]["dimension"] == 3
@@ -98,7 +100,12 @@ def test_a_second_run_needs_resume(tmp_path):
             [*ATTACK, "--env-kwargs", "dimension"],
             "Expected --env-kwargs key=value, got 'dimension'",
         ),
-        ([*ATTACK, "--set", "a=1", "a=2"], "Expected each key of --set once, got 'a' twice"),
+        (
+            [*ATTACK, "--set", "a=1", "--set", "a=2"],
+            "Expected each key of --set once, got 'a' twice",
+        ),
+        ([*ATTACK, "--set", "a=1", "b=2"], "got 'b=2' without one"),
+        (["check", "mine.py", "--env-kwargs", "a=1", "b=2"], "--env-kwargs a=1 --env-kwargs b=2"),
         ([*ATTACK, "--agent", "x", "--env-kwargs", "agent=y"], "Expected the agent once"),
         ([*ATTACK, "--preset", "x", "--set", "preset=y"], "Expected the preset once"),
         ([*ATTACK, "--budget", "many"], "budget"),
@@ -182,48 +189,28 @@ def test_values_are_json_or_text():
     }  # fmt: skip
 
 
-def test_pairs_spread_until_something_else_comes():
-    args = ["ID", "--set", "a=1", "b=2", "--out", "x=y", "--env-kwargs", "c=3", "d=4", "ID2", "e=5"]
-    assert list(_spread(args)) == [
-        *["ID", "--set", "a=1", "--set", "b=2", "--out", "x=y"],
-        *["--env-kwargs", "c=3", "--env-kwargs", "d=4", "ID2", "e=5"],
-    ]
-
-
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
     out, log = tmp_path / "an out", tmp_path / "log"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
-    command = [sys.executable, "-m", "sada_gym", "attack", "toy:Toy-v0", "-a", "toy:Greedy"]
-    command += ["--budget", "300", "--samples", "10", "--workers", str(workers), "--out", str(out)]
-    command += ["--env-kwargs", "pause_s=0.01", f"log={log}"]
-    process = subprocess.Popen(
-        command,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    command = ["attack", "toy:Toy-v0", "-a", "toy:Greedy", "--budget", "300", "--samples", "10"]
+    command += ["--workers", str(workers), "--out", str(out), "--executor", "processes"]
+    command += ["--env-kwargs", "pause_s=0.01", "--env-kwargs", f"log={log}"]
+    process = start_interruptible(command)
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 150):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Traceback" not in told
+    assert "Traceback" not in printed
     with EvaluationStore(out / "run.sqlite") as store:
         kept = len(store)
     assert kept >= 64
-    assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in told
-    resume = told.strip().splitlines()[-1].strip()
-    assert resume == (
-        "sada-gym attack toy:Toy-v0 --adversary toy:Greedy --env-kwargs pause_s=0.01 "
-        f"--env-kwargs log={log} --budget 300 --samples 10 --seed 0 --workers {workers} "
-        f"--out '{out}' --resume"
-    )
+    assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in printed
+    resume = printed.strip().splitlines()[-1].strip()
+    assert shlex.split(resume) == ["sada-gym", *command, "--resume"]
     log.unlink()
-    command += ["--resume"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = start_interruptible([*command, "--resume"])
+    _, printed = done.communicate(timeout=60)
+    assert done.returncode == 0, printed
     assert log.read_text().count("\n") == 310 - kept

@@ -11,8 +11,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
+from sada_gym.adversaries.models.sparse_gp import SparseGP
 from sada_gym.adversaries.omega import Omega
-from sada_gym.adversaries.sparse_gp import SparseGP
 
 Array = npt.NDArray[np.float64]
 

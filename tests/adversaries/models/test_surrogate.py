@@ -3,10 +3,10 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from threadpoolctl import threadpool_limits
 
-from sada_gym.adversaries.exact_gp import fit_weights, predict_mean
+from sada_gym.adversaries.models.exact_gp import fit_weights, predict_mean
+from sada_gym.adversaries.models.sparse_gp import SparseGP
+from sada_gym.adversaries.models.surrogate import CrossFittedTrees, Surrogate
 from sada_gym.adversaries.omega import Omega
-from sada_gym.adversaries.sparse_gp import SparseGP
-from sada_gym.adversaries.surrogate import CrossFittedTrees, Surrogate
 from sada_gym.testing.landscapes import Landscape
 
 

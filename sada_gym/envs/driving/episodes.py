@@ -1,8 +1,8 @@
-"""Many drives in lockstep: cars on routes, what their cameras see, and how each ends."""
+"""Drives in lockstep, the episodes of self-driving: cars on routes, their observations, ends."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -24,7 +24,7 @@ SIMULATION_HZ = 15
 POLICY_HZ = 5
 """The frequencies of highway-env's own `racetrack`."""
 LANE_TOLERANCE_M = (LANE_WIDTH_M + WIDTH_M) / 2
-"""Further from its lane's middle no part of a car is in its lane."""
+"""A car whose middle is further from its lane's has left the lane with every part."""
 TOP_SPEED_M_S = 15.0
 """What the observed speed is divided by."""
 PICTURE_ROWS, PICTURE_COLUMNS = 44, 100
@@ -45,10 +45,10 @@ class Ending(IntEnum):
 
 @dataclass(frozen=True)
 class Start:
-    """What one drive is made of.
+    """How one drive begins.
 
     Attributes:
-        route: The way.
+        route: Where to drive.
         mount: The camera's.
         weather: Index into `WEATHERS`.
         seed: Fixes the rain.
@@ -104,7 +104,7 @@ class Drives:
         return len(self.starts)
 
     def begin(self, i: int, start: Start) -> None:
-        """Put another drive in place i."""
+        """Begin another drive in place i."""
         before, self.starts[i] = self.starts[i], start
         if before.route is not start.route:
             self._pack()
@@ -126,21 +126,21 @@ class Drives:
         return np.flatnonzero(self.ending == Ending.UNDER_WAY)
 
     def commands(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.int8]:
-        """What the drivers are told, indices into `COMMANDS`."""
-        told: npt.NDArray[np.int8] = self._command[self._first[which] + self._at[which]]
-        return told
+        """The commands that the drivers get, indices into `COMMANDS`."""
+        commands: npt.NDArray[np.int8] = self._command[self._first[which] + self._at[which]]
+        return commands
 
     def observe(self, which: npt.NDArray[np.intp]) -> Observation:
-        """What some of the drivers perceive."""
+        """Observations of some of the drivers."""
         speed = np.clip(self.states[which, 3:] / TOP_SPEED_M_S, 0.0, 1.0)
         return {
-            "image": self.look(which),
+            "image": self.render(which),
             "speed": speed.astype(np.float32),
             "command": np.eye(len(COMMANDS), dtype=np.float32)[self.commands(which)],
         }
 
-    def look(self, which: npt.NDArray[np.intp]) -> Pictures:
-        """Draw what some of the cameras see."""
+    def render(self, which: npt.NDArray[np.intp]) -> Pictures:
+        """Images of some of the cameras."""
         poses = np.column_stack([self.states[which, :3], self._height[which]])
         seeds = np.array([self.starts[i].seed for i in which], np.uint64)
         keys = seeds * np.uint64(1 << 20) + self.steps[which].astype(np.uint64)
@@ -196,3 +196,55 @@ class Drives:
         different = sorted(set(pitches))
         self._rays = np.stack([self._lens.rays(pitch) for pitch in different])
         self._rays_of = np.array([different.index(pitch) for pitch in pitches], np.int64)
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Drives as they were driven, step by step.
+
+    Attributes:
+        starts: How each began.
+        states: For each, (steps + 1, 4) x, y, heading and speed before every step, and at the end.
+        commands: For each, (steps + 1,) the driver's command then.
+        endings: How each ended.
+    """
+
+    starts: tuple[Start, ...]
+    states: tuple[Array, ...]
+    commands: tuple[npt.NDArray[np.int8], ...]
+    endings: tuple[Ending, ...]
+
+    @property
+    def score(self) -> float:
+        """The share of arrivals."""
+        return float(np.mean([ending == Ending.ARRIVED for ending in self.endings]))
+
+
+OnStep = Callable[[Drives], None]
+"""What is called before every step."""
+
+
+def record(drives: Drives, run: Callable[[Drives, OnStep], None]) -> Rollout:
+    """Let cars drive to their ends, and keep every step.
+
+    Args:
+        drives: The cars.
+        run: Lets them drive, and calls what it is given before every step.
+    """
+    everyone = np.arange(len(drives))
+    states: list[Array] = []
+    commands: list[npt.NDArray[np.int8]] = []
+
+    def keep(drives: Drives) -> None:
+        states.append(drives.states.copy())
+        commands.append(drives.commands(everyone))
+
+    run(drives, keep)
+    keep(drives)
+    lasted = (drives.steps + 1).tolist()
+    return Rollout(
+        starts=tuple(drives.starts),
+        states=tuple(np.array(states[:count])[:, i] for i, count in enumerate(lasted)),
+        commands=tuple(np.array(commands[:count])[:, i] for i, count in enumerate(lasted)),
+        endings=tuple(Ending(int(code)) for code in drives.ending),
+    )

@@ -1,6 +1,6 @@
-"""A privileged driver that knows its route and its place on it: pure pursuit and a speed profile.
+"""The privileged driver, which knows its route and its place on it: pure pursuit, a speed profile.
 
-It teaches the imitating drivers, and shows that a route can be driven.
+It is the expert that drivers imitate, and shows that a route can be driven.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.driving.drives import POLICY_HZ, Drives
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives
 from sada_gym.envs.driving.world.route import SPACING_M, Route
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, MAX_ACCELERATION_M_S2, MAX_STEERING_RAD
 
@@ -20,7 +20,7 @@ BRAKING_M_S2 = 2.5
 Array = npt.NDArray[np.float64]
 
 
-class Expert:
+class PrivilegedDriver:
     """Drives cars along their routes (pure pursuit, Coulter 1992)."""
 
     def __init__(self) -> None:

@@ -36,7 +36,7 @@ class Mixture:
         factors: (k, d, d), lower Cholesky factors of the covariances.
 
     Raises:
-        ValueError: If the shapes do not belong together.
+        ValueError: If the shapes do not belong together, or the weights are no probabilities.
     """
 
     weights: Array
@@ -44,13 +44,16 @@ class Mixture:
     factors: Array
 
     def __post_init__(self) -> None:
-        """Check the shapes, which may come from a file."""
+        """Check shapes and weights, which may come from a file."""
         k, d = self.means.shape if self.means.ndim == 2 else (0, 0)
         if not k or self.weights.shape != (k,) or self.factors.shape != (k, d, d):
             raise UserError(
                 "Expected weights (k,), means (k, d) and factors (k, d, d), k >= 1, got "
                 f"{self.weights.shape}, {self.means.shape} and {self.factors.shape}."
             )
+        # a NaN is neither at least 0 nor close to 1
+        if not (self.weights >= 0.0).all() or not abs(self.weights.sum() - 1.0) <= 1e-8:
+            raise UserError(f"Expected weights of at least 0 that sum to 1, got {self.weights}.")
 
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """Draw n points of the mixture truncated to the box: (n, d) float64 in [-1, 1].
@@ -90,14 +93,20 @@ class Mixture:
         return {"weights": self.weights, "means": self.means, "factors": self.factors}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]], dimension: int) -> Self:
         """Take back what `to_arrays` gave; other entries are left alone.
 
         Raises:
             KeyError: If one is missing.
-            ValueError: If the shapes do not belong together.
+            ValueError: If the shapes do not belong together, or to points of that dimension.
         """
-        return cls(arrays["weights"], arrays["means"], arrays["factors"])
+        mixture = cls(arrays["weights"], arrays["means"], arrays["factors"])
+        if mixture.means.shape[1] != dimension:
+            raise UserError(
+                f"Expected a mixture in {dimension} dimensions, got one in "
+                f"{mixture.means.shape[1]}."
+            )
+        return mixture
 
     def _draw_anywhere(self, n: int, rng: np.random.Generator) -> Array:
         component = rng.choice(len(self.weights), size=n, p=self.weights)

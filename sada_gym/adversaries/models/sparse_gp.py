@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from sada_gym.adversaries.exact_gp import Kernel, fit_kernel
+from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
 
 Array = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 from threadpoolctl import threadpool_limits
 
-from sada_gym.adversaries.expected_improvement import (
+from sada_gym.adversaries.models.expected_improvement import (
     _Search,
     expected_improvement,
     minimise,

@@ -1,14 +1,15 @@
-"""Many races in lockstep: drones on tracks, which gates they pass, and how the others were missed.
+"""Races in lockstep, the episodes of UAV racing: drones, the gates they pass, those they miss.
 
 A gate is passed when the drone crosses its opening, in the gate's direction and in the gates'
-order. Where that takes longer than `GATE_LIMIT_S`, or the drone is lost (on its back on the ground,
-out of the world, or told something that is no number), the gate is missed: the drone is set back at
-rest into the last gate that it passed, and the race goes on to the one after the missed gate.
+order. A gate is missed when that takes longer than `GATE_LIMIT_S`, or when the drone is lost: on
+its back on the ground, out of the world, or with an action that is not a finite number. Then the
+drone is set back at rest into the last gate that it passed, and the race goes on to the gate after
+the missed one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.uav.camera.pinhole import Pictures, camera
 from sada_gym.envs.uav.world.drone import (
     GRAVITY_M_S2,
     MASS_KG,
@@ -37,11 +39,11 @@ from sada_gym.envs.uav.world.referee import (
 from sada_gym.errors import UserError
 
 POLICY_HZ = 20
-FILM_HZ = 10
-"""Frames of a replay a second: half of the decisions."""
+REPLAY_HZ = 10
+"""Frames of a replay a second: one for every second decision."""
 GATE_LIMIT_S = 10.0
 GATES_AHEAD = 2
-"""So many gates stand in an observation."""
+"""The number of gates in an observation."""
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -63,12 +65,12 @@ class Ending(IntEnum):
 
 @dataclass(frozen=True)
 class Start:
-    """What one race is made of.
+    """How one race begins.
 
     Attributes:
         gates: (g, 4) x, y, z and heading of each.
         place: x, y, z and heading of the drone.
-        seed: Fixes the looks of the world.
+        seed: Fixes light and background.
         velocity: The drone's, in the world, in m/s.
         first: The first gate to pass; those before it count as passed.
     """
@@ -94,7 +96,7 @@ class Races:
         starts: One a race; all have the same number of gates.
 
     Attributes:
-        starts: What each race was made of.
+        starts: How each race began.
         gates: (n, g, 4) x, y, z and heading.
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
@@ -132,7 +134,7 @@ class Races:
         return share
 
     def begin(self, i: int, start: Start) -> None:
-        """Put another race in place i."""
+        """Begin another race in place i."""
         self.starts[i] = start
         self.gates[i] = start.gates
         self.next_gate[i] = start.first
@@ -167,40 +169,45 @@ class Races:
         return waypoints(self.gates[which, gate], self.states[which])
 
     def observe(self, which: Indices) -> Observation:
-        """What the pilots of some drones are told, see `RacingTaskEnv`."""
+        """Observations of some of the pilots, see `RacingTaskEnv`."""
         ahead = [seen(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
         return {
             "gates": np.concatenate(ahead, axis=1),
             "motion": felt(self.states[which]),
         }
 
+    def render(self, which: Indices) -> Pictures:
+        """Images of some of the drones' cameras."""
+        seeds = [self.starts[i].seed for i in which.tolist()]
+        return camera().draw(self.gates[which], self.states[which], seeds)
+
     def step(self, which: Indices, actions: Array) -> None:
         """Let some drones fly for a decision's time.
 
         Args:
             which: (n,) those; their races must not be over.
-            actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone that is told something that is
-                no finite number is lost.
+            actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone whose action is not finite is
+                lost.
 
         Raises:
-            ValueError: If the actions are of another shape.
+            UserError: If the actions are of another shape.
         """
-        told = np.array(actions, np.float64)
-        if told.shape != (len(which), 4):
+        actions = np.array(actions, np.float64)
+        if actions.shape != (len(which), 4):
             raise UserError(
                 f"Expected actions of shape {(len(which), 4)}, one for each of the drones under "
-                f"way, got {told.shape}."
+                f"way, got {actions.shape}."
             )
         # no such number may reach PyBullet, where the others are
-        silent = ~np.isfinite(told).all(axis=1) | lost_ones(self.states[which])
+        lost = ~np.isfinite(actions).all(axis=1) | lost_ones(self.states[which])
         self.steps[which] += 1
-        for i in which[silent].tolist():
+        for i in which[lost].tolist():
             self._miss(i, Ending.LOST)
-        told[silent] = 0.0
-        told = np.clip(told, -1.0, 1.0)
+        actions[lost] = 0.0
+        actions = np.clip(actions, -1.0, 1.0)
         flying = self.next_gate[which] < self.gates.shape[1]
-        self._fly(which[flying], told[flying])
-        self._look_after(which[flying])
+        self._fly(which[flying], actions[flying])
+        self._miss_lost_and_late(which[flying])
         for i in which[self.next_gate[which] == self.gates.shape[1]].tolist():
             # it would fall to the ground, and cost the others time there
             self._worlds[i // SLOTS].clear(i % SLOTS)
@@ -210,20 +217,20 @@ class Races:
         for world in self._worlds:
             world.close()
 
-    def _fly(self, which: Indices, told: Array) -> None:
+    def _fly(self, which: Indices, actions: Array) -> None:
         """Let drones fly, world by world."""
         for number, world in enumerate(self._worlds):
             here = which // SLOTS == number
             if here.any():
-                self._fly_in(world, which[here], told[here])
+                self._fly_in(world, which[here], actions[here])
 
-    def _fly_in(self, world: World, which: Indices, told: Array) -> None:
+    def _fly_in(self, world: World, which: Indices, actions: Array) -> None:
         slots = (which % SLOTS).tolist()
         states, gates = self.states[which], self.gates[which]
         near = frames_near(gates, states)
         for row, slot in enumerate(slots):
             world.surround(slot, gates[row], near[row].tolist())
-        commands, headings = orders(told, states, self._headings[which])
+        commands, headings = orders(actions, states, self._headings[which])
         rotors, wrenches = self._rotors[which], np.empty((len(which), 6))
         next_gate, endings = self.next_gate[which], self.endings[which]
         touched, time_s = self.touched[which], self.time_s[which]
@@ -239,8 +246,8 @@ class Races:
         self.touched[which], self.time_s[which] = touched, time_s
         self._since[which] = since
 
-    def _look_after(self, which: Indices) -> None:
-        """Find who is lost or late."""
+    def _miss_lost_and_late(self, which: Indices) -> None:
+        """Set back the drones that are lost or late."""
         lost = lost_ones(self.states[which])
         late = self._since[which] >= _GATE_LIMIT
         for i, astray in zip(which[lost | late].tolist(), lost[lost | late], strict=True):
@@ -255,3 +262,58 @@ class Races:
         passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
         last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
         self.place(i, upright(last[:3], last[3]))
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A race as it was flown, decision by decision.
+
+    Attributes:
+        name: Of the track.
+        line: (m, 2) the track's line.
+        start: How the race began.
+        states: (k, 13) of the drone before every decision, and at the end.
+        endings: (k, g) what had become of each gate by then.
+        times_s: (k,).
+    """
+
+    name: str
+    line: Array
+    start: Start
+    states: Array
+    endings: npt.NDArray[np.int8]
+    times_s: Array
+
+    @property
+    def score(self) -> float:
+        """The share of gates passed."""
+        return float((self.endings[-1] == Ending.PASSED).mean())
+
+
+OnStep = Callable[[Races], None]
+"""What is called before every decision."""
+
+
+def record(
+    races: Races, run: Callable[[Races, OnStep], None], *, name: str, line: Array
+) -> Rollout:
+    """Let a drone fly its race to the end, and keep every decision.
+
+    Args:
+        races: One race.
+        run: Lets it fly, and calls what it is given before every decision.
+        name: Of the track.
+        line: (m, 2) the track's line.
+    """
+    states, endings, times = [], [], []
+
+    def keep(races: Races) -> None:
+        states.append(races.states[0].copy())
+        endings.append(races.endings[0].copy())
+        times.append(float(races.time_s[0]))
+
+    run(races, keep)
+    keep(races)
+    return Rollout(
+        name, line, races.starts[0], np.array(states), np.array(endings), np.array(times)
+    )

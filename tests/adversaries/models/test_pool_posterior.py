@@ -6,7 +6,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
 from sklearn.gaussian_process.kernels import Matern as Reference
 
-from sada_gym.adversaries.pool_posterior import (
+from sada_gym.adversaries.models.pool_posterior import (
     LEAST_NOISE,
     Matern,
     PoolPosterior,

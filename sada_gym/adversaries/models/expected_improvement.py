@@ -9,9 +9,10 @@ from scipy.stats import qmc
 from threadpoolctl import ThreadpoolController
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.mixture import reflect
+from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.pool_posterior import Array, Matern, PoolPosterior, fit_matern
 from sada_gym.adversaries.omega import Omega, evaluate
-from sada_gym.adversaries.pool_posterior import Array, Matern, PoolPosterior, fit_matern
+from sada_gym.errors import AdversaryError
 
 LEAST_CANDIDATES = 512
 
@@ -140,6 +141,11 @@ class _Search:
         improvement = self._improvement()
         index = int(np.argmax(improvement))
         while self._posterior.pool[index].tobytes() in self._known:
+            if improvement[index] <= -1.0:
+                raise AdversaryError(
+                    "Expected a candidate that was not evaluated yet, but none is left. Raise the "
+                    "option candidates, or lower the budget."
+                )
             self._evaluated[index], improvement[index] = True, -1.0
             index = int(np.argmax(improvement))
         point: npt.NDArray[np.float32] = self._posterior.pool[index].copy()

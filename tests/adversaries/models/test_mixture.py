@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal, truncnorm
 from sklearn.mixture import GaussianMixture
 
-from sada_gym.adversaries.mixture import Mixture, fit_best_mixture, fit_mixture, reflect
+from sada_gym.adversaries.models.mixture import Mixture, fit_best_mixture, fit_mixture, reflect
 from sada_gym.envs.analytic import AnalyticApplication
 
 
