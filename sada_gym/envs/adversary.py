@@ -99,7 +99,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         shape = np.shape(action)
         if shape != self.action_space.shape:
             raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        (info,) = self._episodes.step(np.asarray(action)[None], [self.np_random]).infos
+        (info,) = self._episodes.step([action], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
 

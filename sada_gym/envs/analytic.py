@@ -10,12 +10,17 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.envs.checks import check_number
+from sada_gym.errors import UserError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+
+MOST_DIMENSIONS, MOST_REGIONS = 1_000, 1_000
+"""More would take long and show nothing new."""
+_AT_ONCE = 2**24
+"""Numbers held in memory while distances are computed."""
 
 _GOLDEN = (5**0.5 - 1) / 2
 _IMAGE_SIZE = 128
-_MOST = 1_000  # dimensions and regions: adversaries take no more
 _FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB = (178, 24, 43), (247, 247, 247), (33, 102, 172)
 
 
@@ -31,8 +36,8 @@ class AnalyticApplication(Application):
     centre in the maximum norm, in units of the box's half sides: 0 at a centre, t on the surface.
 
     Args:
-        dimension: d, at least 1.
-        regions: Number of boxes, at least 1.
+        dimension: d, from 1 to 1,000.
+        regions: Number of boxes, from 1 to 1,000.
         volume: The fooling set's share of [-1, 1]^d, in (0, 1).
         noise: Half width of a uniform disturbance of Q that depends on the seed alone, in [0, 1).
             With noise the known set is that of the undisturbed Q.
@@ -45,14 +50,16 @@ class AnalyticApplication(Application):
     def __init__(
         self, *, dimension: int = 2, regions: int = 4, volume: float = 0.1, noise: float = 0.0
     ) -> None:
-        for what, count in (("dimension", dimension), ("regions", regions)):
-            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
-            if count > _MOST:
-                raise UserError(f"Expected {what} of at most {_MOST:,}, got {count:,}.")
-        for what, share in (("volume", volume), ("noise", noise)):
-            if not isinstance(share, int | float):
-                raise UserTypeError(f"Expected {what} to be a number, got {share!r}.")
+        for what, count, most in (
+            ("dimension", dimension, MOST_DIMENSIONS),
+            ("regions", regions, MOST_REGIONS),
+        ):
+            if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
+                raise UserError(
+                    f"Expected {what} to be an int of at least 1 and at most {most}, got {count!r}."
+                )
+        for what, number in (("volume", volume), ("noise", noise)):
+            check_number(what, number, 0, 1)
         if not 0.0 < volume < 1.0:
             raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
         if not 0.0 <= noise < 1.0:
@@ -115,8 +122,11 @@ class AnalyticApplication(Application):
 
     def _nearest(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Give the nearest region and the undisturbed Q of each mu, both (n,)."""
-        offset = mu.astype(np.float64)[:, None, :] - self.centres
-        distance = np.abs(offset / self.half_sides).max(axis=2)
+        rows = max(1, _AT_ONCE // self.centres.size)
+        distance = np.empty((len(mu), self.regions))
+        for start in range(0, len(mu), rows):
+            offset = mu[start : start + rows].astype(np.float64)[:, None, :] - self.centres
+            distance[start : start + rows] = np.abs(offset / self.half_sides).max(axis=2)
         weighted = self.fooling_threshold * distance.min(axis=1) ** 2
         return distance.argmin(axis=1), weighted / (weighted + (1.0 - self.fooling_threshold))
 
@@ -162,8 +172,8 @@ class AnalyticEnv(AdversaryEnv):
     Terminated after `horizon` proposals.
 
     ## Arguments
-    - `dimension=2`: number of parameters.
-    - `regions=4`: number of separate fooling regions.
+    - `dimension=2`: number of parameters, at most 1,000.
+    - `regions=4`: number of separate fooling regions, at most 1,000.
     - `volume=0.1`: the fooling set's share of the whole space.
     - `noise=0.0`: half width of a uniform disturbance of the score, fixed by the seed.
     - `horizon=1`: proposals in one episode.

@@ -118,3 +118,26 @@ def test_golden_scores() -> None:
 def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         AnalyticApplication(**keywords)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"dimension": 10**6}, "Expected dimension to be an int .* at most 1000, got 1000000"),
+        ({"dimension": 0}, "Expected dimension to be an int of at least 1"),
+        ({"regions": 10**9}, "Expected regions to be an int .* at most 1000, got 1000000000"),
+        ({"volume": "0.1"}, "Expected volume from 0 to 1, got '0.1'"),
+        ({"volume": 1.0}, r"Expected volume to be a share within \(0, 1\), got 1.0"),
+        ({"noise": None}, "Expected noise from 0 to 1, got None"),
+    ],
+)
+def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        AnalyticApplication(**keywords)
+
+
+def test_the_largest_one_fits_in_memory() -> None:
+    application = AnalyticApplication(dimension=1_000, regions=1_000)
+    mu = uniform(application, 33)
+    one_by_one = [application.evaluate(row[None], [0]).score[0] for row in mu[:3]]
+    assert_array_equal(application.evaluate(mu, [0] * 33).score[:3], one_by_one)
