@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.checks import check_number
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 MOST_DIMENSIONS, MOST_REGIONS = 1_000, 1_000
@@ -54,12 +53,13 @@ class AnalyticApplication(Application):
             ("dimension", dimension, MOST_DIMENSIONS),
             ("regions", regions, MOST_REGIONS),
         ):
-            if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
-                raise UserError(
-                    f"Expected {what} to be an int of at least 1 and at most {most}, got {count!r}."
-                )
+            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+            if count > most:
+                raise UserError(f"Expected {what} to be an int of at most {most}, got {count}.")
         for what, number in (("volume", volume), ("noise", noise)):
-            check_number(what, number, 0, 1)
+            if isinstance(number, bool) or not isinstance(number, int | float):
+                raise UserTypeError(f"Expected {what} from 0 to 1, got {number!r}.")
         if not 0.0 < volume < 1.0:
             raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
         if not 0.0 <= noise < 1.0:

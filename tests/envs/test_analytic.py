@@ -131,7 +131,7 @@ def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> Non
         ({"noise": None}, "Expected noise from 0 to 1, got None"),
     ],
 )
-def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> None:
+def test_keywords_out_of_range_are_refused(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         AnalyticApplication(**keywords)
 
