@@ -46,7 +46,7 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
 
 def write_model(path: Path, model: Strict) -> None:
     """Write a model as JSON."""
-    text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
+    text = json.dumps(model.model_dump(mode="json", by_alias=True), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
 
 

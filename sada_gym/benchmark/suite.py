@@ -14,9 +14,7 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
-
-IDEAL = "ideal"
-"""The control that draws from a track's reference fooling set."""
+from sada_gym.runs.ideal import IDEAL
 
 
 class Contender(Strict):
@@ -44,7 +42,7 @@ class Contender(Strict):
         return self.requires is not None and importlib.util.find_spec(self.requires) is None
 
     def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary; `ideal` has none, see `draw_ideal`.
+        """Make the adversary; `ideal` needs more than this, see `sada_gym.runs.ideal.Ideal`.
 
         Raises:
             ValueError: If its name, its preset or an option is unknown.

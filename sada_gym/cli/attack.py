@@ -112,7 +112,7 @@ def _run(env_id: str, adversary: str, **settings: Any) -> None:
     from sada_gym.cli.progress import AttackBars
 
     with AttackBars(out, adversary) as bars:
-        result = run_attack(env_id, adversary, progress=bars, **settings)
+        result = run_attack(env_id, adversary, on_progress=bars, **settings)
     _summarise(result)
 
 
@@ -133,11 +133,11 @@ def _summarise(result: Any) -> None:
             f"{report.feasible.afr:.1%}".replace("%", " %")
             + f", {report.feasible.fooled} of {report.feasible.worlds} samples",
         )
-    if report.training.queries:
+    if report.search.queries:
         table.add_row(
             "in training",
-            f"{report.training.fooling_rate:.1%}".replace("%", " %")
-            + f" of {report.training.queries:,} queries fooled the agent",
+            f"{report.search.fooling_rate:.1%}".replace("%", " %")
+            + f" of {report.search.queries:,} queries fooled the agent",
         )
     table.add_row("spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577")
     if report.nearest_fooling_query is not None:
@@ -150,7 +150,7 @@ def _summarise(result: Any) -> None:
         table.add_row("[yellow]mind[/]", escape(flag))
     table.add_row("results", f"{folder}/")
     table.add_row("pictures", ", ".join(path.name for path in result.pictures))
-    title = f"{report.settings.environment} · {report.settings.adversary}"
+    title = f"{report.settings.track} · {report.settings.adversary}"
     out.print(Panel(table, title=title, expand=False, highlight=False))
 
 

@@ -103,7 +103,7 @@ def benchmark(
 
     Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
     adversaries: what is finished is not repeated. DIR receives results.json, table.md, pictures/
-    and timings.json; cells/ holds each run, stores/ all evaluations.
+    and timings.json; runs/ holds each run, stores/ all evaluations.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with told_in_a_sentence():
@@ -136,7 +136,7 @@ def benchmark(
                     folder,
                     workers=workers or cores(),
                     references=known,
-                    listener=bars,
+                    callback=bars,
                 )
         except KeyboardInterrupt:
             _tell_how_to_resume(folder)
@@ -145,9 +145,11 @@ def benchmark(
 
 
 def _tell_how_to_resume(folder: Path) -> None:
-    cells = sum(1 for _ in folder.glob("cells/*/*/[!.]*/cell.json"))
+    from sada_gym.benchmark.folder import finished_runs
+
+    count = len(finished_runs(folder))
     err.print(
-        f"\nStopped. {cells:,} finished cells and all evaluations are kept in {folder}.",
+        f"\nStopped. {count:,} finished runs and all evaluations are kept in {folder}.",
         highlight=False,
     )
     err.print("Go on with the same command:", highlight=False)

@@ -1,4 +1,4 @@
-"""The benchmark's progress on the terminal: cells, rate, time left, what each process is at."""
+"""The benchmark's progress on the terminal: runs, rate, time left, what each process is at."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections import deque
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
+from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn
+from rich.progress import Progress as RichProgress
 
-from sada_gym.benchmark.cell import Told
-from sada_gym.benchmark.plan import CellKey, CellSettings, Plan
-from sada_gym.benchmark.tables import short_name
+from sada_gym.benchmark.folder import Timing
+from sada_gym.benchmark.plan import Plan
+from sada_gym.benchmark.report.tables import short_name
 from sada_gym.cli.progress import Bars, clock
+from sada_gym.runs.record import RunKey, RunSettings
+from sada_gym.runs.run import Progress
 
 _WINDOW_S = 30.0
 
@@ -20,9 +23,9 @@ _Group = tuple[str, str, int]
 
 
 class BenchmarkBars(Bars):
-    """A context manager that shows a benchmark's progress; pass it on as `listener`.
+    """A context manager that shows a benchmark's progress; pass it on as `callback`.
 
-    Where the output is no terminal, each finished cell gets a line instead.
+    Where the output is no terminal, each finished run gets a line instead.
 
     Args:
         console: Where to.
@@ -30,7 +33,7 @@ class BenchmarkBars(Bars):
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._bars = Progress(
+        self._bars = RichProgress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
@@ -39,53 +42,71 @@ class BenchmarkBars(Bars):
             disable=not console.is_terminal,
         )
         self._done = self._total = self._parallel = 0
-        self._left: list[CellSettings] = []
+        self._left: list[RunSettings] = []
+        self._evaluated: dict[_Group, int] = {}  # of each group's present run, by now
         self._took: dict[tuple[str, str], list[float]] = {}
         self._all: TaskID | None = None
         self._tasks: dict[_Group, TaskID] = {}
         self._recent: deque[tuple[float, int]] = deque()
 
-    def begin(self, plan: Plan, missing: Sequence[CellSettings]) -> None:
+    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
         """Show what there is to do."""
-        self._total = sum(1 for _ in plan.cells)
+        self._total = sum(1 for _ in plan.runs)
         self._done, self._left = self._total - len(missing), list(missing)
         self._all = self._bars.add_task(
-            "Cells", total=self._total, completed=self._done, detail="starting"
+            "Runs", total=self._total, completed=self._done, detail="starting"
         )
 
-    def hear(self, told: Told) -> None:
-        """Show what a process is at."""
-        assert self._all is not None
-        self._recent.append((time.monotonic(), told.new))
-        group = _group(told.cell)
+    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+        """Show how far a run is."""
+        task = self._task(run)
+        self._count(run, progress.evaluated)
+        counts = f" {progress.done:,}/{progress.total:,}" if progress.total else ""
+        detail = f"{run.label} ({run.table}): {progress.stage}{counts}"
+        self._bars.update(task, detail=detail)
+        self._refresh()
+
+    def on_finish(self, run: RunSettings, timing: Timing) -> None:
+        """Show that a run is finished."""
+        task = self._task(run)
+        self._count(run, timing.evaluated)
+        self._evaluated.pop(_group(run))
+        self._done += 1
+        self._left.remove(run)
+        self._took.setdefault((run.table, run.label), []).append(timing.wall_s)
+        self._bars.advance(task)
+        if not any(_group(other) == _group(run) for other in self._left):
+            self._bars.remove_task(task)
+            del self._tasks[_group(run)]
+        if not self._console.is_terminal:
+            took = clock(timing.wall_s)
+            line = f"{self._done}/{self._total} runs: {run}, {took}; {self._outlook()}"
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+        self._refresh()
+
+    def _task(self, run: RunSettings) -> TaskID:
+        """Give the line of a run's group."""
+        group = _group(run)
         if group not in self._tasks:
             track, agent, seed = group
             name = " ".join(filter(None, (short_name(track), agent, f"seed {seed}")))
-            count = sum(_group(cell) == group for cell in self._left)
+            count = sum(_group(other) == group for other in self._left)
             self._tasks[group] = self._bars.add_task(f"  {name}", total=count, detail="")
-        if told.wall_s is None:
-            counts = f" {told.done:,}/{told.total:,}" if told.total else ""
-            detail = f"{told.cell.label} ({told.cell.table}): {told.stage}{counts}"
-            self._bars.update(self._tasks[group], detail=detail)
-        else:
-            self._finished(told, told.wall_s, self._tasks[group])
+        return self._tasks[group]
+
+    def _count(self, run: RunSettings, evaluated: int) -> None:
+        """Add what a run has evaluated since it was last heard of."""
+        before = self._evaluated.get(_group(run), 0)
+        # a run that is done again, after its process died, counts from 0
+        self._recent.append((time.monotonic(), max(0, evaluated - before)))
+        self._evaluated[_group(run)] = evaluated
+
+    def _refresh(self) -> None:
+        assert self._all is not None
         self._bars.update(self._all, completed=self._done, detail=self._outlook())
 
-    def _finished(self, told: Told, wall_s: float, task: TaskID) -> None:
-        self._done += 1
-        self._left.remove(told.cell)
-        self._took.setdefault((told.cell.table, told.cell.label), []).append(wall_s)
-        self._bars.advance(task)
-        if not any(_group(cell) == _group(told.cell) for cell in self._left):
-            self._bars.remove_task(task)
-            del self._tasks[_group(told.cell)]
-        if not self._console.is_terminal:
-            outlook = self._outlook()
-            line = f"{self._done}/{self._total} cells: {told.cell}, {clock(wall_s)}; {outlook}"
-            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
-
     def _outlook(self) -> str:
-        """The rate of evaluations, and the time left as the cells so far tell."""
+        """The rate of evaluations, and the time left as the runs so far tell."""
         now = time.monotonic()
         while self._recent and self._recent[0][0] < now - _WINDOW_S:
             self._recent.popleft()
@@ -94,18 +115,18 @@ class BenchmarkBars(Bars):
         parts = [f"{rate:,.0f} queries/s" if rate >= 10 else f"{rate:.1f} queries/s"]
         if self._took and self._left:
             self._parallel = max(self._parallel, len(self._tasks))
-            side_by_side = min(self._parallel, len({_group(cell) for cell in self._left}))
+            side_by_side = min(self._parallel, len({_group(run) for run in self._left}))
             means = {key: sum(took) / len(took) for key, took in self._took.items()}
             usual = sum(means.values()) / len(means)
-            left = sum(means.get((cell.table, cell.label), usual) for cell in self._left)
+            left = sum(means.get((run.table, run.label), usual) for run in self._left)
             parts.append(f"about {clock(left / max(1, side_by_side))} left")
         return ", ".join(parts)
 
-    def finish(self) -> None:
+    def on_report(self) -> None:
         """Show that the report is being written."""
         if self._all is not None:
             self._bars.update(self._all, completed=self._total, detail="writing the report")
 
 
-def _group(cell: CellKey) -> _Group:
-    return cell.track, cell.agent, cell.seed
+def _group(run: RunKey) -> _Group:
+    return run.track, run.agent, run.seed

@@ -7,23 +7,25 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    Progress,
     ProgressColumn,
     SpinnerColumn,
     Task,
     TaskID,
     TextColumn,
 )
+from rich.progress import (
+    Progress as RichProgress,
+)
 from rich.text import Text
 from typing_extensions import Self
 
-from sada_gym.attack import Stage
+from sada_gym.attack import Progress, Stage
 
 
 class Bars:
     """A context manager that shows bars while it is open."""
 
-    _bars: Progress
+    _bars: RichProgress
 
     def __enter__(self) -> Self:
         """Start showing."""
@@ -41,7 +43,7 @@ class Bars:
 
 
 class AttackBars(Bars):
-    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
+    """A context manager that shows an attack's progress; pass it to `attack` as `on_progress`.
 
     Args:
         console: Where to.
@@ -49,7 +51,7 @@ class AttackBars(Bars):
     """
 
     def __init__(self, console: Console, adversary: str) -> None:
-        self._bars = Progress(
+        self._bars = RichProgress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             BarColumn(bar_width=28),
@@ -60,18 +62,24 @@ class AttackBars(Bars):
         self._tasks: dict[Stage, TaskID] = {}
         self._learning: TaskID | None = None
 
-    def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
-        """Show that `done` of `total` evaluations of a stage are there."""
-        if stage not in self._tasks:
-            self._begin(stage, total)
-        self._bars.update(self._tasks[stage], completed=done, known=known)
+    def __call__(self, progress: Progress) -> None:
+        """Show how far a stage is."""
+        if progress.stage not in self._tasks:
+            self._begin(progress.stage, progress.total)
+        task = self._tasks[progress.stage]
+        self._bars.update(task, completed=progress.done, known=progress.known)
 
     def _begin(self, stage: Stage, total: int) -> None:
-        descriptions = {"train": "Queries", "test": "Test samples", "pictures": "Pictures"}
-        if stage != "train" and self._learning is not None:
+        descriptions: dict[Stage, str] = {
+            "training": "Queries",
+            "testing": "Test samples",
+            "measuring": "Measures",
+            "drawing": "Pictures",
+        }
+        if stage != "training" and self._learning is not None:
             self._bars.update(self._learning, total=1, completed=1)
-        self._tasks[stage] = self._bars.add_task(descriptions[stage], total=total, known=0)
-        if stage == "train":
+        self._tasks[stage] = self._bars.add_task(descriptions[stage], total=total or 1, known=0)
+        if stage == "training":
             self._learning = self._bars.add_task(f"Training {self._adversary}", total=None)
 
 

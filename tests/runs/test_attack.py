@@ -14,7 +14,7 @@ from sada_gym.attack import attack
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.runs.record import AttackReport, read_samples
+from sada_gym.runs.record import RunReport, read_samples
 
 SETTINGS = {"budget": 100, "samples": 30, "seed": 3, "pictures": False}
 
@@ -25,7 +25,7 @@ def run(out, problem=None, adversary=Greedy, **settings):
 
 def test_an_attack_writes_its_folder(tmp_path):
     told = []
-    result = run(tmp_path / "a" / "b", pictures=True, progress=lambda *event: told.append(event))
+    result = run(tmp_path / "a" / "b", pictures=True, on_progress=told.append)
     assert sorted(path.name for path in result.folder.iterdir()) == [
         "adversary",
         "attack.json",
@@ -36,8 +36,18 @@ def test_an_attack_writes_its_folder(tmp_path):
         "samples.npz",
         "scores.png",
     ]
-    assert [event[0] for event in told] == ["train"] * 2 + ["test"] + ["pictures"] * 2
-    report = read_model(result.folder / "result.json", AttackReport)
+    stages = [(one.stage, one.done, one.total) for one in told]
+    assert stages == [
+        ("training", 0, 100),
+        ("training", 50, 100),
+        ("training", 100, 100),
+        ("testing", 0, 30),
+        ("testing", 30, 30),
+        ("measuring", 0, 0),
+        ("drawing", 0, 0),
+    ]
+    assert told[-2].evaluated == 130
+    report = read_model(result.folder / "result.json", RunReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")
     np.testing.assert_array_equal(samples.mu, result.samples.mu)
@@ -45,9 +55,9 @@ def test_an_attack_writes_its_folder(tmp_path):
     np.testing.assert_array_equal(replayed.score, samples.score)
     assert report.afr == replayed.fooled.mean() == report.fooled / 30
     assert report.afr_interval_95[0] < report.afr <= report.afr_interval_95[1]
-    assert report.training.queries == len(result.queries) == 100
-    assert 0 < report.training.fooling_rate < report.afr
-    assert 0 < report.nearest_query.minimum <= report.nearest_fooling_query.median
+    assert report.search.queries == len(result.queries) == 100
+    assert 0 < report.search.fooling_rate < report.afr
+    assert 0 < report.novelty.minimum <= report.nearest_fooling_query.median
     assert report.settings.fingerprint == "toy"
     assert report.settings.application_settings == {"dimension": 3, "offset": 0.0}
     assert report.settings.packages["numpy"] == np.__version__
@@ -105,8 +115,8 @@ def test_no_budget_is_no_error_of_ours(tmp_path):
             self.mean, self.std = np.zeros(3), np.ones(3)
 
     report = run(tmp_path, adversary=Idle, budget=0).report
-    assert report.nearest_query is None
-    assert report.training.fooling_rate is None
+    assert (report.novelty, report.nearest_fooling_query) == (None, None)
+    assert report.search.fooling_rate is None
 
 
 def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
@@ -122,8 +132,8 @@ def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
     [
         ({"budget": 200}, "budget was 100 and is 200"),
         ({"seed": 4}, "seed was 3 and is 4"),
-        ({"options": {"best": 5}}, r"options was \{\} and is \{'best': 5\}"),
-        ({"problem": Toy(offset=0.1)}, "application_settings was .*'offset': 0.0.* is .*0.1"),
+        ({"options": {"best": 5}}, "options.best was None and is 5"),
+        ({"problem": Toy(offset=0.1)}, "application_settings.offset was 0.0 and is 0.1"),
         ({"problem": Toy(agent_id="new")}, "fingerprint was 'toy' and is 'new'"),
         ({"problem": Toy(version=1)}, "version was 0 and is 1"),
     ],
