@@ -67,7 +67,7 @@ def run_benchmark(
         WorkerError: If a run killed its process three times, or the executor gave up.
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
-    folder, references = Path(out).absolute(), Path(references)
+    folder, references = Path(out), Path(references)
     called: BenchmarkCallback = callback or Silent()
     if workers < 1:
         raise UserError(f"Expected workers of at least 1, got {workers}.")
@@ -77,9 +77,9 @@ def run_benchmark(
         missing = find_missing(folder, plan)
         called.on_start(plan, missing)
         if missing:
-            do_runs(plan, missing, folder, workers, executor, called)
+            do_runs(plan, missing, folder.absolute(), workers, executor, called)
         called.on_report()
-        return report_benchmark(Path(out), references, notes=plan.notes)
+        return report_benchmark(folder, references, notes=plan.notes)
 
 
 def report_benchmark(

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from bench_toys import ANALYTIC, suite
+from bench_toys import ANALYTIC, make_reference, suite
 
 from sada_gym import adversaries
 from sada_gym.adversaries.bbgan_boost import split_budget
@@ -220,3 +220,15 @@ def test_the_papers_tables_are_whole():
     assert paper.table_1("sada", "Truck") is None
     assert paper.class_row("gmm50").afr[2] == 16.4
     assert paper.class_row("sada") is None
+
+
+def test_too_few_samples_to_measure_by_are_refused_beforehand(tmp_path):
+    make_reference(tmp_path, ANALYTIC)
+    for samples, fits in ((5, False), (6, True)):
+        chosen = choose(suite("ideal", "random"), samples=samples)
+        if fits:
+            assert {run.samples for run in make_plan(chosen, tmp_path).runs} == {6}
+            continue
+        with pytest.raises(ValueError, match=r"at least 6 test samples on SADA-Analytic-v0.*got 5"):
+            make_plan(chosen, tmp_path)
+    assert make_plan(choose(suite("random"), samples=5), tmp_path / "none")  # nothing to measure by

@@ -199,6 +199,21 @@ def test_a_file_in_the_folders_place_is_refused(tmp_path):
     assert (tmp_path / "out").read_text() == "mine"
 
 
+def test_a_collapsed_sampler_is_flagged(tmp_path):
+    class Collapsed(Greedy):
+        def sample(self, n):
+            return np.full((n, 3), 0.2, np.float32)
+
+    [flag] = run(tmp_path, adversary=Collapsed).report.flags
+    assert "nearly one point" in flag
+
+
+def test_the_ideal_needs_a_reference_set(tmp_path):
+    with pytest.raises(ValueError, match="Expected ideal on a track that has a reference set"):
+        attack(Toy(), "ideal", out=tmp_path / "toy")
+    assert not (tmp_path / "toy").exists()
+
+
 def test_too_few_samples_are_the_adversarys_fault(tmp_path):
     class Short(Greedy):
         name = "short"
