@@ -25,7 +25,7 @@ from sada_gym.runs.record import (
     RESULT_FILE,
     SAMPLES_FILE,
     STORE_FILE,
-    ReferenceMark,
+    ReferenceSummary,
     RunReport,
     RunSettings,
     claim_folder,
@@ -142,7 +142,7 @@ def attack(
             **_attacked(environment, application),
             **_attacker(adversary, preset, options or {}),
             **numbers,
-            reference=None if reference is None else ReferenceMark.of(reference),
+            reference=None if reference is None else ReferenceSummary.of(reference),
             packages=packages(application, type(solver)),
         )
         claim_folder(folder, settings, resume=resume)
@@ -181,7 +181,7 @@ def _reference(environment: str | Application, application: Application) -> Refe
     """Load the points that `ideal` draws from."""
     track = environment if isinstance(environment, str) else ""
     reference = load_reference(track, application)
-    if reference is None or not ReferenceMark.of(reference).usable:
+    if reference is None or not ReferenceSummary.of(reference).usable:
         raise UserError(
             f"Expected {IDEAL} on a track that has a reference set, got "
             f"{track or application.name}. Choose another adversary."

@@ -20,7 +20,7 @@ from sada_gym.parameters import Mu
 from sada_gym.registration import make_application
 from sada_gym.runs.ideal import IDEAL, Ideal
 from sada_gym.runs.packages import in_order, packages
-from sada_gym.runs.record import ReferenceMark, RunSettings, json_compatible
+from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +85,14 @@ class _Target:
     reference: Reference | None
 
     @property
-    def mark(self) -> ReferenceMark | None:
+    def summary(self) -> ReferenceSummary | None:
         """What is recorded of the reference set."""
-        return None if self.reference is None else ReferenceMark.of(self.reference)
+        return None if self.reference is None else ReferenceSummary.of(self.reference)
 
     def halves(self) -> tuple[Mu, Mu] | tuple[None, None]:
         """Points to measure by and points to draw from, where there are enough of them."""
-        mark = self.mark
-        if self.reference is None or mark is None or not mark.usable:
+        summary = self.summary
+        if self.reference is None or summary is None or not summary.usable:
             return None, None
         return self.reference.halves()
 
@@ -187,11 +187,11 @@ def _settings(
     kind: type[Adversary],
     seed: int,
 ) -> RunSettings:
-    application, context, mark = target.application, target.context, target.mark
+    application, context, summary = target.application, target.context, target.summary
     rule = table.budget_of.get(application.name, table.budget)
     ideal = contender.adversary == IDEAL
     samples = table.samples or application.sample_size
-    if mark is not None and mark.usable and samples <= NEAREST:
+    if summary is not None and summary.usable and samples <= NEAREST:
         raise UserError(
             f"Expected at least {NEAREST + 1} test samples on {target.track}, which has a "
             f"reference set to measure coverage by, got {samples} (table {table.name}). "
@@ -214,7 +214,7 @@ def _settings(
         version=context.version,
         application_settings=json.loads(context.settings),
         fingerprint=context.fingerprint,
-        reference=mark,
+        reference=summary,
         packages=packages(application, kind),
     )
 

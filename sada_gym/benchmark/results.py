@@ -24,7 +24,7 @@ from sada_gym.files import Strict, read_model, write_model
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
-from sada_gym.runs.record import ReferenceMark, RunFailure, RunKey, RunReport, RunSettings
+from sada_gym.runs.record import ReferenceSummary, RunFailure, RunKey, RunReport, RunSettings
 
 RESULTS_FILE = "results.json"
 TIMINGS_FILE = "timings.json"
@@ -53,7 +53,7 @@ class Target(Strict):
     application_settings: dict[str, Any]
     fingerprint: str
     fooling_threshold: float
-    reference: ReferenceMark | None
+    reference: ReferenceSummary | None
     seeds: tuple[int, ...]
 
 

@@ -82,7 +82,7 @@ class ImageNovelty(Strict):
 
 
 class Measures(Strict):
-    """What the test samples tell.
+    """What is measured of the test samples.
 
     Attributes:
         afr: The attack fooling rate.

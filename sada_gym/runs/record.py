@@ -27,7 +27,7 @@ STORE_FILE = "run.sqlite"
 ADVERSARY_FOLDER = "adversary"
 
 
-class ReferenceMark(Strict):
+class ReferenceSummary(Strict):
     """The reference set that a run is measured against.
 
     Attributes:
@@ -113,7 +113,7 @@ class RunSettings(RunKey):
     version: int
     application_settings: dict[str, Any]
     fingerprint: str
-    reference: ReferenceMark | None = None
+    reference: ReferenceSummary | None = None
     packages: dict[str, str]
 
     def target(self) -> dict[str, Any]:

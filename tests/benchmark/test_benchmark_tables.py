@@ -6,7 +6,7 @@ from sada_gym.benchmark.report.tables import short_name, write_tables
 from sada_gym.benchmark.results import Results, RunSummary, Target, rows_of_runs
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.runs.measure import FeasibleRate, Measures, Search
-from sada_gym.runs.record import ReferenceMark
+from sada_gym.runs.record import ReferenceSummary
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
@@ -56,7 +56,7 @@ def run(
 
 
 def report(tmp_path, runs, notes=()):
-    mark = ReferenceMark(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
+    mark = ReferenceSummary(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
     targets = tuple(
         Target(
             track=track,

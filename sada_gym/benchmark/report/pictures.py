@@ -90,8 +90,8 @@ def _worlds(
     worlds = {}
     for target in results.targets:
         application = open_application(target.track, target.agent)
-        mark = target.reference
-        usable = mark is not None and mark.usable
+        summary = target.reference
+        usable = summary is not None and summary.usable
         reference = load_reference(target.track, application, references) if usable else None
         fooling_set = None if reference is None else reference.fooling_set
         worlds[target.track, target.agent] = (application.parameters, fooling_set)

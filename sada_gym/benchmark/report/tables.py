@@ -291,14 +291,16 @@ def _targets(results: Results) -> Iterator[str]:
         ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
     )
     for target in results.targets:
-        mark = target.reference
+        reference = target.reference
         yield _line(
             target.track,
             target.agent or _BLANK,
             f"{target.fooling_threshold:g}",
             f"{len(target.seeds)}",
-            f"{mark.points:,}" if mark else "none",
-            f"{mark.fooling / mark.points:.1%}".replace("%", " %") if mark else _BLANK,
+            f"{reference.points:,}" if reference else "none",
+            f"{reference.fooling / reference.points:.1%}".replace("%", " %")
+            if reference
+            else _BLANK,
             f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
         )
     yield ""
