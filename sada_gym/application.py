@@ -200,6 +200,17 @@ def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> 
     return row, validate_seeds([seed], 1)[0]
 
 
+def fold_seed(seed: int) -> int:
+    """Give an evaluation seed for any int from 0 up.
+
+    One below 2**31 is its own. A larger one becomes the upper 31 bits of the first word that
+    NumPy's `SeedSequence` makes of it, so that s and 2**31 + s have nothing in common.
+    """
+    if seed < SEED_BOUND:
+        return seed
+    return int(np.random.SeedSequence(seed).generate_state(1, np.uint32)[0]) >> 1
+
+
 def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) -> list[int]:
     """Check that there are `count` seeds, ints in [0, 2**31), and give them as Python ints.
 

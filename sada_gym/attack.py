@@ -12,11 +12,11 @@ from typing import Any
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
 from sada_gym.evaluation.store import Context
-from sada_gym.files import write_folder, write_model
+from sada_gym.files import file_errors, write_folder, write_model
 from sada_gym.measures.reference import Reference, load_reference
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.packages import packages
@@ -124,11 +124,10 @@ def attack(
         )
     now = True
     try:
-        numbers = _checked(
-            budget=(budget, 0),
-            samples=(application.sample_size if samples is None else samples, 1),
-            seed=(seed, 0),
-        )
+        count = application.sample_size if samples is None else samples
+        refuse_number("budget", budget, 0, MAX_QUERIES)
+        refuse_number("samples", count, 1, MAX_QUERIES)
+        refuse_number("seed", seed, 0)
         reference = _reference(environment, application) if adversary == IDEAL else None
         solver = make_adversary(
             adversary,
@@ -141,11 +140,14 @@ def attack(
         settings = RunSettings(
             **_attacked(environment, application),
             **_attacker(adversary, preset, options or {}),
-            **numbers,
+            budget=budget,
+            samples=count,
+            seed=seed,
             reference=None if reference is None else ReferenceSummary.of(reference),
             packages=packages(application, type(solver)),
         )
-        claim_folder(folder, settings, resume=resume)
+        with file_errors("make the folder", folder):
+            claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
         context = RunContext(evaluator, application, on_progress=on_progress)
         result = _run(Run(settings, solver, context), folder)
@@ -172,7 +174,7 @@ def _run(run: Run, folder: Path) -> AttackResult:
 def _draw(result: AttackResult, application: Application, on_progress: OnProgress) -> AttackResult:
     from sada_gym.plots.attack import draw_pictures
 
-    on_progress(Progress("drawing"))
+    on_progress(Progress("pictures"))
     drawn = draw_pictures(application, result.samples, result.queries, result.folder)
     return replace(result, pictures=drawn)
 
@@ -220,11 +222,3 @@ def _attacker(
         "options": given,
         "resolved": json_compatible(resolved),
     }
-
-
-def _checked(**numbers: tuple[int, int]) -> dict[str, Any]:
-    """Give numbers by name, each of which comes with the least that it may be."""
-    for name, (value, least) in numbers.items():
-        if value < least:
-            raise UserError(f"Expected {name} of at least {least}, got {value}.")
-    return {name: value for name, (value, _) in numbers.items()}

@@ -1,8 +1,10 @@
-"""What libraries change for the whole process, put back: global generators, torch's threads."""
+"""What libraries keep for the whole process: global generators, torch's threads."""
 
 from __future__ import annotations
 
+import os
 import random
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -40,3 +42,17 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
+
+
+def _one_thread_in_a_fork() -> None:
+    """Let a forked process compute in one thread.
+
+    OpenMP's threads do not live on in it, and it would wait for them for ever.
+    """
+    torch = sys.modules.get("torch")
+    if torch is not None and hasattr(torch, "set_num_threads"):  # else it is being imported
+        torch.set_num_threads(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_one_thread_in_a_fork)

@@ -87,7 +87,7 @@ def sees(out: Path, token: str) -> bool:
 
 
 class ProgressFile:
-    """Writes a run's progress, at most twice a second, or when a stage begins.
+    """Writes a run's progress, at most twice a second, or when a stage first begins.
 
     Args:
         out: The benchmark's folder.
@@ -97,7 +97,7 @@ class ProgressFile:
 
     def __init__(self, out: Path, token: str, run: RunKey) -> None:
         self._out, self._token, self._run = out, token, run
-        self._stage: str | None = None
+        self._stages: set[str] = set()
         self._written = 0.0
 
     def __call__(self, progress: Progress) -> None:
@@ -106,13 +106,14 @@ class ProgressFile:
         Raises:
             Abandoned: If the benchmark has ended.
         """
-        if progress.stage == self._stage and time.monotonic() - self._written < _EVERY_S:
+        if progress.stage in self._stages and time.monotonic() - self._written < _EVERY_S:
             return
         if not sees(self._out, self._token):
             raise Abandoned(f"The benchmark that wanted {self._run} has ended.")
         path = _file(self._out, self._run)
         _write(path, json.dumps({"run": str(self._run), **asdict(progress)}))
-        self._stage, self._written = progress.stage, time.monotonic()
+        self._stages.add(progress.stage)
+        self._written = time.monotonic()
 
 
 def read_progress(out: Path, run: RunKey) -> Progress | None:

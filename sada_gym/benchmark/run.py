@@ -15,7 +15,9 @@ from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, write_results
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Suite
-from sada_gym.errors import UserError
+from sada_gym.errors import refuse_number
+from sada_gym.evaluation.workers import MAX_WORKERS
+from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
 
 
@@ -69,10 +71,10 @@ def run_benchmark(
     """
     folder, references = Path(out), Path(references)
     called: BenchmarkCallback = callback or Silent()
-    if workers < 1:
-        raise UserError(f"Expected workers of at least 1, got {workers}.")
+    refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
-    claim(folder, plan)
+    with file_errors("make the folder", folder):
+        claim(folder, plan)
     with sole_user(folder):
         missing = find_missing(folder, plan)
         called.on_start(plan, missing)

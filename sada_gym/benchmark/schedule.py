@@ -207,7 +207,7 @@ class _Schedule:
     def _submit(self, chain: _Chain) -> None:
         stored, path = None, store_file(self._out, chain.group)
         if not self._visible:
-            self._callback.on_progress(chain.run, Progress("training", total=chain.run.budget))
+            self._callback.on_progress(chain.run, Progress("train", total=chain.run.budget))
             if path.exists():
                 stored = path.read_bytes()
         job = RunJob(

@@ -1,19 +1,24 @@
-"""The benchmark's progress on the terminal: runs, rate, time left, what each process is at."""
+"""How far a benchmark is: runs, rate, time left, and what each process does."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn
 from rich.progress import Progress as RichProgress
+from typing_extensions import Self
 
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import Plan
 from sada_gym.benchmark.report.tables import short_name
-from sada_gym.cli.progress import Bars, clock
+from sada_gym.cli.console import say
+from sada_gym.cli.kernels import COMPILING, will_compile
+from sada_gym.cli.progress import Ticker, clock
 from sada_gym.runs.record import RunKey, RunSettings
 from sada_gym.runs.run import Progress
 
@@ -22,10 +27,11 @@ _WINDOW_S = 30.0
 _Group = tuple[str, str, int]
 
 
-class BenchmarkBars(Bars):
+class BenchmarkProgress:
     """A context manager that shows a benchmark's progress; pass it on as `callback`.
 
-    Where the output is no terminal, each finished run gets a line instead.
+    Where the output is no terminal, each finished run gets a line instead, and so does every half
+    minute.
 
     Args:
         console: Where to.
@@ -43,59 +49,86 @@ class BenchmarkBars(Bars):
         )
         self._done = self._total = self._parallel = 0
         self._left: list[RunSettings] = []
-        self._evaluated: dict[_Group, int] = {}  # of each group's present run, by now
         self._took: dict[tuple[str, str], list[float]] = {}
         self._all: TaskID | None = None
         self._tasks: dict[_Group, TaskID] = {}
+        self._doing: dict[_Group, str] = {}
+        self._evaluated: dict[_Group, int] = {}  # by each group's present run
         self._recent: deque[tuple[float, int]] = deque()
+        self._lock = threading.RLock()  # the ticker's thread reads what the other one writes
+        self._ticker = Ticker(console, self._show_line)
+
+    def __enter__(self) -> Self:
+        """Start showing."""
+        self._bars.start()
+        self._ticker.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop showing."""
+        self._ticker.__exit__(kind, error, traceback)
+        self._bars.stop()
 
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
         """Show what there is to do."""
         self._total = sum(1 for _ in plan.runs)
         self._done, self._left = self._total - len(missing), list(missing)
+        detail = COMPILING if missing and will_compile() else "starting"
         self._all = self._bars.add_task(
-            "Runs", total=self._total, completed=self._done, detail="starting"
+            "Runs", total=self._total, completed=self._done, detail=detail
         )
+        if detail == COMPILING and not self._console.is_terminal:
+            say("", COMPILING, console=self._console)
 
     def on_progress(self, run: RunSettings, progress: Progress) -> None:
         """Show how far a run is."""
-        task = self._task(run)
-        self._count(run, progress.evaluated)
-        counts = f" {progress.done:,}/{progress.total:,}" if progress.total else ""
-        detail = f"{run.label} ({run.table}): {progress.stage}{counts}"
-        self._bars.update(task, detail=detail)
-        self._refresh()
+        with self._lock:
+            task = self._task(run)
+            self._count(run, progress.evaluated)
+            counts = f" {progress.done:,}/{progress.total:,}" if progress.total else ""
+            detail = f"{run.label} ({run.table}): {progress.stage}{counts}"
+            self._doing[_group(run)] = f"{short_name(run.track)} seed {run.seed}, {detail}"
+            self._bars.update(task, detail=detail)
+            self._refresh()
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
         """Show that a run is finished."""
-        task = self._task(run)
-        self._count(run, timing.evaluated)
-        self._evaluated.pop(_group(run))
-        self._done += 1
-        self._left.remove(run)
-        self._took.setdefault((run.table, run.label), []).append(timing.wall_s)
-        self._bars.advance(task)
-        if not any(_group(other) == _group(run) for other in self._left):
-            self._bars.remove_task(task)
-            del self._tasks[_group(run)]
-        if not self._console.is_terminal:
-            took = clock(timing.wall_s)
-            line = f"{self._done}/{self._total} runs: {run}, {took}; {self._outlook()}"
-            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
-        self._refresh()
+        with self._lock:
+            task, group = self._task(run), _group(run)
+            self._count(run, timing.evaluated)
+            self._evaluated.pop(group)
+            self._done += 1
+            self._left.remove(run)
+            self._took.setdefault((run.table, run.label), []).append(timing.wall_s)
+            self._bars.advance(task)
+            self._doing.pop(group, None)
+            if not any(_group(other) == group for other in self._left):
+                self._bars.remove_task(task)
+                del self._tasks[group]
+            if not self._console.is_terminal:
+                took = clock(timing.wall_s)
+                line = f"{self._done}/{self._total} runs: {run}, {took}; {self._outlook()}"
+                say("", line, console=self._console)
+            self._refresh()
 
     def _task(self, run: RunSettings) -> TaskID:
         """Give the line of a run's group."""
         group = _group(run)
         if group not in self._tasks:
-            track, agent, seed = group
-            name = " ".join(filter(None, (short_name(track), agent, f"seed {seed}")))
-            count = sum(_group(other) == group for other in self._left)
-            self._tasks[group] = self._bars.add_task(f"  {name}", total=count, detail="")
+            runs = sum(1 for other in self._left if _group(other) == group)
+            name = " ".join((short_name(run.track), run.agent)).strip()
+            self._tasks[group] = self._bars.add_task(
+                f"{name} seed {run.seed}", total=runs, detail=""
+            )
         return self._tasks[group]
 
     def _count(self, run: RunSettings, evaluated: int) -> None:
-        """Add what a run has evaluated since it was last heard of."""
+        """Add what a run has evaluated since its last report."""
         before = self._evaluated.get(_group(run), 0)
         # a run that is done again, after its process died, counts from 0
         self._recent.append((time.monotonic(), max(0, evaluated - before)))
@@ -104,6 +137,13 @@ class BenchmarkBars(Bars):
     def _refresh(self) -> None:
         assert self._all is not None
         self._bars.update(self._all, completed=self._done, detail=self._outlook())
+
+    def _show_line(self) -> None:
+        """Print one line on all that is done now."""
+        with self._lock:
+            doing = "; ".join(self._doing.values()) or "starting"
+            line = f"{self._done}/{self._total} runs, {self._outlook()}: {doing}"
+        say("", line, console=self._console)
 
     def _outlook(self) -> str:
         """The rate of evaluations, and the time left as the runs so far tell."""

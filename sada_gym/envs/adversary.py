@@ -12,9 +12,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, validate_seeds
+from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
 from sada_gym.envs.checks import (
+    check_reset_options,
     checked_render_mode,
+    checked_seed,
     warn_without_render_mode,
 )
 from sada_gym.envs.vector import SeededVectorEnv
@@ -77,10 +79,16 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; a seed is that of its first evaluation, below 2**31."""
-        if seed is not None:
-            (seed,) = validate_seeds([seed], 1)
-        super().reset(seed=seed, options=options)
+        """Begin an episode. No evaluation takes place, so the info is empty.
+
+        Args:
+            seed: Any int from 0 up. Below 2**31 it is the seed of the first evaluation; a larger
+                one means the same as `sada_gym.application.fold_seed(seed)`.
+            options: There are none.
+        """
+        check_reset_options(options)
+        seed = _folded(checked_seed(seed))
+        super().reset(seed=seed)
         self._episodes.start(0, _draw_seed(self.np_random) if seed is None else seed)
         return self._episodes.observation[0].copy(), {}
 
@@ -130,7 +138,6 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         **AdversaryEnv.metadata,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
-    _bounded_seeds = True
 
     def __init__(
         self,
@@ -157,7 +164,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         """Begin all episodes, or those in the boolean array `options["reset_mask"]`.
 
         Args:
-            seed: An int (environment i gets seed + i) or a sequence of one seed an environment.
+            seed: An int (environment i gets seed + i) or a sequence of one seed an environment;
+                from 0 up, see `AdversaryEnv.reset`.
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
         for i, given in self._reseeded(seed, options):
@@ -204,6 +212,9 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     def close_extras(self, **_: Any) -> None:
         """Free what the application holds."""
         self.application.close()
+
+    def _own_seed(self, given: int | None) -> int | None:
+        return _folded(given)
 
     def _next_seed(self, index: int) -> int:
         return _draw_seed(self._generators[index])
@@ -273,6 +284,10 @@ def _spaces(application: Application) -> tuple[gym.spaces.Box[Any], gym.spaces.B
         gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
         gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
     )
+
+
+def _folded(seed: int | None) -> int | None:
+    return None if seed is None else fold_seed(seed)
 
 
 def _draw_seed(generator: np.random.Generator) -> int:

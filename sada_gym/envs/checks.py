@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +12,8 @@ import numpy.typing as npt
 from sada_gym.application import validate_seeds
 from sada_gym.errors import UserError
 
+RESET_MASK = "reset_mask"
+
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
     """Give a render mode back.
@@ -19,7 +21,7 @@ def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | 
     Raises:
         ValueError: If it is none of the known ones.
     """
-    if render_mode is not None and render_mode not in known:
+    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in known):
         raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
     return render_mode
 
@@ -106,33 +108,58 @@ def _is_number(given: Any) -> bool:
     return isinstance(given, int | float | np.number) and not isinstance(given, bool)
 
 
-def spread_seeds(
-    seed: int | Sequence[int | None] | None, count: int, *, bounded: bool
-) -> list[int | None]:
+def checked_seed(seed: int | None) -> int | None:
+    """Give the seed of a reset back as a Python int.
+
+    Raises:
+        ValueError: If it is no int from 0 up.
+    """
+    return None if seed is None else validate_seeds([seed], 1, bounded=False)[0]
+
+
+def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
     """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
 
     Raises:
-        ValueError: If there is not one for each, or one is not what `validate_seeds` takes.
+        ValueError: If there is not one for each, or one is no int from 0 up.
     """
     if seed is None:
         return [None] * count
-    if isinstance(seed, int | np.integer):
-        seed = [int(seed) + i for i in range(count)]
+    if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray):
+        (first,) = validate_seeds([seed], 1, bounded=False)
+        return [first + i for i in range(count)]
     if len(seed) != count:
         raise UserError(
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
-    return [None if one is None else validate_seeds([one], 1, bounded=bounded)[0] for one in seed]
+    return [checked_seed(one) for one in seed]
+
+
+def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:
+    """Check the options of a reset.
+
+    Gymnasium lets an environment ignore what it does not know. A misspelt mask or a seed among the
+    options would then change nothing without a word.
+
+    Raises:
+        ValueError: If one is not among the known ones.
+    """
+    for name in options or {}:
+        if name not in known:
+            takes = f"reset options among {list(known)}" if known else "no reset options"
+            hint = " Pass the seed as reset(seed=...)." if name == "seed" else ""
+            raise UserError(f"Expected {takes}, got {name!r}.{hint}")
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
     """Which of `count` environments are to be reset: those in `options["reset_mask"]`, or all.
 
     Raises:
-        ValueError: If the mask is no array of bool, (count,).
+        ValueError: If the mask is no array of bool, (count,), or there are other options.
     """
-    mask = (options or {}).get("reset_mask")
+    check_reset_options(options, (RESET_MASK,))
+    mask = (options or {}).get(RESET_MASK)
     if mask is None:
         return range(count)
     mask = np.asarray(mask)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import (
     checked_num_envs,
@@ -26,13 +27,14 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
     Args:
         num_envs: Number of environments.
         render_mode: Among those of the class's `metadata`.
-    """
 
-    _bounded_seeds: ClassVar[bool] = False
-    """Whether seeds are those of evaluations, below 2**31."""
+    Attributes:
+        autoreset_mode: That of `metadata`, once more: some clients look for it here.
+    """
 
     def __init__(self, *, num_envs: int, render_mode: str | None) -> None:
         self.num_envs = checked_num_envs(num_envs)
+        self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
 
@@ -41,11 +43,15 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         """One generator an environment."""
         return tuple(self._generators)
 
+    def _own_seed(self, given: int | None) -> int | None:
+        """What an environment makes of its seed."""
+        return given
+
     def _reseeded(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
     ) -> Iterator[tuple[int, int | None]]:
         """Give those that a reset concerns, each with its seed, by then its generator's too."""
-        seeds = spread_seeds(seed, self.num_envs, bounded=self._bounded_seeds)
+        seeds = [self._own_seed(given) for given in spread_seeds(seed, self.num_envs)]
         for i in reset_mask(options, self.num_envs):
             given = seeds[i]
             if given is not None:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from typing_extensions import Self
 
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.files import Strict, read_model, write_file, write_model
+from sada_gym.files import Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.runs.measure import Distances, Measures, Search
@@ -50,7 +48,7 @@ class ReferenceSummary(Strict):
             sha256=entry.sha256,
             points=entry.points,
             fooling=int(reference.fooling.sum()),
-            uniform_rate=float(reference.fooled.sum(dtype=int) / (entry.points * entry.seeds)),
+            uniform_rate=reference.uniform_rate,
         )
 
     @property
@@ -174,39 +172,16 @@ def read_samples(path: Path) -> Evaluations:
     """Read test samples that `write_samples` wrote.
 
     Raises:
-        ValueError: If the file is missing, or does not hold n samples as described there.
+        FileError: If the file cannot be read or does not hold such samples.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            mu, score, seed = (_array(archive, name) for name in ("mu", "score", "seed"))
-    except OSError as error:
-        raise UserError(f"Expected the samples in {path}, got {error.strerror}.") from error
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise UserError(
-            f"Expected {path} to hold mu, score and seed as an attack writes them, got another "
-            f"file ({error}). Restore it, or run the attack again."
-        ) from error
-    if (
-        [array.dtype for array in (mu, score, seed)] != [np.float32, np.float64, np.int64]
-        or mu.ndim != 2
-        or not score.shape == seed.shape == mu.shape[:1]
-    ):
-        raise UserError(
-            f"Expected {path} to hold mu (n, d) float32, score (n,) float64 and seed (n,) int64, "
-            f"got {mu.shape} {mu.dtype}, {score.shape} {score.dtype} and {seed.shape} "
-            f"{seed.dtype}. Restore it, or run the attack again."
+    arrays = read_arrays(path, {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)})
+    counts = {name: len(array) for name, array in arrays.items()}
+    if len(set(counts.values())) > 1:
+        raise FileError(
+            f"Expected as many mu as scores and seeds in {path}, got {counts}. "
+            "Restore the file, or make it anew."
         )
-    return Evaluations(mu, score, seed)
-
-
-def _array(archive: zipfile.ZipFile, name: str) -> npt.NDArray[Any]:
-    # numpy.load would suggest allow_pickle=True where this does not
-    with archive.open(f"{name}.npy") as file:
-        try:
-            array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-        except ValueError as error:
-            raise ValueError(f"{name} is no array of numbers") from error
-    return array
+    return Evaluations(arrays["mu"], arrays["score"], arrays["seed"])
 
 
 def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:

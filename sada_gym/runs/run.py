@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import AdversaryError, UserError, UserTypeError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations, Oracle, Stream
+from sada_gym.evaluation.oracle import Evaluations, Oracle
 from sada_gym.measures.novelty import Neighbours, image_neighbours
 from sada_gym.measures.rates import collapse_flag
 from sada_gym.parameters import Mu
@@ -32,7 +32,8 @@ from sada_gym.runs.measure import (
 )
 from sada_gym.runs.record import RunReport, RunSettings
 
-Stage = Literal["training", "testing", "measuring", "drawing"]
+Stage = Literal["train", "learn", "sample", "test", "measure", "pictures"]
+"""What a run does now: training is to query (`train`) and to `learn` from the answers."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,22 @@ class _TimedOracle(Oracle):
             self.evaluation_s += time.process_time() - start
 
 
+class _TrainingOracle(_TimedOracle):
+    """The oracle of the training: it reports when the adversary queries and when it learns."""
+
+    on_answer: Callable[[], None]
+
+    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Score mu, see `Oracle`."""
+        self._report(0, 0)
+        scores = super().__call__(mu)
+        self.on_answer()
+        return scores
+
+
+_AnyOracle = TypeVar("_AnyOracle", bound=_TimedOracle)
+
+
 class Run:
     """A run of the paper's Algorithm 1: call `train`, `test` and `measure` in this order.
 
@@ -131,8 +148,9 @@ class Run:
         self._threshold = float(context.application.fooling_threshold)
         self.process_s = 0.0
         self.evaluated = self.known = 0
-        self._train = self._oracle("train", settings.budget, "training")
-        self._test = self._oracle("test", settings.samples, "testing")
+        self._train = self._oracle(_TrainingOracle, "train", settings.budget)
+        self._train.on_answer = lambda: self._report("learn")
+        self._test = self._oracle(_TimedOracle, "test", settings.samples)
 
     @property
     def queries(self) -> Evaluations:
@@ -155,7 +173,7 @@ class Run:
         Raises:
             AdversaryError: If it cannot learn from what it got, such as too small a budget.
         """
-        self._report("training", total=self.settings.budget)
+        self._report("train", total=self.settings.budget)
         with self._timed():
             self.adversary.train(self._train)
 
@@ -166,7 +184,7 @@ class Run:
             AdversaryError: If the adversary cannot sample, or gives something else than M samples.
         """
         count = self.settings.samples
-        self._report("testing", total=count)
+        self._report("sample")
         with self._timed():
             mu = self.adversary.sample(count)
             if np.shape(mu) != (count, self._test.dimension):
@@ -175,11 +193,12 @@ class Run:
                     f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Mend the "
                     "adversary."
                 )
+            self._report("test", total=count)
             self._test(mu)
 
     def measure(self) -> RunReport:
         """Measure the test samples and the search."""
-        self._report("measuring")
+        self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
         context = self._context
         feasible = context.application.feasible(samples.mu, samples.seed.tolist())
@@ -265,7 +284,9 @@ class Run:
         finally:
             self.process_s += time.process_time() - start
 
-    def _oracle(self, stream: Stream, budget: int, stage: Stage) -> _TimedOracle:
+    def _oracle(
+        self, kind: type[_AnyOracle], stream: Literal["train", "test"], budget: int
+    ) -> _AnyOracle:
         done_before = known_before = 0
 
         def progress(done: int, total: int, known: int) -> None:
@@ -273,9 +294,9 @@ class Run:
             self.known += known - known_before
             self.evaluated += (done - known) - (done_before - known_before)
             done_before, known_before = done, known
-            self._report(stage, done, total, known)
+            self._report(stream, done, total, known)
 
-        return _TimedOracle(
+        return kind(
             self._context.evaluator,
             budget=budget,
             seed=self.settings.seed,
@@ -309,6 +330,11 @@ def make_adversary(
     Raises:
         TypeError, ValueError: If it is unknown, or an option is.
     """
+    taken = sorted({"name", "dimension", "seed"} & set(options or {}))
+    if taken:
+        raise UserError(
+            f"Expected the adversary's own options, got {taken[0]!r}, which the run sets itself."
+        )
     chosen = {**({} if preset is None else {"preset": preset}), **(options or {})}
     if adversary == IDEAL:
         if ideal_set is None or chosen:

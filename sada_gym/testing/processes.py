@@ -9,12 +9,12 @@ import pickle
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
 from sada_gym.errors import UserError
+from sada_gym.evaluation.spawn import spawn_context
 
 Result = TypeVar("Result")
 
@@ -44,7 +44,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
         del sys.modules[name]
         raise UserError(
             f"Expected {str(path)!r} to run when imported, got {type(error).__name__}: {error}."
@@ -72,7 +72,7 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
             "only picklable attributes, and define the class at the top level of a module."
         ) from error
     file = getattr(sys.modules[home.__module__], "__file__", None)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(1, mp_context=spawn_context()) as pool:
         result: Result = pool.submit(_call, home.__module__, file, payload).result()
     return result
 

@@ -2,22 +2,22 @@ import io
 import json
 import os
 import re
+import shlex
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from interrupting import start_interruptible
 from rich.console import Console
 from rich.text import Text
 from typer.testing import CliRunner
 
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.suite import SUITES
 from sada_gym.cli import app
-from sada_gym.cli.benchmark import _spread
-from sada_gym.cli.benchmark_progress import BenchmarkBars
+from sada_gym.cli.benchmark_progress import BenchmarkProgress
 from sada_gym.runs.run import Progress
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
@@ -37,7 +37,8 @@ def references(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, references):
     out = tmp_path_factory.mktemp("cli") / "out"
-    chosen = ["-a", "ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky"]
+    names = ("ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky")
+    chosen = [word for name in names for word in ("-a", name)]
     result = run(*SMALL, *chosen, "--workers", 1, "--out", out, "--references", references)
     assert result.exit_code == 0, result.output
     return out, result
@@ -94,11 +95,15 @@ def test_report_alone_runs_nothing(done, references):
         (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
         (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
         ([*SMALL, "-a", "randm"], "Did you mean random"),
-        ([*SMALL, "-a", "random", "nowhere:Nothing"], "Install the module, or set PYTHONPATH"),
+        (
+            [*SMALL, "-a", "random", "-a", "nowhere:Nothing"],
+            "Install the module, or set PYTHONPATH",
+        ),
         ([*SMALL, "-a", "bbgan:papr"], "Expected the preset to be one of default, paper"),
         ([*SMALL, "-a", "random", "--agents", "surveyor"], "got 'agent'"),
         (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
         ([*SMALL, "--seeds", "0"], "seeds"),
+        (["--tracks", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
         (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
         ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
         ([*SMALL, "-a", "random", "--out", "."], "which holds something else"),
@@ -114,20 +119,17 @@ def test_bad_input_gets_a_sentence(args, message, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_help_names_every_suite():
+    listed = run("--help").stdout.replace(",", " ").replace(".", " ").split()
+    assert {found.name for found in SUITES} <= set(listed)
+
+
 def test_other_settings_are_refused(done, references):
     out, _ = done
     chosen = ["-a", "random", "--out", out, "--references", references]
     result = run("--tracks", ANALYTIC, "--budget", 61, "--samples", 20, "--images", 0, *chosen)
     assert result.exit_code == 2
     assert "equal-queries.budget.queries was 60 and is 61" in result.stderr
-
-
-def test_lists_spread_until_something_else_comes():
-    args = ["--tracks", "A", "B", "--seeds", "2", "-a", "x", "y", "--out", "o", "z"]
-    assert list(_spread(args)) == [
-        *["--tracks", "A", "--tracks", "B", "--seeds", "2"],
-        *["-a", "x", "-a", "y", "--out", "o", "z"],
-    ]
 
 
 def timing(evaluated, wall_s):
@@ -145,42 +147,33 @@ def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
     plan = make_plan(suite("random", "toy:Greedy", budgets=(60,), seeds=2), tmp_path)
     first, second = plan.groups[0].runs
     console = Console(force_terminal=True, width=120, file=io.StringIO())
-    with BenchmarkBars(console) as bars:
+    with BenchmarkProgress(console) as bars:
         bars.on_start(plan, list(plan.runs))
-        bars.on_progress(first, Progress("testing", 10, 30, evaluated=10))
+        bars.on_progress(first, Progress("test", 10, 30, evaluated=10))
         bars.on_finish(first, timing(evaluated=30, wall_s=65.0))
-        bars.on_progress(plan.groups[1].runs[0], Progress("training", 0, 60))
-        bars.on_progress(second, Progress("training", 5, 60, evaluated=5))
+        bars.on_progress(plan.groups[1].runs[0], Progress("train", 0, 60))
+        bars.on_progress(second, Progress("train", 5, 60, evaluated=5))
         bars._bars.refresh()
         shown = Text.from_ansi(console.file.getvalue()).plain
         bars.on_finish(second, timing(evaluated=5, wall_s=65.0))
         bars.on_report()
     assert re.search(r"Runs.* 1/4  35 queries/s, about 1:37 left", shown)
-    assert re.search(r"Analytic seed 0.* 1/2  toy:Greedy \(n60\): training 5/60", shown)
-    assert re.search(r"Analytic seed 1.* 0/2  random \(n60\): training 0/60", shown)
+    assert re.search(r"Analytic seed 0.* 1/2  toy:Greedy \(n60\): train 5/60", shown)
+    assert re.search(r"Analytic seed 1.* 0/2  random \(n60\): train 0/60", shown)
     assert "writing the report" in Text.from_ansi(console.file.getvalue()).plain
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     out, log = tmp_path / "an out", tmp_path / "log"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
-    environment |= {"TOY_LOG": str(log), "TOY_PAUSE_S": "0.01"}
-    command = [sys.executable, "-m", "sada_gym", "benchmark", "--tracks", LOGGED, "--seeds", "1"]
-    command += ["-a", "random", "toy:Greedy", "--budget", "900", "--images", "0", "--out", str(out)]
-    process = subprocess.Popen(
-        command,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    command = ["benchmark", "--tracks", LOGGED, "--seeds", "1", "-a", "random", "-a", "toy:Greedy"]
+    command += ["--budget", "900", "--images", "0", "--executor", "processes", "--out", str(out)]
+    process = start_interruptible(command, TOY_LOG=str(log), TOY_PAUSE_S="0.01")
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 100):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Traceback" not in told
-    assert f"Stopped. 1 finished runs and all evaluations are kept in {out}" in told
-    assert told.strip().endswith(f"--budget 900 --images 0 --out '{out}'")
+    assert "Traceback" not in printed
+    assert f"Stopped. 1 finished runs and all evaluations are kept in {out}" in printed
+    assert shlex.split(printed.strip().splitlines()[-1]) == ["sada-gym", *command]

@@ -78,7 +78,7 @@ def test_workers_that_do_not_see_the_folder_give_the_same(ours, tmp_path, refere
     assert contents(tmp_path) == contents(ours)
     assert stored(tmp_path) == stored(ours)
     assert evaluated(tmp_path) == evaluated(ours)  # each run knows what those before it evaluated
-    assert {one.stage for _, one in recorder.progress} == {"training"}
+    assert {one.stage for _, one in recorder.progress} == {"train"}
     assert len(recorder.finished) == 12
 
 
@@ -94,10 +94,10 @@ def test_a_worker_whose_benchmark_has_ended_gives_up(ours):
     [run, *_] = [result.settings for result, _ in read_runs(ours)]
     with progress.announced(ours) as token:
         file = progress.ProgressFile(ours, token, run)
-        file(progress.Progress("training", 1, 2))
+        file(progress.Progress("train", 1, 2))
         assert progress.read_progress(ours, run).done == 1
     with pytest.raises(progress.Abandoned, match="has ended"):
-        file(progress.Progress("testing"))
+        file(progress.Progress("test"))
 
 
 class Broken(Executor):

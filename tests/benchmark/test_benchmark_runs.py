@@ -211,8 +211,8 @@ def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
     with ThreadPoolExecutor(1) as executor:
         do_runs(plan, list(plan.runs), tmp_path, 1, executor, recorder)
     stages = [one.stage for _, one in recorder.progress]
-    assert stages[0] == "training"
-    assert "testing" in stages
+    assert stages[0] == "train"
+    assert "test" in stages
     assert {run for run, _ in recorder.progress} == set(map(str, plan.runs))
     evaluated = [one.evaluated for _, one in recorder.progress]
     assert evaluated == sorted(evaluated)

@@ -4,6 +4,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from sada_gym.errors import FileError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.runs.record import differences, read_samples, refuse_other, write_samples
 
@@ -35,28 +36,28 @@ MU, SCORE, SEED = np.zeros((2, 3), np.float32), np.zeros(2), np.zeros(2, np.int6
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        (b"no zip", "to hold mu, score and seed"),
-        (b"", "to hold mu, score and seed"),
-        (odd_zip(), "mu is no array of numbers"),
-        (npz(mu=MU, score=SCORE), "seed"),
-        (npz(mu=np.array([object()]), score=SCORE, seed=SEED), "mu is no array of numbers"),
-        (npz(mu=MU[0], score=SCORE, seed=SEED), r"got \(3,\) float32"),
-        (npz(mu=MU, score=SCORE[:1], seed=SEED), r"\(1,\) float64"),
-        (npz(mu=MU.astype(float), score=SCORE, seed=SEED), r"got \(2, 3\) float64"),
+        b"no zip",
+        b"",
+        odd_zip(),
+        npz(mu=MU, score=SCORE),
+        npz(mu=np.array([object()]), score=SCORE, seed=SEED),
+        npz(mu=MU[0], score=SCORE, seed=SEED),
+        npz(mu=MU, score=SCORE[:1], seed=SEED),
+        npz(mu=MU.astype(float), score=SCORE, seed=SEED),
     ],
 )
-def test_other_files_are_refused_in_a_sentence(tmp_path, content, message):
+def test_other_files_are_refused_in_a_sentence(tmp_path, content):
     path = tmp_path / "samples.npz"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=message) as raised:
+    with pytest.raises(FileError, match=r"samples\.npz") as raised:
         read_samples(path)
     assert "pickle" not in str(raised.value)
 
 
 def test_a_missing_file_is_a_sentence(tmp_path):
-    with pytest.raises(ValueError, match=r"Expected the samples in .*No such file"):
+    with pytest.raises(FileError, match=r"samples\.npz"):
         read_samples(tmp_path / "samples.npz")
 
 

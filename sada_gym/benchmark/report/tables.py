@@ -13,6 +13,7 @@ from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.results import Results, Row
 from sada_gym.benchmark.suite import CONTROLS
 from sada_gym.files import write_file
+from sada_gym.runs.record import ReferenceSummary
 
 TABLE_FILE = "table.md"
 
@@ -319,6 +320,11 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
         lines.append(f"- {label} ({table}, {runs}): {text}")
     if lines:
         yield from ("## Remarks", "", *lines, "")
+
+
+def _share(reference: ReferenceSummary) -> str:
+    """The share of the box that the fooling set fills."""
+    return f"{reference.fooling / reference.points:.1%}".replace("%", " %")
 
 
 def short_name(track: str) -> str:

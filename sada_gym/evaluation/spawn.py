@@ -1,0 +1,94 @@
+"""Starting processes that import nothing from the current folder.
+
+Python starts a spawned process, and the one that keeps track of semaphores, with `python -c`. That
+searches the current folder first: a `socket.py` there would run in place of Python's own. Once it
+runs, a process has the module path of its parent, as always.
+"""
+
+from __future__ import annotations
+
+import multiprocessing.util
+import os
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+_lock = threading.RLock()
+
+
+class _Process(SpawnProcess):
+    """A spawned process that imports nothing from the current folder while it starts."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._inherited = _SAFE_PATH in os.environ
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802 - multiprocessing calls it so
+        with _safe_path():
+            return SpawnProcess._Popen(process_obj)
+
+    def run(self) -> None:
+        """Do the work; a script that it starts finds its own folder as ever."""
+        if not self._inherited:
+            os.environ.pop(_SAFE_PATH, None)
+        super().run()
+
+
+class _Context(SpawnContext):
+    """Multiprocessing's `spawn`, with safe processes."""
+
+    Process = _Process
+
+
+def spawn_context() -> SpawnContext:
+    """Give a context for executors and queues whose processes start safely."""
+    if os.name == "posix":
+        from multiprocessing.resource_tracker import ensure_running
+
+        with _safe_path():
+            ensure_running()  # otherwise the first queue starts it
+    return _Context()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let interpreters that start here leave the current folder out."""
+    with _lock, _environment() if sys.version_info >= (3, 11) else _program():
+        yield
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
+
+
+@contextmanager
+def _program() -> Iterator[None]:
+    """Python 3.10 has no such variable: there the program of `python -c` leaves the folder out."""
+    util: Any = multiprocessing.util
+    start = util.spawnv_passfds
+
+    def start_safely(path: str, command: Sequence[Any], descriptors: Sequence[int]) -> Any:
+        words = list(command)
+        at = words.index("-c") + 1
+        words[at] = f"import sys; del sys.path[0]; {words[at]}"
+        return start(path, words, descriptors)
+
+    util.spawnv_passfds = start_safely
+    try:
+        yield
+    finally:
+        util.spawnv_passfds = start
