@@ -27,6 +27,7 @@ _NAMES: dict[Stage, str] = {
     "learn": "Learning",
     "sample": "Sampling",
     "test": "Testing",
+    "measure": "Measuring",
     "pictures": "Pictures",
 }
 _BAR_WIDTH = 28
@@ -91,7 +92,7 @@ class _Count:
 
 
 class AttackProgress:
-    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
+    """A context manager that shows an attack's progress; call it as `attack` reports progress.
 
     Each stage shows its own time: training switches between querying and learning.
 
