@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 OUT ?= runs/attack
 
-.PHONY: attack test test-all lint docs bench clean
+.PHONY: attack test test-all package lint docs bench clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -19,6 +19,9 @@ test: $(VENV)/.installed  ## the fast tests
 
 test-all: $(VENV)/.installed  ## every test
 	$(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
+
+package: $(VENV)/.installed  ## sdist and wheel, installed elsewhere: every id steps there
+	$(BIN)/pytest tests/test_packaging.py
 
 lint: $(VENV)/.installed  ## format, lint, types
 	$(BIN)/ruff format --check .

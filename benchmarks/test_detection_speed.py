@@ -14,9 +14,9 @@ import torch
 import sada_gym  # noqa: F401
 from sada_gym.adversaries import make
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection import application as detection
+from sada_gym.envs.detection.detector import TILE
 from sada_gym.envs.detection.renderers.encoding import encode
-from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, light_of, view_of
+from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, camera_of, light_of
 from sada_gym.evaluation.oracle import Oracle
 
 BATCH = 64
@@ -70,7 +70,7 @@ class BareFrames:
         return (), {
             "width": 128,
             "height": 128,
-            "viewMatrix": view_of(scene).matrix.T.ravel().tolist(),
+            "viewMatrix": camera_of(scene).matrix.T.ravel().tolist(),
             "projectionMatrix": bullet.computeProjectionMatrixFOV(FIELD_OF_VIEW_DEG, 1, 0.02, 80),
             "lightDirection": light_of(scene).tolist(),
             "shadow": 1,
@@ -103,10 +103,9 @@ def test_batch(benchmark):
     record(benchmark, "batch of 64", BATCH)
 
 
-@pytest.mark.parametrize("tile", [detection.TILE, 1])
-def test_scalar_step(benchmark, monkeypatch, tile):
-    monkeypatch.setattr(detection, "TILE", tile)
-    env = gym.make("SADA-Detection-Car-v0").unwrapped
+@pytest.mark.parametrize("tile", [TILE, 1])
+def test_scalar_step(benchmark, tile):
+    env = gym.make("SADA-Detection-Car-v0", tile=tile).unwrapped
 
     def loop():
         for mu in MU:

@@ -16,7 +16,7 @@ import sada_gym  # noqa: F401
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.drives import POLICY_HZ, SIMULATION_HZ, Drives
+from sada_gym.envs.driving.episodes import POLICY_HZ, SIMULATION_HZ, Drives
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.sb3 import SB3VecEnv

@@ -12,7 +12,7 @@ import pytest
 
 from sada_gym.envs.uav.agent.network import WaypointNetwork
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
 from sada_gym.envs.uav.world.physics import SLOTS, World
@@ -30,7 +30,7 @@ class Looking(WaypointPilot):
 
     def act(self, races, which):
         super().act(races, which)
-        return Reference().act(races, which)
+        return PrivilegedPilot().act(races, which)
 
 
 def record(benchmark, name, simulated_s):
@@ -45,7 +45,7 @@ def flown(application, count):
 @pytest.mark.parametrize(
     ("name", "agent", "count"),
     [
-        ("a batch, told the truth", Reference(), LOCKSTEP),
+        ("a batch, told the truth", PrivilegedPilot(), LOCKSTEP),
         ("a batch, seeing", Looking(WaypointNetwork()), LOCKSTEP),
         ("one race, seeing", Looking(WaypointNetwork()), 1),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.envs.detection.backdrop import random_backdrop
-from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
+from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 
@@ -31,7 +31,7 @@ def main() -> None:
                 light_pitch_deg=rng.uniform(30, 60),
                 backdrop=random_backdrop(rng),
             )
-            picture = Image.fromarray(shared_renderer().render(scene, CELL).image)
+            picture = Image.fromarray(default_renderer().render(scene, CELL).image)
             sheet.paste(picture, (MARGIN + column * CELL, row * CELL))
     sheet.save(Path(__file__).parent / "images" / "shapes.png", optimize=True)
 

@@ -13,7 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 from sada_gym import agents
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.pictures import Film, Plan
+from sada_gym.envs.uav.episodes import Rollout
+from sada_gym.envs.uav.pictures import Plan, summary
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import Tracks, line
 from sada_gym.runs.record import SAMPLES_FILE, read_samples
@@ -72,12 +73,12 @@ def seen(application: UAVApplication) -> Image.Image:
     large, small = camera(CELL * 3 // 4, CELL), camera()
     rows = [[], []]
     for seed, share in ((1, 0.05), (2, 0.3), (3, 0.5), (4, 0.7), (5, 0.9)):
-        film = Film.of(application, np.zeros(len(application.parameters)), seed)
-        state = film.states[[int(share * len(film.states))]]
-        gates = film.start.gates[None]
+        rollout = application.rollout(np.zeros(len(application.parameters)), seed)
+        state = rollout.states[[int(share * len(rollout.states))]]
+        gates = rollout.start.gates[None]
         (fine,) = large.draw(gates, state, [seed])
         (coarse,) = small.draw(gates, state, [seed])
-        rows[0].append((f"{film.times_s[int(share * len(film.states))]:.1f} s", fine))
+        rows[0].append((f"{rollout.times_s[int(share * len(rollout.states))]:.1f} s", fine))
         rows[1].append(("as the pilot gets it", coarse))
     size = (CELL, CELL * 3 // 4)
     return grid(
@@ -88,17 +89,19 @@ def seen(application: UAVApplication) -> Image.Image:
     )
 
 
-def films(application: UAVApplication, rng: np.random.Generator) -> tuple[Film, Film | None]:
+def rollouts(
+    application: UAVApplication, rng: np.random.Generator
+) -> tuple[Rollout, Rollout | None]:
     """A race without a miss and one below the threshold, of uniform mu, the first of each."""
     mu = rng.uniform(-1, 1, (64, len(application.parameters)))
     outcomes = application.evaluate(mu, list(range(len(mu))))
     passed = int((outcomes.score == 1).argmax())
-    film = Film.of(application, mu[passed], passed)
-    assert film.score == 1, "No race of 64 without a miss."
+    rollout = application.rollout(mu[passed], passed)
+    assert rollout.score == 1, "No race of 64 without a miss."
     if not outcomes.fooled.any():
-        return film, None
+        return rollout, None
     failed = int(outcomes.fooled.argmax())
-    return film, Film.of(application, mu[failed], failed)
+    return rollout, application.rollout(mu[failed], failed)
 
 
 def main() -> None:
@@ -113,10 +116,10 @@ def main() -> None:
     pictures = {"tracks": tracks(rng)}
     application = UAVApplication(4, agent=agents.load_pilot(arguments.pilot))
     pictures["seen"] = seen(application)
-    passed, failed = films(application, rng)
-    pictures["passed"] = Image.fromarray(passed.summary())
+    passed, failed = rollouts(application, rng)
+    pictures["passed"] = Image.fromarray(summary(passed))
     if failed is not None:
-        pictures["failed"] = Image.fromarray(failed.summary())
+        pictures["failed"] = Image.fromarray(summary(failed))
     if arguments.attacks is not None:
         pictures["made"] = made(arguments.attacks)
     for name, picture in pictures.items():

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations, Oracle
+from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations, Oracle
 from sada_gym.evaluation.store import Context
-from sada_gym.files import write_folder, write_model
+from sada_gym.files import file_errors, write_folder, write_model
 from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.parameters import Mu
 from sada_gym.runs.record import (
@@ -37,14 +37,38 @@ from sada_gym.runs.record import (
     write_samples,
 )
 
-Stage = Literal["train", "test", "pictures"]
+Stage = Literal["train", "learn", "sample", "test", "pictures"]
+"""What an attack does now: training is to query (`train`) and to `learn` from the answers."""
 
 
 class AttackProgress(Protocol):
-    """A progress callback of `attack`."""
+    """A progress callback of `attack`: called when a stage begins or goes on, and after chunks."""
 
     def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
-        """Hear of `done` of `total` evaluations of a stage, `known` of them from the store."""
+        """Show `done` of `total` evaluations of a stage, `known` of them from the store.
+
+        `learn` and `sample` evaluate nothing: there all three are 0.
+        """
+
+
+class _TrainingOracle(Oracle):
+    """The oracle of the training: it reports when the adversary queries and when it learns."""
+
+    def __init__(self, evaluator: Evaluator, settings: AttackSettings, show: AttackProgress):
+        self._show = show
+        super().__init__(
+            evaluator,
+            budget=settings.budget,
+            seed=settings.seed,
+            progress=lambda *counts: show("train", *counts),
+        )
+
+    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Score mu, see `Oracle`."""
+        self._report(0, 0)
+        scores = super().__call__(mu)
+        self._show("learn", 0, 0, 0)
+        return scores
 
 
 @dataclass(frozen=True)
@@ -130,7 +154,8 @@ def attack(
         settings = _settings(
             environment, application, adversary, budget, samples, seed, preset, options or {}
         )
-        claim_folder(folder, settings, resume=resume)
+        with file_errors("make the folder", folder):
+            claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
         result = _run(solver, evaluator, application, settings, folder, progress or _silent)
         if pictures:
@@ -150,21 +175,18 @@ def _run(
     progress: AttackProgress,
 ) -> AttackResult:
     """Algorithm 1; everything it needs is checked and open."""
-    oracle = Oracle(
-        evaluator,
-        budget=settings.budget,
-        seed=settings.seed,
-        progress=lambda *counts: progress("train", *counts),
-    )
+    oracle = _TrainingOracle(evaluator, settings, progress)
     adversary.train(oracle)
     write_folder(folder / ADVERSARY_FOLDER, adversary.save)
 
+    progress("sample", 0, 0, 0)
     mu = adversary.sample(settings.samples)
     if np.shape(mu) != (settings.samples, oracle.dimension):
         raise UserError(
             f"Expected samples of shape ({settings.samples}, {oracle.dimension}) from "
             f"{type(adversary).__name__}.sample, got {np.shape(mu)}. Mend the adversary."
         )
+    progress("test", 0, settings.samples, 0)
     test = Oracle(
         evaluator,
         budget=settings.samples,
@@ -199,6 +221,11 @@ def _make(
     preset: str | None,
     options: Mapping[str, Any],
 ) -> Adversary:
+    taken = sorted({"name", "dimension", "seed"} & set(options))
+    if taken:
+        raise UserError(
+            f"Expected the adversary's own options, got {taken[0]!r}, which the attack sets itself."
+        )
     chosen = dict(options) if preset is None else {"preset": preset, **options}
     if isinstance(adversary, str):
         from sada_gym import adversaries
@@ -220,9 +247,12 @@ def _settings(
     options: Mapping[str, Any],
 ) -> AttackSettings:
     count = application.sample_size if samples is None else samples
-    for name, value, least in (("budget", budget, 0), ("samples", count, 1), ("seed", seed, 0)):
-        if value < least:
-            raise UserError(f"Expected {name} of at least {least}, got {value}.")
+    for name, value, least, most in (
+        ("budget", budget, 0, MAX_QUERIES),
+        ("samples", count, 1, MAX_QUERIES),
+        ("seed", seed, 0, None),
+    ):
+        refuse_number(name, value, least, most)
     context = Context.of(application)
     return AttackSettings(
         environment=environment

@@ -6,6 +6,10 @@ code 1. The benchmark records an `AdversaryError` as the result of the run that 
 
 from __future__ import annotations
 
+import difflib
+import operator
+from collections.abc import Iterable, Sequence
+
 
 class UserError(ValueError):
     """A bad input: what was expected, what came, and how to mend it."""
@@ -49,3 +53,32 @@ class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
 
 class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
+
+
+def refuse_number(name: str, value: object, least: int, most: int | None = None) -> None:
+    """Raise `UserError` for what is no whole number, or one out of range.
+
+    Args:
+        name: What the number is.
+        value: What came.
+        least: The least that is allowed.
+        most: The greatest; None where there is none.
+    """
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise UserTypeError(f"Expected {name} to be a whole number, got {value!r}.") from error
+    if number < least:
+        raise UserError(f"Expected {name} of at least {least}, got {number}.")
+    if most is not None and number > most:
+        raise UserError(f"Expected {name} of at most {most:,}, got {number:,}.")
+
+
+def refuse_unknown(what: str, given: Iterable[object], known: Sequence[str]) -> None:
+    """Raise UserError for the first of the given names that is not known, with close matches."""
+    for name in given:
+        if name not in known:
+            close = difflib.get_close_matches(str(name), known, n=3)
+            hint = f" Did you mean {' or '.join(close)}?" if close else ""
+            listed = f"one of {', '.join(known)}" if known else "none"
+            raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")

@@ -1,17 +1,50 @@
-"""Files that are written whole or not at all, and records in JSON that are checked when read."""
+"""Files that are written whole or not at all, and that are checked when they are read."""
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import math
 import os
 import shutil
-from collections.abc import Callable
+import stat
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError
+
+MAX_JSON_BYTES = 256 * 2**20
+MAX_ARRAYS_BYTES = 2**30
+"""Nothing that this package writes comes near: what is larger is refused before it is read."""
+
+_REASONS = {
+    errno.ENOENT: "there is no such file or folder. Check its path",
+    errno.ENOTDIR: "a part of its path is a file, not a folder. Check its path",
+    errno.EISDIR: "it is a folder. Name a file",
+    errno.EEXIST: "something of that name is already there. Remove it, or name another place",
+    errno.EACCES: "this user may not. Change its permissions, or name another place",
+    errno.EPERM: "this user may not. Change its permissions, or name another place",
+    errno.EROFS: "its file system is read-only. Name a place that can be written to",
+    errno.ENOSPC: "the disk is full. Free some space and try again",
+    errno.EDQUOT: "the disk quota is used up. Free some space and try again",
+    errno.EFBIG: "it would be larger than the system allows. Raise that limit",
+    errno.EIO: "the disk reported an error. Try another disk",
+    errno.ELOOP: "its path is a loop of links. Name another place",
+    errno.ENAMETOOLONG: "its name is too long. Name another place",
+}
+_DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, SyntaxError, EOFError, RuntimeError, OSError)
+"""What zipfile and NumPy raise for damaged content."""
+
+_OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 
 
 class Strict(BaseModel):
@@ -23,29 +56,91 @@ class Strict(BaseModel):
 Model = TypeVar("Model", bound=Strict)
 
 
+@contextmanager
+def file_errors(what: str, path: Path) -> Iterator[None]:
+    """Turn the system's errors on files into a `FileError` with a sentence.
+
+    Args:
+        what: What is tried, such as "write".
+        path: With what.
+
+    Example:
+        >>> with file_errors("read", path):
+        ...     content = path.read_bytes()
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}. Name another place")
+        raise FileError(f"Expected to {what} {path}, but {reason}.") from error
+
+
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all: beside it first, then in one rename."""
-    beside = path.with_name(f".{path.name}.tmp")
-    with beside.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
+    """Write a file whole or not at all: beside it first, then in one rename.
+
+    Raises:
+        FileError: If it cannot be written.
+    """
+    with file_errors("write", path):
+        beside = _place_beside(path)
+        # a link that somebody put there since would be refused, not followed
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(beside, flags | getattr(os, "O_BINARY", 0), 0o666)
+        try:
+            with open(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        except OSError:
+            beside.unlink(missing_ok=True)
+            raise
 
 
 def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
-    """Fill a folder and put it in place whole, instead of one that an earlier run left."""
+    """Fill a folder and put it in place whole, instead of one that an earlier run left.
+
+    Args:
+        path: The folder.
+        fill: Called with an empty folder to write to.
+
+    Raises:
+        FileError: If it cannot be written.
+    """
+    with file_errors("write the folder", path):
+        beside = _place_beside(path)
+        beside.mkdir()
+    try:
+        fill(beside)
+    except OSError as error:
+        if error.errno not in _OF_THE_DISK:
+            raise  # a mistake of the caller's
+        with file_errors("write the folder", path):
+            raise
+    with file_errors("write the folder", path):
+        if path.is_symlink() or path.is_file():
+            path.unlink()
+        elif path.exists():
+            shutil.rmtree(path)
+        beside.rename(path)
+
+
+def _place_beside(path: Path) -> Path:
+    """Name the place to write to first, and clear it of what a killed run left there."""
     beside = path.with_name(f".{path.name}.tmp")
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir()
-    fill(beside)
-    if path.exists():
-        shutil.rmtree(path)
-    beside.rename(path)
+    if beside.is_dir() and not beside.is_symlink():
+        shutil.rmtree(beside)
+    else:
+        beside.unlink(missing_ok=True)  # of a link, never what it points to
+    return beside
 
 
 def write_model(path: Path, model: Strict) -> None:
-    """Write a model as JSON."""
+    """Write a model as JSON.
+
+    Raises:
+        FileError: If it cannot be written.
+    """
     text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
 
@@ -54,16 +149,91 @@ def read_model(path: Path, kind: type[Model]) -> Model:
     """Read a model that `write_model` wrote.
 
     Raises:
-        ValueError: If the file is missing or is not such a model.
+        FileError: If the file cannot be read or is not such a model.
     """
+    content = read_file(path, MAX_JSON_BYTES)
+    cause: Exception
     try:
-        return kind.model_validate_json(path.read_bytes())
-    except FileNotFoundError as error:
-        raise UserError(f"Expected {path}, got no such file. Name an attack's folder.") from error
+        content.decode()
+        return kind.model_validate_json(content)
+    except UnicodeDecodeError as error:
+        reason, cause = f"byte {error.start} is not UTF-8", error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the file"
-        raise UserError(
-            f"Expected {path} as an attack writes it, got a different one "
-            f"({where}: {first['msg']}). Restore it, or start anew in another folder."
-        ) from error
+        reason, cause = f"{where}: {first['msg']}", error
+    raise FileError(
+        f"Expected {path} as an attack writes it, got a different one ({reason}). "
+        "Restore it, or start anew in another folder."
+    ) from cause
+
+
+def read_file(path: Path, max_bytes: int) -> bytes:
+    """Read a regular file of at most so many bytes.
+
+    Raises:
+        FileError: If it is missing, no regular file, too large, or cannot be read.
+    """
+    with file_errors("read", path):
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise IsADirectoryError(errno.EISDIR, "")
+        if not stat.S_ISREG(status.st_mode):  # a pipe would never end
+            raise FileError(f"Expected a regular file in {path}, got a pipe, socket or device.")
+        if status.st_size > max_bytes:
+            raise FileError(
+                f"Expected {path} to be at most {max_bytes >> 20:,} MiB, got "
+                f"{status.st_size >> 20:,} MiB. Restore the file, or name another."
+            )
+        return path.read_bytes()
+
+
+def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, npt.NDArray[Any]]:
+    """Read named arrays of an NPZ file; nothing in it is ever unpickled.
+
+    Args:
+        path: The file.
+        kinds: dtype and number of dimensions of each array, by name.
+
+    Raises:
+        FileError: If the file cannot be read, or does not hold exactly such arrays.
+    """
+    content = read_file(path, MAX_ARRAYS_BYTES)
+    cause: Exception
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            found = {name.removesuffix(".npy") for name in archive.namelist()}
+            if found != set(kinds):
+                raise _UnfitError(f"arrays named {', '.join(sorted(found)) or 'nothing'}")
+            return {name: _read_array(archive, name, *kind) for name, kind in kinds.items()}
+    except _UnfitError as error:
+        reason, cause = str(error), error
+    except _DAMAGE as error:
+        reason, cause = "it is damaged", error
+    wanted = ", ".join(f"{name} ({dtype}, {n}-d)" for name, (dtype, n) in kinds.items())
+    raise FileError(
+        f"Expected an NPZ file with the arrays {wanted} in {path}, got something else ({reason}). "
+        "Restore the file, or make it anew."
+    ) from cause
+
+
+class _UnfitError(Exception):
+    """What an NPZ file holds instead of what it should."""
+
+
+def _read_array(archive: zipfile.ZipFile, name: str, dtype: str, ndim: int) -> npt.NDArray[Any]:
+    if archive.getinfo(f"{name}.npy").file_size > MAX_ARRAYS_BYTES:
+        raise _UnfitError(f"{name} is too large")
+    buffer = io.BytesIO(archive.read(f"{name}.npy"))
+    version = np.lib.format.read_magic(buffer)
+    if version != (1, 0):
+        raise _UnfitError(f"{name} of NPY version {version}")
+    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
+    if found != np.dtype(dtype) or len(shape) != ndim:
+        raise _UnfitError(f"{name} of dtype {found} and shape {shape}")
+    data = buffer.read()
+    # checked before it is allocated: a header may claim any shape
+    if len(data) != math.prod(shape) * found.itemsize:
+        raise _UnfitError(f"{name} of shape {shape} in {len(data)} bytes")
+    array = np.frombuffer(data, dtype=found).reshape(shape, order="F" if fortran else "C")
+    return array.copy()

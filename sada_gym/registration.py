@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 
 if TYPE_CHECKING:
     from sada_gym.application import Application
@@ -126,6 +126,11 @@ def find_spec(env_id: str) -> EnvSpec:
                 f"Expected an importable module before the colon of {env_id!r}, got: {error}. "
                 "Install it, or set PYTHONPATH to the folder that holds it."
             ) from error
+        except (Exception, SystemExit) as error:  # whatever a user's module may raise
+            raise UserError(
+                f"Expected to import {module!r} for {env_id!r}, but the module raised "
+                f"{type(error).__name__}: {error}. Mend the module."
+            ) from error
     if name not in gym.registry:
         raise UserError(
             f"Expected a registered environment id, got {name!r}."
@@ -150,6 +155,9 @@ def make_env(env_id: str, **env_kwargs: Any) -> AdversaryEnv:
 
     spec = find_spec(env_id)
     _check_keywords(spec, env_kwargs)
+    render_mode = env_kwargs.get("render_mode")
+    if render_mode is not None and not isinstance(render_mode, str):  # Gymnasium fails on those
+        raise UserTypeError(f"Expected render_mode to be a string or None, got {render_mode!r}.")
     env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
     if not isinstance(env, AdversaryEnv):
         env.close()

@@ -11,11 +11,11 @@ import argparse
 
 import numpy as np
 
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import LOCKSTEP
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS, camera
-from sada_gym.envs.uav.course import set_off
-from sada_gym.envs.uav.races import Ending, Races
+from sada_gym.envs.uav.course import benchmark_starts
+from sada_gym.envs.uav.episodes import Ending, Races
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import Tracks
 
@@ -25,9 +25,9 @@ TEMPLATE_SHARE, MILD_SHARE, FEASIBLE_SHARE, THRESHOLD = 0.98, 0.95, 0.99, 0.7
 
 def fly(anchors, mu, seeds, speed_m_s):
     """Fly the tracks of mu; give passed, touched, seen (n, g) and the times (n,)."""
-    pilot, parts = Reference(speed_m_s), []
+    pilot, parts = PrivilegedPilot(speed_m_s), []
     tracks = Tracks(TEMPLATES[anchors].displaced(mu))
-    starts = set_off(tracks, seeds)
+    starts = benchmark_starts(tracks, seeds)
     for first in range(0, len(starts), LOCKSTEP):
         races = Races(starts[first : first + LOCKSTEP])
         seen, last = np.zeros(races.endings.shape, bool), np.full(len(races), -1)

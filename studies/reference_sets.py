@@ -23,7 +23,8 @@ import numpy as np
 from sada_gym import agents
 from sada_gym.application import Application
 from sada_gym.envs.detection.application import DetectionApplication
-from sada_gym.envs.detection.scene import Renderer, Rendering, Scene
+from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
+from sada_gym.envs.detection.scene import Scene
 from sada_gym.files import write_file
 from sada_gym.measures.reference import FOLDER, reference_mu, reference_seeds, write_reference
 from sada_gym.registration import find_spec, make_application, tracks
@@ -35,31 +36,29 @@ SIZES = {"SADA-Detection": (20_000, 8)}
 OTHER_SIZE = (4_000, 3)
 
 
-class SharedRenderer:
-    """Hands the frames that one application asked for to the next, which asks in that order."""
+class SharedRenderer(Renderer):
+    """Hands the pictures that one application asked for to the next, which asks for the same."""
 
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
-        self._frames: list[Rendering] = []
-        self._next = 0
+        self._renderings: list[Rendering] = []
 
-    def render(self, scene: Scene, image_size: int) -> Rendering:
-        if self._next == len(self._frames):
-            self._frames.append(self._renderer.render(scene, image_size))
-        self._next += 1
-        return self._frames[self._next - 1]
+    @property
+    def identity(self) -> str | None:
+        return self._renderer.identity
 
-    def rewind(self, *, forget: bool) -> None:
-        self._next = 0
-        if forget:
-            self._frames.clear()
+    def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
+        if not self._renderings:
+            self._renderings = self._renderer.render_batch(scenes, image_size)
+        return self._renderings
+
+    def forget(self) -> None:
+        self._renderings = []
 
 
 @functools.cache
 def shared_renderer() -> SharedRenderer:
-    from sada_gym.envs.detection.renderers import tinyrenderer
-
-    return SharedRenderer(tinyrenderer.shared_renderer())
+    return SharedRenderer(default_renderer())
 
 
 @functools.cache
@@ -81,10 +80,9 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
     for start in range(0, len(pairs), CHUNK):
         chunk = pairs[start : start + CHUNK]
         batch = mu[[row for row, _ in chunk]]
-        shared_renderer().rewind(forget=True)
+        shared_renderer().forget()
         for of_agent, one in zip(scores, applications, strict=True):
             of_agent.append(one.evaluate(batch, [seed for _, seed in chunk]).score)
-            shared_renderer().rewind(forget=False)
     buffer = io.BytesIO()
     np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), seeds) for s in scores]))
     write_file(path, buffer.getvalue())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
-from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.omega import Omega, induce
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
 
@@ -21,18 +20,10 @@ class Archive(Learner):
     alone, less where the world is random and a point fooled by luck. All others promise fresh
     samples; here every sample is a query, and more samples than fooling points repeat them, each
     once before any comes again.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
     """
 
     name: ClassVar[str] = "archive"
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary: none."""
-        return {}
+    uniform_queries: ClassVar[bool] = True
 
     def sample(self, n: int) -> npt.NDArray[np.float32]:
         """Draw n of the points that fooled in training: (n, d) float32, shuffled.
@@ -40,24 +31,15 @@ class Archive(Learner):
         Raises:
             RuntimeError: If it was neither trained nor loaded.
         """
-        if not self._trained:
-            raise RuntimeError("Expected a trained adversary; call train or load first.")
+        self._refuse_untrained("sample")
         return self._draw(n)
 
-    def _train(self, oracle: Query) -> Omega:
-        omega = evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
-        induced = induce(omega, oracle.threshold, self.rng)
+    def _fit(self, omega: Omega) -> None:
+        induced = induce(omega, self.threshold, self.rng)
         self.flags = [MEMORISED, *([NONE_FOOLED] if induced.fallback else [])]
         self._points = induced.chosen
-        return omega
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
         rounds = -(-n // len(self._points))
         order = [self.rng.permutation(len(self._points)) for _ in range(rounds)]
         return self._points[np.concatenate([*order, np.zeros(0, np.intp)])[:n].astype(np.intp)]
-
-    def _arrays(self) -> Arrays:
-        return {"points": self._points}
-
-    def _restore(self, arrays: Arrays) -> None:
-        self._points = arrays["points"]

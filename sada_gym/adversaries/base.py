@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-from sada_gym.errors import UserError
+from sada_gym.adversaries.options import Options, choose_options
+from sada_gym.errors import refuse_number
+
+MOST_DIMENSIONS = 1_000
+"""The most semantic parameters: far above any application's, and a covariance is still small."""
 
 
 class Query(Protocol):
@@ -37,18 +42,43 @@ class Adversary(ABC):
     Args:
         dimension: d, the number of semantic parameters.
         seed: Fixes all randomness of training and sampling; None draws one.
+        preset: The named set of options to start from, where there are `presets`.
+        options: Single options, the fields of `options_class`.
 
     Attributes:
         name: The adversary's name in the registry.
+        options_class: The dataclass that declares the options.
+        presets: Named sets of options, `default` among them; none where there is one set.
+        options: The options, those not given at their defaults.
         flags: What a reader of the result must know, such as that no point fooled; set by `train`.
+        uniform_queries: Whether all training queries are uniform in the box, so that their fooling
+            rate is that of uniform worlds.
+
+    Raises:
+        ValueError: If the dimension, the seed, the preset or an option is unknown or bad.
     """
 
     name: ClassVar[str]
+    options_class: ClassVar[type[Options]] = Options
+    presets: ClassVar[Mapping[str, Options]] = {}
+    uniform_queries: ClassVar[bool] = False
 
-    def __init__(self, dimension: int, *, seed: int | None = None) -> None:
-        if dimension < 1:
-            raise UserError(f"Expected a dimension of at least 1, got {dimension}.")
-        self.dimension = dimension
+    options: Options
+
+    def __init__(
+        self,
+        dimension: int,
+        *,
+        seed: int | None = None,
+        preset: str = "default",
+        **options: Any,
+    ) -> None:
+        refuse_number("dimension", dimension, 1, MOST_DIMENSIONS)
+        if seed is not None:
+            refuse_number("seed", seed, 0)
+        name = getattr(self, "name", type(self).__name__)
+        self.options = choose_options(name, self.options_class(), self.presets, preset, options)
+        self.dimension = int(dimension)
         self.rng = np.random.default_rng(seed)
         self.flags: list[str] = []
 

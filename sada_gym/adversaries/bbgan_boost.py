@@ -8,8 +8,9 @@ from typing import ClassVar
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan import BBGAN
-from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
-from sada_gym.adversaries.omega import evaluate
+from sada_gym.adversaries.models.bbgan_options import PAPER, BBGANOptions
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.options import option
 
 
 @dataclass(frozen=True)
@@ -23,60 +24,43 @@ class BoostOptions(BBGANOptions):
             beta N at beta = 0.5; 1 keeps points unique.
     """
 
-    stages: int = 2
-    share: float = 0.25
-    copies: int = 1
+    stages: int = option(2, 0, 100)
+    share: float = option(0.25, 0.001, 10)
+    copies: int = option(1, 1, 1_000)
 
 
 class BoostedBBGAN(BBGAN):
     """BBGANs in stages, each trained afresh on all points so far, the last one's samples too.
 
     All of the budget is spent: N uniform points, and K stages of about share * N samples.
-    Samples that failed to fool join the rest of Omega: a region has to confirm itself.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        preset: The named set of options to start from: `default` or `paper`.
-        log_dir: Folder for a TensorBoard log of the training; None writes none.
-        overrides: Single options, see `BoostOptions`.
-
-    Attributes:
-        options: The resolved options.
-        omega: All points evaluated in training.
-        flags: What a reader of the result must know, such as that no point fooled.
-
-    Raises:
-        ValueError: If the dimension, the preset, or an option is unknown or bad.
-        ModuleNotFoundError: If there is a `log_dir`, but no tensorboard.
+    Samples that failed to fool join the rest of Omega: a region has to confirm itself. The
+    arguments are those of `BBGAN`, the options those of `BoostOptions`.
     """
 
     name: ClassVar[str] = "bbgan-boost"
-    presets: ClassVar[Mapping[str, BBGANOptions]] = {
+    uniform_queries: ClassVar[bool] = False  # stages query the generator's own samples
+    options_class = BoostOptions
+    presets: ClassVar[Mapping[str, BoostOptions]] = {
         "default": BoostOptions(),
         "paper": BoostOptions(**PAPER, share=0.1, copies=5),
     }
+    options: BoostOptions
 
-    def train(self, oracle: Query) -> None:
-        """Spend the budget on uniform points and on the samples of each stage's GAN.
-
-        Raises:
-            ValueError: If there is no budget, or a score is not finite.
-        """
-        assert isinstance(self.options, BoostOptions)
+    def _train(self, oracle: Query) -> Omega:
+        """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
-        omega = self._evaluate_uniform(uniform, oracle)
-        boosted = omega
-        self._learn(omega, oracle.threshold)
+        omega = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        self._seed_networks()
+        self._train_networks(omega)
         for stage in range(self.options.stages if share else 0):
-            sampled = evaluate(self.sample(share), oracle)
+            self._know(omega)
+            sampled = evaluate(self._fresh(share), oracle)
             omega += sampled
             for _ in range(self.options.copies):
                 boosted += sampled
             self._log.start(f"stage{stage + 1}")
-            self._learn(boosted, oracle.threshold)
-        self._know(omega)
-        self._log.close()
+            self._train_networks(boosted)
+        return omega
 
 
 def split_budget(budget: int, o: BoostOptions) -> tuple[int, int]:

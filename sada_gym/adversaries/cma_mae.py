@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,11 @@ from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
-from sada_gym.adversaries.mixture import reflect
+from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
+from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
-from sada_gym.errors import MissingExtra, UserError
+from sada_gym.adversaries.options import Options, option
+from sada_gym.errors import MissingExtra
 
 if TYPE_CHECKING:
     from ribs.archives import CVTArchive
@@ -23,6 +25,25 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 _THRESHOLD_MIN = -0.01  # below every objective, so that Q = 1 may enter the archive too
+
+
+@dataclass(frozen=True)
+class CMAMAEOptions(Options):
+    """The options of `cma-mae`.
+
+    Attributes:
+        uniform_share: The share of the budget that is uniform.
+        cells: Cells of the archive: few, so that thousands of queries fill them often.
+        emitters: Evolution strategies.
+        learning_rate: How fast thresholds rise: 0 optimises, 1 explores as CMA-ME does.
+        sigma: The strategies' first standard deviation.
+    """
+
+    uniform_share: float = option(0.2, 0, 1, inside=True)
+    cells: int = option(100, 1, 100_000)
+    emitters: int = option(15, 1, 1_000)
+    learning_rate: float = option(0.01, 0, 1)
+    sigma: float = option(0.2, 0, 1, inside=True)
 
 
 class CMAMAE(Learner):
@@ -42,57 +63,12 @@ class CMAMAE(Learner):
     of its fooling rate, which lets cells fade where fooling was luck, one of the cell's points that
     fooled, and a Gaussian step. The step's expected length is half the distance to the nearest
     other fooling point, and its deviation at most `sigma` a dimension.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        uniform_share: The share of the budget that is uniform, within (0, 1).
-        cells: Cells of the archive, at least 1: few, so that thousands of queries fill them often.
-        emitters: Evolution strategies, at least 1.
-        learning_rate: How fast thresholds rise, in [0, 1]: 0 optimises, 1 explores as CMA-ME does.
-        sigma: The strategies' first standard deviation, within (0, 1).
-
-    Raises:
-        ValueError: If the dimension or an option is bad.
+    See `CMAMAEOptions`.
     """
 
     name: ClassVar[str] = "cma-mae"
-
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        uniform_share: float = 0.2,
-        cells: int = 100,
-        emitters: int = 15,
-        learning_rate: float = 0.01,
-        sigma: float = 0.2,
-    ) -> None:
-        super().__init__(dimension, seed=seed)
-        for name, count in (("cells", cells), ("emitters", emitters)):
-            if not isinstance(count, int) or count < 1:
-                raise UserError(f"Expected {name} to be an int of at least 1, got {count!r}.")
-        for name, share in (("uniform_share", uniform_share), ("sigma", sigma)):
-            if not 0.0 < share < 1.0:
-                raise UserError(f"Expected {name} to be within (0, 1), got {share!r}.")
-        if not 0.0 <= learning_rate <= 1.0:
-            raise UserError(f"Expected learning_rate to be in [0, 1], got {learning_rate!r}.")
-        self._options = {
-            "uniform_share": uniform_share,
-            "cells": cells,
-            "emitters": emitters,
-            "learning_rate": learning_rate,
-            "sigma": sigma,
-        }
-        self._cells, self._emitters = cells, emitters
-        self._uniform_share, self._learning_rate = uniform_share, learning_rate
-        self._sigma = sigma
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary."""
-        return self._options
+    options_class = CMAMAEOptions
+    options: CMAMAEOptions
 
     def train(self, oracle: Query) -> None:
         """Spend the oracle's budget on a uniform part and on the evolution strategies.
@@ -110,21 +86,21 @@ class CMAMAE(Learner):
             ) from error
         super().train(oracle)
 
-    def _train(self, oracle: Query) -> Omega:
-        uniform = math.ceil(self._uniform_share * oracle.remaining)
+    def _query(self, oracle: Query) -> Omega:
+        uniform = math.ceil(self.options.uniform_share * oracle.remaining)
         omega = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
-        centroids = 2.0 * qmc.Halton(self.dimension, rng=self.rng).random(self._cells) - 1.0
-        scheduler = self._scheduler(omega, oracle.threshold, centroids)
+        halton = qmc.Halton(self.dimension, rng=self.rng)
+        self._centroids = 2.0 * halton.random(self.options.cells) - 1.0
+        scheduler = self._scheduler(omega)
         while oracle.remaining:
             proposed = reflect(scheduler.ask()).astype(np.float32)
             part = evaluate(proposed[: oracle.remaining], oracle)
             omega += part
             if len(part) == len(proposed):
                 scheduler.tell(1.0 - part.score, part.mu)
-        self._learn(omega, oracle.threshold, centroids)
         return omega
 
-    def _scheduler(self, omega: Omega, threshold: float, centroids: Array) -> Scheduler:
+    def _scheduler(self, omega: Omega) -> Scheduler:
         """Make archive and strategies; the uniform points are in the archive already."""
         from ribs.archives import CVTArchive
         from ribs.emitters import EvolutionStrategyEmitter
@@ -132,9 +108,9 @@ class CMAMAE(Learner):
 
         archive = CVTArchive(
             solution_dim=self.dimension,
-            centroids=centroids,
+            centroids=self._centroids,
             ranges=[(-1.0, 1.0)] * self.dimension,
-            learning_rate=self._learning_rate,
+            learning_rate=self.options.learning_rate,
             threshold_min=_THRESHOLD_MIN,
             seed=self._seed(),
         )
@@ -143,37 +119,37 @@ class CMAMAE(Learner):
             EvolutionStrategyEmitter(
                 archive,
                 x0=start,
-                sigma0=self._sigma,
+                sigma0=self.options.sigma,
                 ranker="imp",
                 selection_rule="mu",
                 restart_rule="basic",
                 seed=self._seed(),
             )
-            for start in self._starts(archive, threshold)
+            for start in self._starts(archive)
         ]
         return Scheduler(archive, emitters)
 
-    def _starts(self, archive: CVTArchive, threshold: float) -> Array:
+    def _starts(self, archive: CVTArchive) -> Array:
         """Pick an elite for each strategy, of those that fool if any do: (emitters, d)."""
         elites = archive.data(["solution", "objective"])
-        fools = elites["objective"] >= 1.0 - threshold
+        fools = elites["objective"] >= 1.0 - self.threshold
         solutions = elites["solution"][fools] if fools.any() else elites["solution"]
-        return np.resize(self.rng.permutation(solutions), (self._emitters, self.dimension))
+        return np.resize(self.rng.permutation(solutions), (self.options.emitters, self.dimension))
 
-    def _learn(self, omega: Omega, threshold: float, centroids: Array) -> None:
+    def _fit(self, omega: Omega) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""
-        induced = induce(omega, threshold, self.rng)
+        induced = induce(omega, self.threshold, self.rng)
         self.flags = [NONE_FOOLED] if induced.fallback else []
-        cells = KDTree(centroids)
+        cells, count = KDTree(self._centroids), len(self._centroids)
         cell = cells.query(induced.chosen)[1]
-        tried = np.bincount(cells.query(omega.mu)[1], minlength=len(centroids))
-        fooled = np.bincount(cell, minlength=len(centroids))
+        tried = np.bincount(cells.query(omega.mu)[1], minlength=count)
+        fooled = np.bincount(cell, minlength=count)
         rate = fooled / (tried + 1.0)  # one more, so that a cell hit once is no sure thing
         weight = rate[cell] ** 2 / fooled[cell]
         nearest = KDTree(induced.chosen).query(induced.chosen, k=2)[0][:, 1]
         self._points = induced.chosen
         self._odds = weight / weight.sum()
-        self._deviations = np.minimum(0.5 * nearest / np.sqrt(self.dimension), self._sigma)
+        self._deviations = np.minimum(0.5 * nearest / np.sqrt(self.dimension), self.options.sigma)
 
     def _draw(self, n: int) -> Array:
         row = self.rng.choice(len(self._points), n, p=self._odds)
@@ -181,12 +157,11 @@ class CMAMAE(Learner):
         return reflect(self._points[row] + step)
 
     def _arrays(self) -> Arrays:
-        return {"points": self._points, "odds": self._odds, "deviations": self._deviations}
+        return {"centroids": self._centroids}
 
     def _restore(self, arrays: Arrays) -> None:
-        self._points = arrays["points"]
-        self._odds = arrays["odds"]
-        self._deviations = arrays["deviations"]
+        self._centroids = take(arrays, "centroids", self.options.cells, self.dimension)
+        self._fit(self.omega)
 
     def _seed(self) -> int:
         return int(self.rng.integers(2**31))

@@ -11,12 +11,33 @@ import numpy.typing as npt
 from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
-from sada_gym.adversaries.mixture import Array, Mixture, fit_best_mixture
+from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
+from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
-from sada_gym.errors import UserError
+from sada_gym.adversaries.options import Options, option
+from sada_gym.errors import AdversaryError
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
+_TRIES = 1_000
+
+
+@dataclass(frozen=True)
+class CrossEntropyOptions(Options):
+    """The options of `cross-entropy`.
+
+    Attributes:
+        uniform_share: The first stage's share of the budget.
+        stages: Number of later stages.
+        elite: The quantile of scores that sets the level.
+        components: The most components of a mixture; powers of two up to it are tried.
+        defensive: The share of uniform points in the later stages.
+    """
+
+    uniform_share: float = option(0.3, 0, 1, inside=True)
+    stages: int = option(6, 1, 1_000)
+    elite: float = option(0.2, 0, 1, inside=True)
+    components: int = option(16, 1, 1_024)
+    defensive: float = option(0.05, 0, 1, inside=True)
 
 
 @dataclass(frozen=True)
@@ -67,101 +88,58 @@ class CrossEntropy(Learner):
     (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
     edges of a fooling set. Where Q is fixed this leaves the target as it is; where it is random
     samples lean towards higher p.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        uniform_share: The first stage's share of the budget, within (0, 1).
-        stages: Number of later stages, at least 1.
-        elite: The quantile of scores that sets the level, within (0, 1).
-        components: The most components of a mixture; powers of two up to it are tried.
-        defensive: The share of uniform points in the later stages, within (0, 1).
-
-    Raises:
-        ValueError: If the dimension or an option is bad.
+    See `CrossEntropyOptions`.
     """
 
     name: ClassVar[str] = "cross-entropy"
+    options_class = CrossEntropyOptions
+    options: CrossEntropyOptions
 
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        uniform_share: float = 0.3,
-        stages: int = 6,
-        elite: float = 0.2,
-        components: int = 16,
-        defensive: float = 0.05,
-    ) -> None:
-        super().__init__(dimension, seed=seed)
-        shares = {"uniform_share": uniform_share, "elite": elite, "defensive": defensive}
-        for what, share in shares.items():
-            if not (isinstance(share, float) and 0.0 < share < 1.0):
-                raise UserError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
-        for what, count in {"stages": stages, "components": components}.items():
-            if type(count) is not int or count < 1:
-                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
-        self.uniform_share = uniform_share
-        self.stages = stages
-        self.elite = elite
-        self.components = components
-        self.defensive = defensive
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary."""
-        return {
-            "uniform_share": self.uniform_share,
-            "stages": self.stages,
-            "elite": self.elite,
-            "components": self.components,
-            "defensive": self.defensive,
-        }
-
-    def _train(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Omega:
         first, *later = self._split(oracle.remaining)
         newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        proposals = [_Proposal(None, 1.0, 1.0, first)]
+        self._proposals = [_Proposal(None, 1.0, 1.0, first)]
         level = math.inf
         for count in later:
-            quantile = float(np.quantile(newest.score, self.elite, method="lower"))
-            level = max(min(level, quantile), oracle.threshold)
-            mixture = self._fit(omega, level, proposals)
+            quantile = float(np.quantile(newest.score, self.options.elite, method="lower"))
+            level = max(min(level, quantile), self.threshold)
+            mixture = self._fit_mixture(omega, level)
             mass = mixture.mass_in_box(self.rng)
-            proposals.append(_Proposal(mixture, mass, self.defensive, count))
-            newest = evaluate(self._propose(mixture, count), oracle)
+            self._proposals.append(_Proposal(mixture, mass, self.options.defensive, count))
+            newest = evaluate(self._draw_stage(mixture, count), oracle)
             omega += newest
-        level = oracle.threshold
+        return omega
+
+    def _fit(self, omega: Omega) -> None:
+        level = self.threshold
         if omega.score.min() > level:
             self.flags.append(NONE_FOOLED)
             level = float(np.sort(omega.score)[:FALLBACK_SIZE][-1])
-        self._mixture = self._fit(omega, level, proposals)
+        self._mixture = self._fit_mixture(omega, level)
         self._learn_odds(omega, level)
-        return omega
 
     def _split(self, budget: int) -> list[int]:
         """Split the budget into the first, uniform stage and later ones, none of them empty."""
-        uniform = math.ceil(budget * self.uniform_share)
-        ends = np.linspace(uniform, budget, self.stages + 1).astype(int)
+        uniform = math.ceil(budget * self.options.uniform_share)
+        ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
         return [uniform, *(int(count) for count in np.diff(ends) if count)]
 
-    def _fit(self, omega: Omega, level: float, proposals: list[_Proposal]) -> Mixture:
+    def _fit_mixture(self, omega: Omega, level: float) -> Mixture:
         """Fit the uniform density over the points at or below the level."""
         elite = omega.mu[omega.score <= level].astype(np.float64)
         log_density = logsumexp(
-            [math.log(proposal.count) + proposal.log_ratio(elite) for proposal in proposals], axis=0
+            [math.log(stage.count) + stage.log_ratio(elite) for stage in self._proposals], axis=0
         )
         weights = np.exp(log_density.min() - log_density)
         return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
 
     @property
     def _sizes(self) -> list[int]:
-        return [2**i for i in range(self.components.bit_length())]
+        return [2**i for i in range(self.options.components.bit_length())]
 
-    def _propose(self, mixture: Mixture, n: int) -> npt.NDArray[np.float32]:
+    def _draw_stage(self, mixture: Mixture, n: int) -> npt.NDArray[np.float32]:
         points = mixture.sample(n, self.rng)
-        uniform = self.rng.random(n) < self.defensive
+        uniform = self.rng.random(n) < self.options.defensive
         points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
         return points.astype(np.float32)
 
@@ -187,14 +165,18 @@ class CrossEntropy(Learner):
         return probability
 
     def _draw(self, n: int) -> Array:
-        # a tenth of the mixture's draws are kept for sure, so the loop ends
-        while True:
+        # a tenth of the mixture's draws are kept for sure, unless a file says otherwise
+        for _ in range(_TRIES):
             points = self._mixture.sample(2 * n + 64, self.rng)
             if self._classes:
                 chance = self.rng.random(len(points)) * self._ceiling
                 points = points[chance <= self._odds(points)]
             if len(points):
                 return points
+        raise AdversaryError(
+            "Expected some of the mixture's draws to be kept, but all were thinned out: what the "
+            "adversary learnt is broken. Train it again."
+        )
 
     def _arrays(self) -> Arrays:
         arrays: dict[str, Any] = {"odds": np.array([self._log_odds, self._ceiling])}
@@ -203,8 +185,10 @@ class CrossEntropy(Learner):
         return arrays
 
     def _restore(self, arrays: Arrays) -> None:
-        self._log_odds, self._ceiling = (float(value) for value in arrays["odds"])
+        self._log_odds, self._ceiling = (float(value) for value in take(arrays, "odds", 2))
         self._mixture, *self._classes = (
-            Mixture.from_arrays({n: arrays[f"{i}.{n}"] for n in ("weights", "means", "factors")})
+            Mixture.from_arrays(
+                {n: arrays[f"{i}.{n}"] for n in ("weights", "means", "factors")}, self.dimension
+            )
             for i in range(3 if "2.weights" in arrays else 1)
         )

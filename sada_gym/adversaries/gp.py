@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
-from sada_gym.adversaries.learner import Arrays
+from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
+from sada_gym.errors import UserError
 
 MOST_POINTS = 20_000
 """Points that the process is fitted to: the paper's N. Time grows with their third power."""
@@ -24,7 +25,7 @@ class GP(Selection):
     Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines": an exponential
     kernel. One length-scale a dimension, signal and noise maximise the marginal likelihood on a
     random subset of Omega; the process is then exact on all of it. See `Selection` for how samples
-    are chosen, and for the arguments.
+    are chosen, and for the options.
     """
 
     name: ClassVar[str] = "gp"
@@ -42,7 +43,7 @@ class GP(Selection):
             self._weights = np.zeros(len(x))
             return
         y = (score - self._mean) / scale
-        self._kernel = fit_kernel(x[: self.subset], y[: self.subset])
+        self._kernel = fit_kernel(x[: self.options.subset], y[: self.options.subset])
         self._weights = scale * fit_weights(self._kernel, x, y)
 
     def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
@@ -59,8 +60,11 @@ class GP(Selection):
         }
 
     def _restore(self, arrays: Arrays) -> None:
-        self._mean = float(arrays["mean"])
-        self._weights = arrays["weights"]
-        self._kernel = Kernel(
-            arrays["length_scales"], float(arrays["signal"]), float(arrays["noise"])
-        )
+        points = min(len(self.omega), MOST_POINTS)
+        self._mean = float(take(arrays, "mean"))
+        self._weights = take(arrays, "weights", points)
+        scales = take(arrays, "length_scales", self.dimension)
+        signal, noise = (float(take(arrays, name)) for name in ("signal", "noise"))
+        if min(*scales, signal, noise) <= 0.0:
+            raise UserError("a length-scale, the signal or the noise is not above 0")
+        self._kernel = Kernel(scales, signal, noise)

@@ -1,74 +1,103 @@
-"""What the adversaries share that learn arrays from evaluated points: fresh samples, and files."""
+"""What nearly every adversary shares: training, fresh samples, and files."""
 
 from __future__ import annotations
 
-import json
-import zipfile
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 from typing_extensions import Self
 
-from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary, Query
-from sada_gym.adversaries.omega import Omega
-from sada_gym.errors import UserError
+from sada_gym.adversaries.fresh import fresh_rows, row_keys
+from sada_gym.adversaries.omega import Omega, evaluate_uniform
+from sada_gym.adversaries.options import choose_options
+from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.files import Strict, write_file, write_model
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 NONE_FOOLED = "no point of Omega fooled: learnt from the lowest scores instead"
 
-_ARRAYS, _SETTINGS = "adversary.npz", "adversary.json"
-_ROUNDS_BEFORE_STIRRING = 100
-_STIR = 1e-4
+_RECORD, _ARRAYS = "adversary.json", "adversary.safetensors"
+
+
+class Record(Strict):
+    """A trained adversary but for its arrays, as `adversary.json` holds it.
+
+    Attributes:
+        adversary: Its name.
+        dimension: d.
+        options: All its options.
+        flags: What it says of its training.
+        threshold: The fooling threshold that it was trained with.
+        before_fit: The state of its generator before it was fitted.
+        generator: The state of its generator now.
+    """
+
+    adversary: str
+    dimension: int
+    options: dict[str, Any]
+    flags: tuple[str, ...]
+    threshold: float
+    before_fit: Mapping[str, Any]
+    generator: Mapping[str, Any]
 
 
 class Learner(Adversary):
-    """An adversary whose state is its options, its generator and some arrays.
+    """An adversary that evaluates points, fits a model to them, and draws from the model.
 
-    A subclass implements `options`, `_train`, `_draw`, `_arrays` and `_restore`.
+    A subclass implements `_fit` and `_draw`, and `_query` where its queries are not all uniform.
+    Saving needs nothing more: loading fits again, to the same points and from the same state of
+    the generator. Where that takes long, a subclass saves the model: `_arrays` and `_restore`.
 
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
+    The arguments and other attributes are those of `Adversary`.
 
     Attributes:
         omega: All points evaluated in training; no sample repeats one.
-        flags: What a reader of the result must know, such as that no point fooled.
+        threshold: The fooling threshold of the training.
     """
 
-    name: ClassVar[str]
-
-    def __init__(self, dimension: int, *, seed: int | None = None) -> None:
-        super().__init__(dimension, seed=seed)
-        self.omega = Omega(np.zeros((0, dimension), np.float32), np.zeros(0))
+    def __init__(
+        self, dimension: int, *, seed: int | None = None, preset: str = "default", **options: Any
+    ) -> None:
+        super().__init__(dimension, seed=seed, preset=preset, **options)
+        self.omega = Omega(np.zeros((0, self.dimension), np.float32), np.zeros(0))
+        self.threshold = 0.0
         self._trained = False
         self._known: set[bytes] = set()
+        self._before_fit: Mapping[str, Any] = {}
 
-    @property
-    @abstractmethod
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary, JSON-compatible."""
+    def _query(self, oracle: Query) -> Omega:
+        """Spend the oracle's budget: all points evaluated. Here they are all uniform."""
+        return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
-    def _train(self, oracle: Query) -> Omega:
-        """Spend the oracle's budget and learn; give all points evaluated."""
+    def _fit(self, omega: Omega) -> None:
+        """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
     def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
-    @abstractmethod
     def _arrays(self) -> Arrays:
-        """Give what was learnt as arrays; no objects."""
+        """Give what was learnt as arrays, no objects, to be saved. Here it is nothing."""
+        return {}
 
-    @abstractmethod
-    def _restore(self, arrays: Arrays) -> None:
-        """Take back what `_arrays` gave; `omega` is there already."""
+    def _restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
+        """Take back what `_arrays` gave; `omega` is known. Here it fits again."""
+        self._fit(self.omega)
+
+    def _propose(self, n: int, stir: float) -> npt.NDArray[np.floating[Any]]:
+        """Draw some candidates, (m, d), disturbed by a standard deviation of `stir`."""
+        drawn = self._draw(n)
+        return drawn + stir * self.rng.normal(size=drawn.shape) if stir else drawn
 
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution.
@@ -76,101 +105,145 @@ class Learner(Adversary):
         Raises:
             ValueError: If the budget is too small, or a score is not finite.
         """
-        self.flags = []
+        self.flags, self.threshold = [], float(oracle.threshold)
+        self._before_fit = self.rng.bit_generator.state
         self._know(self._train(oracle))
         self._trained = True
+
+    def _train(self, oracle: Query) -> Omega:
+        """Query and fit; a subclass that alternates between them does so here."""
+        omega = self._query(oracle)
+        self._before_fit = self.rng.bit_generator.state
+        self._fit(omega)
+        return omega
 
     def sample(self, n: int) -> npt.NDArray[np.float32]:
         """Draw n fresh mu: (n, d) float32 in [-1, 1], no two equal and none a query.
 
         Raises:
             RuntimeError: If it was neither trained nor loaded.
+            ValueError: If n different ones cannot be drawn.
         """
+        self._refuse_untrained("sample")
+        return self._fresh(n)
+
+    def _fresh(self, n: int) -> npt.NDArray[np.float32]:
+        return fresh_rows(self._propose, (n, self.dimension), self._known)
+
+    def _know(self, omega: Omega) -> None:
+        self.omega, self._known = omega, row_keys(omega.mu)
+
+    def _refuse_untrained(self, what: str) -> None:
         if not self._trained:
-            raise RuntimeError("Expected a trained adversary; call train or load first.")
-
-        def propose(missing: int, stir: float) -> npt.NDArray[np.floating[Any]]:
-            drawn = self._draw(missing)
-            return drawn + stir * self.rng.normal(size=drawn.shape) if stir else drawn
-
-        return fresh_rows(propose, (n, self.dimension), self._known)
+            raise RuntimeError(f"Expected a trained adversary to {what}; call train or load first.")
 
     def save(self, folder: Path) -> None:
-        """Write arrays and Omega (NPZ), options and the generator's state (JSON).
+        """Write the record (`adversary.json`) and the arrays (`adversary.safetensors`).
 
         Raises:
             RuntimeError: If it was not trained.
         """
-        if not self._trained:
-            raise RuntimeError("Expected a trained adversary to save; call train first.")
+        self._refuse_untrained("save")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         arrays = {**self._arrays(), "omega.mu": self.omega.mu, "omega.score": self.omega.score}
-        np.savez(folder / _ARRAYS, allow_pickle=False, **arrays)
-        settings = {
-            "adversary": self.name,
-            "dimension": self.dimension,
-            "options": self.options,
-            "flags": self.flags,
-            "generator": self.rng.bit_generator.state,
-        }
-        (folder / _SETTINGS).write_text(json.dumps(settings, indent=2) + "\n")
+        # safetensors writes the memory as it lies, whatever the strides
+        content = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
+        write_file(folder / _ARRAYS, content)
+        record = Record(
+            adversary=self.name,
+            dimension=self.dimension,
+            options=self.options.as_dict(),
+            flags=tuple(self.flags),
+            threshold=self.threshold,
+            before_fit=self._before_fit,
+            generator=self.rng.bit_generator.state,
+        )
+        write_model(folder / _RECORD, record)
 
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read an adversary that `save` wrote; it samples as the saved one would have gone on.
 
         Raises:
-            ValueError: If the folder holds no such adversary.
+            ValueError: If the folder holds no such adversary, or a number in it is not finite.
         """
         try:
-            settings = json.loads((Path(folder) / _SETTINGS).read_text())
-            refuse_unknown("saved adversary", [settings["adversary"]], [cls.name])
-            adversary = cls(settings["dimension"], seed=0, **settings["options"])
-            adversary.flags = [str(flag) for flag in settings["flags"]]
-            with np.load(Path(folder) / _ARRAYS, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file}
-            adversary._know(Omega(arrays.pop("omega.mu"), arrays.pop("omega.score")))
-            adversary._restore(arrays)
-            adversary.rng.bit_generator.state = settings["generator"]
-        except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+            return cls._loaded(Path(folder))
+        except (OSError, KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
             raise UserError(
-                f"Expected a folder that `{cls.__name__}.save` wrote, got {folder}: {error}"
+                f"Expected a folder that `{cls.__name__}.save` wrote, got {folder}: "
+                f"{_in_a_line(error)}"
             ) from error
+
+    @classmethod
+    def _loaded(cls, folder: Path) -> Self:
+        record = Record.model_validate_json((folder / _RECORD).read_bytes())
+        refuse_unknown("saved adversary", [record.adversary], [cls.name])
+        # options alone: a file must not choose other arguments, such as a path to write to
+        options = choose_options(cls.name, cls.options_class(), {}, "default", record.options)
+        adversary = cls(record.dimension, seed=0, **options.as_dict())
+        adversary.threshold = record.threshold
+        arrays = load((folder / _ARRAYS).read_bytes())
+        refuse_bad_numbers(arrays)
+        adversary._know(_omega(arrays, adversary.dimension))
+        adversary._before_fit = record.before_fit
+        adversary.rng.bit_generator.state = record.before_fit
+        adversary._restore(arrays)
+        adversary.rng.bit_generator.state = record.generator
+        adversary.flags = list(record.flags)
         adversary._trained = True
         return adversary
 
-    def _know(self, omega: Omega) -> None:
-        self.omega, self._known = omega, row_keys(omega.mu)
 
-
-def row_keys(mu: npt.NDArray[np.float32]) -> set[bytes]:
-    """Give what tells the rows of mu (n, d) apart."""
-    # adding 0 turns -0 into 0: equal rows have equal bytes
-    return {row.tobytes() for row in mu + np.float32(0.0)}
-
-
-def fresh_rows(
-    propose: Callable[[int, float], npt.NDArray[np.floating[Any]]],
-    shape: tuple[int, int],
-    known: set[bytes],
-) -> npt.NDArray[np.float32]:
-    """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
+def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
+    """Give one of a file's arrays, checked for its shape.
 
     Args:
-        propose: Called as propose(missing, stir), gives some rows. Its stir is 0 until few distinct
-            ones seem to be left to draw, then a standard deviation to disturb them by.
-        shape: n and d.
-        known: The `row_keys` of what must not come again.
+        arrays: By name.
+        name: Which.
+        shape: Its shape; None for any length.
+
+    Raises:
+        ValueError: If it is missing or of another shape.
     """
-    chosen: dict[bytes, npt.NDArray[np.float32]] = {}
-    rounds = 0
-    while len(chosen) < shape[0]:
-        stir = _STIR if rounds > _ROUNDS_BEFORE_STIRRING else 0.0
-        drawn = np.clip(propose(shape[0] - len(chosen), stir), -1.0, 1.0).astype(np.float32)
-        for row in drawn + np.float32(0.0):
-            key = row.tobytes()
-            if key not in known and len(chosen) < shape[0]:
-                chosen.setdefault(key, row)
-        rounds += 1
-    return np.array(list(chosen.values()), np.float32).reshape(shape)
+    if name not in arrays:
+        raise UserError(f"the array {name} is missing")
+    array = arrays[name]
+    fits = len(array.shape) == len(shape) and all(
+        length is None or length == own for own, length in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if length is None else str(length) for length in shape)
+        raise UserError(f"{name} has the shape {array.shape}, not ({wanted})")
+    return array
+
+
+def refuse_bad_numbers(arrays: Arrays) -> None:
+    """Refuse arrays from a file that hold anything but finite numbers.
+
+    Raises:
+        ValueError: If one does.
+    """
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            raise UserError(f"{name} holds {array.dtype}, not numbers")
+        if not np.isfinite(array).all():
+            raise UserError(f"{name} holds NaN or infinite numbers")
+
+
+def _omega(arrays: Arrays, dimension: int) -> Omega:
+    score = take(arrays, "omega.score", None)
+    mu = take(arrays, "omega.mu", len(score), dimension)
+    if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
+        raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
+    return Omega(mu, score)
+
+
+def _in_a_line(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(map(str, first['loc'])) or _RECORD}: {first['msg']}"
+    if isinstance(error, KeyError):
+        return f"{error} is missing"
+    return " ".join(str(error).split())

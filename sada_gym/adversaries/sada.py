@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
-from sada_gym.adversaries.mixture import reflect
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
-from sada_gym.adversaries.surrogate import MODELS, Surrogate
-from sada_gym.errors import BudgetTooSmall, UserError
+from sada_gym.adversaries.options import Options, option
+from sada_gym.errors import BudgetTooSmall
 from sada_gym.measures.coverage import density_and_coverage
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +29,27 @@ _RARE = 0.002
 _WALK_STEPS = 60
 _LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
 _SAMPLES, _DRAWS = 250, 10
+
+
+@dataclass(frozen=True)
+class SADAOptions(Options):
+    """The options of `sada`.
+
+    Attributes:
+        uniform: Share of the budget that is uniform from the start.
+        rounds: Number of rounds for the rest.
+        explore: Share of each round that is uniform.
+        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
+        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
+        models: What the surrogate stacks: `trees`, `process`.
+    """
+
+    uniform: float = option(0.4, 0.05, 1)
+    rounds: int = option(4, 0, 100)
+    explore: float = option(0.25, 0, 1)
+    coverage: float = option(0.98, 0, 1)
+    volume: float = option(1.0 / 3.0, 0, 1)
+    models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), most=len(MODELS))
 
 
 class SADA(Learner):
@@ -51,118 +72,66 @@ class SADA(Learner):
        speck of the fooling set. So the level is never so high that the sampled set has less than
        `volume` of the volume that is predicted to fool, which is the mean of p.
 
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        uniform: Share of the budget that is uniform from the start.
-        rounds: Number of rounds for the rest.
-        explore: Share of each round that is uniform.
-        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
-        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
-        models: What the surrogate stacks: `trees`, `process`.
+    See `SADAOptions`.
 
     Attributes:
         omega: All points evaluated in training.
         level: Samples are drawn where p >= level.
         flags: What a reader of the result must know, such as that no point fooled.
-
-    Raises:
-        ValueError: If an option is out of range.
     """
 
     name: ClassVar[str] = "sada"
+    options_class = SADAOptions
+    options: SADAOptions
+    level: float = 0.5
 
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        uniform: float = 0.4,
-        rounds: int = 4,
-        explore: float = 0.25,
-        coverage: float = 0.98,
-        volume: float = 1.0 / 3.0,
-        models: Sequence[str] = tuple(MODELS),
-    ) -> None:
-        super().__init__(dimension, seed=seed)
-        for name, value, low, high in (
-            ("uniform", uniform, 0.05, 1.0),
-            ("rounds", rounds, 0, 100),
-            ("explore", explore, 0.0, 1.0),
-            ("coverage", coverage, 0.0, 1.0),
-            ("volume", volume, 0.0, 1.0),
-        ):
-            whole = isinstance(low, int)
-            fits = isinstance(value, int if whole else (int, float)) and value is not True
-            if not fits or not low <= value <= high:
-                what = "a whole number" if whole else "a number"
-                raise UserError(
-                    f"Expected {name} to be {what} within [{low:g}, {high:g}], got {value!r}."
-                )
-        self.uniform, self.rounds, self.explore = uniform, rounds, explore
-        self.coverage, self.volume = coverage, volume
-        if not models or isinstance(models, str):
-            raise UserError(f"Expected a list of models among {', '.join(MODELS)}, got {models!r}.")
-        refuse_unknown("models", models, list(MODELS))
-        self.models = tuple(models)
-        self.level = 0.5
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary."""
-        return {
-            "uniform": self.uniform,
-            "rounds": self.rounds,
-            "explore": self.explore,
-            "coverage": self.coverage,
-            "volume": self.volume,
-            "models": list(self.models),
-        }
-
-    def _train(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Omega:
         budget = oracle.remaining
         if budget < LEAST_BUDGET:
             raise BudgetTooSmall(
                 f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
             )
-        self._pool = min(max(_POOL_PER_QUERY * budget, _LEAST_POOL), _MOST_POOL)
-        first = budget if not self.rounds else max(int(self.uniform * budget), LEAST_BUDGET)
+        first = (
+            budget
+            if not self.options.rounds
+            else max(int(self.options.uniform * budget), LEAST_BUDGET)
+        )
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        for part in _split(budget - first, self.rounds):
-            surrogate = Surrogate(omega, oracle.threshold, self.rng, self.models)
-            omega += evaluate(self._informative(surrogate, part), oracle)
-        if (omega.score > oracle.threshold).all():
-            self.flags.append(NONE_FOOLED)
-        self._refit_seed = int(self.rng.integers(2**62))
-        self._threshold = oracle.threshold
-        self._fit(omega)
-        self._find_level()
+        for part in _split(budget - first, self.options.rounds):
+            surrogate = Surrogate(omega, self.threshold, self.rng, self.options.models)
+            pool = self._uniform(max(_pool_size(budget), 4 * part))
+            omega += evaluate(self._informative(surrogate, pool, part), oracle)
         return omega
 
-    def _informative(self, surrogate: Surrogate, count: int) -> npt.NDArray[np.float32]:
+    def _informative(
+        self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
+    ) -> npt.NDArray[np.float32]:
         """Choose mu to ask about: (count, d), by what the surrogate says and some uniform."""
-        pool = self._uniform(max(self._pool, 4 * count))
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
         odds = (p**4 if surrogate.raised else p * (1.0 - p)) + 1e-12
-        odds = (1.0 - self.explore) * odds / odds.sum() + self.explore / len(pool)
+        odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
     def _fit(self, omega: Omega) -> None:
-        rng = np.random.default_rng(self._refit_seed)
-        self._surrogate = Surrogate(omega, self._threshold, rng, self.models)
+        """Fit the last surrogate, and choose the level."""
+        if (omega.score > self.threshold).all():
+            self.flags.append(NONE_FOOLED)
+        rng = np.random.default_rng(int(self.rng.integers(2**62)))
+        self._surrogate = Surrogate(omega, self.threshold, rng, self.options.models)
+        self._find_level(_pool_size(len(omega)))
 
-    def _find_level(self) -> None:
+    def _find_level(self, size: int) -> None:
         """Choose the level, and keep what the walk starts from."""
-        pool, p = self._predicted_pool()
+        pool, p = self._predicted_pool(size)
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
         # at least the likeliest hundredth of a per cent, so that there is something to sample
-        least = max(self.volume * float(p.mean()), 0.0001)
+        least = max(self.options.volume * float(p.mean()), 0.0001)
         highest = float(np.quantile(p, 1.0 - least))
         self.level = min(0.5, highest)
-        if self.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
+        if self.options.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
             self._raise_level(pool, p, rows, highest)
         inside = p >= self.level
         self._share = float(inside.mean())
@@ -173,19 +142,19 @@ class SADA(Learner):
     ) -> None:
         """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
-        least = self.coverage * self._covered(pool, p, others, real)
+        least = self.options.coverage * self._covered(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
             if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
                 return
             self.level = level
 
-    def _predicted_pool(self) -> tuple[npt.NDArray[np.float32], Array]:
+    def _predicted_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
         """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
         pools: list[npt.NDArray[np.float32]] = []
         predicted: list[Array] = []
         while len(pools) < _MOST_POOLS:
-            pools.append(self._uniform(self._pool))
+            pools.append(self._uniform(size))
             predicted.append(self._surrogate(pools[-1]))
             if sum((p >= 0.5).sum() for p in predicted) >= 4 * _LEAST_SET:
                 break
@@ -231,22 +200,9 @@ class SADA(Learner):
     def _uniform(self, n: int) -> npt.NDArray[np.float32]:
         return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
 
-    def _arrays(self) -> Arrays:
-        return {
-            "refit_seed": np.array(self._refit_seed),
-            "threshold": np.array(self._threshold),
-            "level": np.array(self.level),
-            "share": np.array(self._share),
-            "starts": self._starts,
-        }
 
-    def _restore(self, arrays: Arrays) -> None:
-        """Fit the surrogate again: the same queries and seed give the same trees, unpickled."""
-        self._refit_seed = int(arrays["refit_seed"])
-        self._threshold = float(arrays["threshold"])
-        self._fit(self.omega)
-        self.level, self._share = float(arrays["level"]), float(arrays["share"])
-        self._starts = arrays["starts"]
+def _pool_size(queries: int) -> int:
+    return min(max(_POOL_PER_QUERY * queries, _LEAST_POOL), _MOST_POOL)
 
 
 def _split(total: int, parts: int) -> list[int]:

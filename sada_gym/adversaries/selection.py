@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,12 +12,27 @@ from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
-from sada_gym.adversaries.omega import Omega, evaluate_uniform
-from sada_gym.errors import UserError
+from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.options import Options, option
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
 
 _LEAST_POOL = 4
+
+
+@dataclass(frozen=True)
+class SelectionOptions(Options):
+    """The options of `svm` and `gp`.
+
+    Attributes:
+        pool: Random mu that a sample is selected from; None takes as many as Omega has. At least
+            four times the sample are drawn in any case, so that a selection remains.
+        subset: Points of Omega, at most, that the hyper-parameters are chosen on; the final fit is
+            to all.
+    """
+
+    pool: int | None = option(None, 1, 10**6, kind=int)
+    subset: int = option(2_000, 10, 10_000)
 
 
 class Selection(Learner):
@@ -26,39 +42,12 @@ class Selection(Learner):
     not say out of how many. The size of the pool decides what is selected: a large one gives the
     extremes of the prediction alone, a small one nearly the whole box. Ours is as large as Omega,
     so that the prediction sifts as many points as it was learnt from. It is drawn anew at every
-    call, and equal predictions are taken in the random order of the pool.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        pool: Random mu that a sample is selected from; None takes as many as Omega has. At least
-            four times the sample are drawn in any case, so that a selection remains.
-        subset: Points of Omega, at most, that the hyper-parameters are chosen on; the final fit is
-            to all.
-
-    Raises:
-        ValueError: If the dimension is below 1, the pool below 1, or the subset below 10.
+    call, and equal predictions are taken in the random order of the pool. See `SelectionOptions`.
     """
 
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        pool: int | None = None,
-        subset: int = 2_000,
-    ) -> None:
-        super().__init__(dimension, seed=seed)
-        for name, value, least in (("pool", pool, 1), ("subset", subset, 10)):
-            if value is not None and (not isinstance(value, int) or value < least):
-                raise UserError(f"Expected {name} to be an int of at least {least}, got {value}.")
-        self.pool = pool
-        self.subset = subset
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary."""
-        return {"pool": self.pool, "subset": self.subset}
+    uniform_queries: ClassVar[bool] = True
+    options_class = SelectionOptions
+    options: SelectionOptions
 
     @abstractmethod
     def _fit(self, omega: Omega) -> None:
@@ -69,8 +58,8 @@ class Selection(Learner):
         """Predict what the lowest of is selected, for mu (n, d): (n,)."""
 
     def _train(self, oracle: Query) -> Omega:
-        omega = evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
-        if (omega.score > oracle.threshold).all():
+        omega = self._query(oracle)
+        if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED_BUT_ALL_LEARNT)
         # more threads would give other last bits
         with threadpool_limits(1):
@@ -78,7 +67,7 @@ class Selection(Learner):
         return omega
 
     def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
-        size = max(self.pool or len(self.omega), _LEAST_POOL * n)
+        size = max(self.options.pool or len(self.omega), _LEAST_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):
             predicted = self._predict(pool)

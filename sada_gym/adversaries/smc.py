@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from sklearn.neighbors import NearestNeighbors
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner
-from sada_gym.adversaries.mixture import Array, reflect
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
-from sada_gym.errors import UserError
+from sada_gym.adversaries.options import Options, option
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
 _LEAST_SPREAD = 1e-3
+
+
+@dataclass(frozen=True)
+class SMCOptions(Options):
+    """The options of `smc`.
+
+    Attributes:
+        uniform_share: The uniform pool's share of the budget.
+        level_share: The share of the budget for chains at a level above epsilon.
+        level_probability: The share of a population that the next level keeps.
+        steps: Steps of a chain at a level.
+        acceptance: The rate of accepted steps to adapt to.
+        neighbours: The number of nearest neighbours to sample towards.
+    """
+
+    uniform_share: float = option(0.3, 0, 1, inside=True)
+    level_share: float = option(0.1, 0, 1, inside=True)
+    level_probability: float = option(0.2, 0, 1, inside=True)
+    steps: int = option(5, 1, 10_000)
+    acceptance: float = option(0.3, 0, 1, inside=True)
+    neighbours: int = option(20, 1, 1_000)
 
 
 class SMC(Learner):
@@ -42,91 +64,46 @@ class SMC(Learner):
     Unlike a kernel's, such samples hardly leave the fooling set at its edges; the price is a little
     of the spread. All points that fooled in any stage stand once, however long a chain
     stayed: how long says little in so few steps, and would draw samples to lucky points.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        uniform_share: The uniform pool's share of the budget, within (0, 1).
-        level_share: The share of the budget for chains at a level above epsilon, within (0, 1).
-        level_probability: The share of a population that the next level keeps, within (0, 1).
-        steps: Steps of a chain at a level, at least 1.
-        acceptance: The rate of accepted steps to adapt to, within (0, 1).
-        neighbours: The number of nearest neighbours to sample towards, at least 1.
-
-    Raises:
-        ValueError: If the dimension or an option is bad.
+    See `SMCOptions`.
     """
 
     name: ClassVar[str] = "smc"
+    options_class = SMCOptions
+    options: SMCOptions
 
-    def __init__(
-        self,
-        dimension: int,
-        *,
-        seed: int | None = None,
-        uniform_share: float = 0.3,
-        level_share: float = 0.1,
-        level_probability: float = 0.2,
-        steps: int = 5,
-        acceptance: float = 0.3,
-        neighbours: int = 20,
-    ) -> None:
-        super().__init__(dimension, seed=seed)
-        shares = {
-            "uniform_share": uniform_share,
-            "level_share": level_share,
-            "level_probability": level_probability,
-            "acceptance": acceptance,
-        }
-        for what, share in shares.items():
-            if not (isinstance(share, float) and 0.0 < share < 1.0):
-                raise UserError(f"Expected {what} to be a share within (0, 1), got {share!r}.")
-        for what, count in {"steps": steps, "neighbours": neighbours}.items():
-            if type(count) is not int or count < 1:
-                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
-        self.uniform_share = uniform_share
-        self.level_share = level_share
-        self.level_probability = level_probability
-        self.steps = steps
-        self.acceptance = acceptance
-        self.neighbours = neighbours
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The keywords that make an equal adversary."""
-        return {
-            "uniform_share": self.uniform_share,
-            "level_share": self.level_share,
-            "level_probability": self.level_probability,
-            "steps": self.steps,
-            "acceptance": self.acceptance,
-            "neighbours": self.neighbours,
-        }
-
-    def _train(self, oracle: Query) -> Omega:
-        budget = oracle.remaining
-        uniform = math.ceil(budget * self.uniform_share)
-        per_level = math.ceil(budget * self.level_share)
+    def _query(self, oracle: Query) -> Omega:
+        o, budget = self.options, oracle.remaining
+        uniform = math.ceil(budget * o.uniform_share)
+        per_level = math.ceil(budget * o.level_share)
         omega = population = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         self._scale = 0.5
         level = math.inf
         while level > oracle.threshold and oracle.remaining:
-            quantile = float(np.quantile(population.score, self.level_probability, method="lower"))
+            quantile = float(np.quantile(population.score, o.level_probability, method="lower"))
             level = max(quantile, oracle.threshold)
             population = _below(population, level)
             n = oracle.remaining if level == oracle.threshold else min(per_level, oracle.remaining)
             states, queries = self._walk(population, level, n, oracle)
             population += states
             omega += queries
-        induced = induce(omega, oracle.threshold, self.rng)
+        return omega
+
+    def _fit(self, omega: Omega) -> None:
+        induced = induce(omega, self.threshold, self.rng)
         if induced.fallback:
             self.flags.append(NONE_FOOLED)
-        self._learn(np.unique(induced.chosen, axis=0).astype(np.float64))
-        return omega
+        self._points = np.unique(induced.chosen, axis=0).astype(np.float64)
+        self._nearest = np.zeros((1, 1), np.intp)
+        if len(self._points) > 1:
+            count = min(self.options.neighbours, len(self._points) - 1)
+            # more threads would give other last bits, and so other neighbours
+            with threadpool_limits(1):
+                search = NearestNeighbors(n_neighbors=count).fit(self._points)
+                self._nearest = search.kneighbors(return_distance=False)
 
     def _walk(self, population: Omega, level: float, n: int, oracle: Query) -> tuple[Omega, Omega]:
         """Let chains from the population take n steps in all: their states, and all queries."""
-        chains = math.ceil(n / self.steps)
+        chains = math.ceil(n / self.options.steps)
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
         mu, score = population.mu[start], population.score[start]
         spread = np.maximum(population.mu.std(axis=0), _LEAST_SPREAD)
@@ -140,18 +117,9 @@ class SMC(Learner):
             score = np.where(accepted, asked.score, score)
             states.append(Omega(mu, score))
             queries.append(asked)
-            growth = math.exp(accepted.mean() - self.acceptance)
+            growth = math.exp(accepted.mean() - self.options.acceptance)
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
         return _join(states), _join(queries)
-
-    def _learn(self, points: Array) -> None:
-        self._points = points
-        self._nearest = np.zeros((1, 1), np.intp)
-        if len(points) > 1:
-            # more threads would give other last bits, and so other neighbours
-            with threadpool_limits(1):
-                search = NearestNeighbors(n_neighbors=min(self.neighbours, len(points) - 1))
-                self._nearest = search.fit(points).kneighbors(return_distance=False)
 
     def _draw(self, n: int) -> Array:
         first = self.rng.integers(len(self._points), size=n)
@@ -159,12 +127,6 @@ class SMC(Learner):
         way = self.rng.random((n, 1))
         drawn: Array = self._points[first] + way * (self._points[second] - self._points[first])
         return drawn
-
-    def _arrays(self) -> Arrays:
-        return {"points": self._points}
-
-    def _restore(self, arrays: Arrays) -> None:
-        self._learn(arrays["points"])
 
 
 def _below(pool: Omega, level: float) -> Omega:

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.learner import Arrays
+from sada_gym.adversaries.learner import Arrays, take
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
+from sada_gym.errors import UserError
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
@@ -38,7 +39,7 @@ class SVM(Selection):
     has the same shares of the classes. The final machine is trained on all of Omega.
 
     Most predictions are ties, as there are but five: see `Selection` for how samples are chosen,
-    and for the arguments.
+    and for the options.
     """
 
     name: ClassVar[str] = "svm"
@@ -64,7 +65,7 @@ class SVM(Selection):
         """Pick rows such that every class has its share of them, and of each fold."""
         shuffled = self.rng.permutation(len(label))
         order = shuffled[np.argsort(label[shuffled], kind="stable")]
-        count = min(self.subset, len(label))
+        count = min(self.options.subset, len(label))
         return order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
 
     def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
@@ -91,11 +92,15 @@ class SVM(Selection):
         }
 
     def _restore(self, arrays: Arrays) -> None:
-        self._classes = arrays["classes"]
-        self._gamma = float(arrays["gamma"])
-        self._vectors = arrays["vectors"]
-        self._coefficients = arrays["coefficients"]
-        self._intercepts = arrays["intercepts"]
+        self._classes = take(arrays, "classes", None)
+        count = len(self._classes)
+        if not 1 <= count <= len(_EDGES) + 1:
+            raise UserError(f"there are {count} classes, not 1 to {len(_EDGES) + 1}")
+        pairs = count * (count - 1) // 2
+        self._gamma = float(take(arrays, "gamma"))
+        self._vectors = take(arrays, "vectors", None, self.dimension)
+        self._coefficients = take(arrays, "coefficients", len(self._vectors), pairs)
+        self._intercepts = take(arrays, "intercepts", pairs)
 
 
 def _standardise(mu: Array) -> Array:

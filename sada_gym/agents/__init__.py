@@ -1,20 +1,33 @@
-"""The frozen agents that are shipped: their names, files and SHA-256, and how to load them."""
+"""The frozen agents that are shipped: one row an agent, and how to load one."""
 
 from __future__ import annotations
 
 import difflib
 import hashlib
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sada_gym.errors import UserError
+from sada_gym.agents.identity import check_agent_id, fingerprint, identity, refuse_nonfinite
+from sada_gym.errors import FileError, UserError
 
-if TYPE_CHECKING:
-    from stable_baselines3 import PPO
-
-    from sada_gym.envs.detection.agent.network import Detector
-    from sada_gym.envs.uav.agent.network import WaypointNetwork
+__all__ = [
+    "AGENTS",
+    "AgentCard",
+    "card",
+    "fingerprint",
+    "identity",
+    "load",
+    "load_detector",
+    "load_driver",
+    "load_pilot",
+    "names",
+    "refuse_nonfinite",
+    "resolve",
+    "verify",
+]
 
 
 @dataclass(frozen=True)
@@ -23,10 +36,12 @@ class AgentCard:
 
     Attributes:
         name: What `agent=` takes.
-        application: The applications that it serves.
+        application: The application that it serves.
         file: Its weights, relative to `sada_gym/envs`.
         sha256: Of that file; a file that differs is refused.
         summary: A line for people.
+        loader: `module:function` that turns a file of weights into an agent of this application.
+        kind: What such an agent is called in messages.
     """
 
     name: str
@@ -34,6 +49,8 @@ class AgentCard:
     file: str
     sha256: str
     summary: str
+    loader: str = ""
+    kind: str = "agent"
 
     @property
     def path(self) -> Path:
@@ -48,6 +65,8 @@ AGENTS = (
         "detection/agent/photographer.safetensors",
         "9a7ec7022a5388f2692c60a08b404d9f20f2cc67a08f4a652b61f2cf6648b016",
         "detector trained on the views that people photograph; the default",
+        "sada_gym.envs.detection.agent.weights:load",
+        "detector",
     ),
     AgentCard(
         "surveyor",
@@ -55,6 +74,8 @@ AGENTS = (
         "detection/agent/surveyor.safetensors",
         "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
         "the same with one training view in ten from everywhere",
+        "sada_gym.envs.detection.agent.weights:load",
+        "detector",
     ),
     AgentCard(
         "cil",
@@ -62,6 +83,8 @@ AGENTS = (
         "driving/agent/cil.safetensors",
         "42cc4cf97217ce4ba45a4315cedf835677ed0f97d7653f5d901a60872ee40372",
         "imitates an expert, at the default camera in four weathers; the default",
+        "sada_gym.envs.driving.agent.weights:load",
+        "driver",
     ),
     AgentCard(
         "cil-augmented",
@@ -69,6 +92,8 @@ AGENTS = (
         "driving/agent/cil-augmented.safetensors",
         "932d7d9d92d97d4e3e96acf907896cc4a96d0fbaaf6b893b986a65734ee1433c",
         "the same, with another camera each drive and stronger changes of the light",
+        "sada_gym.envs.driving.agent.weights:load",
+        "driver",
     ),
     AgentCard(
         "ppo",
@@ -76,6 +101,8 @@ AGENTS = (
         "driving/agent/ppo.safetensors",
         "22e413aaaf7937a60be0d14f717f7c1f8a882cbdcf66d5bb7a1827f1432f6fa4",
         "cil, trained on by PPO on the driving task",
+        "sada_gym.envs.driving.agent.weights:load",
+        "driver",
     ),
     AgentCard(
         "waypoint-pid",
@@ -83,13 +110,17 @@ AGENTS = (
         "uav/agent/waypoint-pid.safetensors",
         "c26fa779414358f7d365e858cde0633fc1df652e4b02c98b33df3c214379c9e6",
         "sees where the next gate is and flies there; trained on mild tracks; the default",
+        "sada_gym.envs.uav.agent.weights:load",
+        "pilot",
     ),
     AgentCard(
         "ppo",
         "SADA-UAV",
         "uav/agent/ppo.safetensors",
         "0f2b7f94aaa13fdcd7b1cd2bb2f55552dfc5c1990663a8c801126c8c4bdcd66f",
-        "told where the next two gates are, without a camera; learnt to fly by PPO",
+        "gets the places of the next two gates and no image; learnt to fly by PPO",
+        "sada_gym.envs.uav.agent.weights:load",
+        "pilot",
     ),
 )
 
@@ -103,7 +134,7 @@ def card(name: str, application: str | None = None) -> AgentCard:
     """A shipped agent by name.
 
     Raises:
-        ValueError: If there is none of that name, or it serves another application.
+        UserError: If there is none of that name, or it serves another application.
     """
     for agent in AGENTS:
         if agent.name == name and application in (None, agent.application):
@@ -114,93 +145,81 @@ def card(name: str, application: str | None = None) -> AgentCard:
     raise UserError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")
 
 
-def load_detector(agent: str | Path) -> Detector:
-    """Load a shipped detector by name, or a safetensors file with its architecture's weights.
+def load(agent: str | Path, application: str) -> Any:
+    """Load a shipped agent by name, or a safetensors file with an agent's weights.
+
+    Args:
+        agent: A name, or a file, whose name ends in `.safetensors`.
+        application: Such as `SADA-Driving`.
 
     Raises:
-        ValueError: If there is no such agent or file, or the shipped file's SHA-256 is off.
+        UserError: If there is no such agent or file, the file is a zip, which would be unpickled,
+            holds something else, or is shipped and its SHA-256 is off.
     """
-    from sada_gym.envs.detection.agent.network import load
-    from sada_gym.envs.detection.shapes.catalogue import CLASSES
-
-    return load(_file(agent, "SADA-Detection", "detector"), CLASSES)
-
-
-def load_driver(agent: str | Path) -> PPO:
-    """Load a shipped driver by name, or a safetensors file with one's weights.
-
-    Raises:
-        ValueError: If there is no such agent or file, the file holds something else, or the shipped
-            file's SHA-256 is off.
-    """
-    from sada_gym.envs.driving.agent.weights import load
-
-    return load(_file(agent, "SADA-Driving", "driver"))
-
-
-def load_pilot(agent: str | Path) -> WaypointNetwork | PPO:
-    """Load a shipped pilot by name, or a safetensors file with one's weights.
-
-    Raises:
-        ValueError: If there is no such agent or file, the file holds something else, or the shipped
-            file's SHA-256 is off.
-    """
-    from sada_gym.envs.uav.agent.weights import load
-
-    return load(_file(agent, "SADA-UAV", "pilot"))
-
-
-def _file(agent: str | Path, application: str, kind: str) -> Path:
-    """The file of a shipped agent, whose SHA-256 is checked, or a safetensors file of a user's.
-
-    Raises:
-        ValueError: If there is no such agent or file, or it is a zip, which would be unpickled.
-    """
+    row = next(row for row in AGENTS if row.application == application)
     if str(agent).endswith(".zip"):
         raise UserError(
-            f"Expected a {kind}'s name among {', '.join(names(application))}, or a .safetensors "
-            f"file, got the file {agent}. SB3's files hold pickles, which can run code: load one "
-            "that you trust yourself, and pass the model, agent=PPO.load(file)."
+            f"Expected a {row.kind}'s name among {', '.join(names(application))}, or a "
+            f".safetensors file, got the file {agent}. SB3's files hold pickles, which can run "
+            "code: load one that you trust yourself, and pass the model, agent=PPO.load(file)."
         )
     if isinstance(agent, str) and not agent.endswith(".safetensors"):
-        shipped = card(agent, application)
-        verify(shipped)
-        return shipped.path
-    if not Path(agent).is_file():
-        raise UserError(f"Expected a file with a {kind}'s weights, got {agent}: no such file.")
-    return Path(agent)
+        row = card(agent, application)
+        verify(row)
+        path = row.path
+    else:
+        path = Path(agent)
+        if not path.is_file():
+            raise FileError(
+                f"Expected a file with a {row.kind}'s weights, got {agent}: no such file."
+            )
+    module, _, function = row.loader.partition(":")
+    return getattr(import_module(module), function)(path)
+
+
+# shorthands; agents of further applications are loaded by `load`
+load_detector = partial(load, application="SADA-Detection")
+"""`load` for detectors."""
+load_driver = partial(load, application="SADA-Driving")
+"""`load` for drivers."""
+load_pilot = partial(load, application="SADA-UAV")
+"""`load` for pilots."""
+
+
+def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:
+    """The agent that an application's `agent=` means, and what reports call it.
+
+    Args:
+        agent: A shipped agent's name, a file, or the agent itself.
+        application: The application's name.
+        agent_id: The name that its owner gave it, if any.
+
+    Raises:
+        UserError: If there is no such agent or file, weights are not finite numbers, or `agent_id`
+            is no name.
+    """
+    check_agent_id(agent_id)
+    if isinstance(agent, str | Path):
+        return str(agent), load(agent, application)
+    refuse_nonfinite(agent)
+    return agent_id or type(agent).__name__, agent
 
 
 def verify(agent: AgentCard) -> None:
     """Check that an agent's weights are those that the benchmark was measured with.
 
     Raises:
-        ValueError: If the file is missing, or its SHA-256 differs from the recorded one.
+        FileError: If the file is missing, or its SHA-256 differs from the recorded one.
     """
     if not agent.path.is_file():
-        raise UserError(
+        raise FileError(
             f"Expected the shipped weights in {agent.path}, got no such file. Install the package "
             "again, or pass your own file as agent=PATH."
         )
     found = hashlib.sha256(agent.path.read_bytes()).hexdigest()
     if found != agent.sha256:
-        raise UserError(
+        raise FileError(
             f"Expected {agent.path.name} with SHA-256 {agent.sha256[:12]}..., got {found[:12]}...: "
             "the shipped weights were changed. Install the package again, or pass your own file "
             "as agent=PATH."
         )
-
-
-def fingerprint(agent: Any) -> str | None:
-    """SHA-256 over a torch module's class and weights; None for what has no weights to hash."""
-    import torch
-
-    if not isinstance(agent, torch.nn.Module):
-        return None
-    kind = type(agent)
-    name = getattr(kind, "fingerprint_name", f"{kind.__module__}.{kind.__qualname__}")
-    digest = hashlib.sha256(name.encode())
-    for name, value in sorted(agent.state_dict().items()):
-        digest.update(f"{name}{tuple(value.shape)}{value.dtype}".encode())
-        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return digest.hexdigest()

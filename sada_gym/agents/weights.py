@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,82 +13,96 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError
 
 _ARCHITECTURE = "architecture"
 
 
-def save_weights(module: nn.Module, path: Path, architecture: Mapping[str, Any]) -> None:
+@dataclass(frozen=True)
+class WeightsFile:
+    """A file that should hold an agent's weights, for messages.
+
+    Attributes:
+        path: The safetensors file.
+        content: What it should hold, such as `the weights of a driver`.
+        mend: How to come by such a file, a sentence.
+    """
+
+    path: Path
+    content: str
+    mend: str
+
+    def error(self, found: str) -> FileError:
+        """Say what was expected, what was found, and how to mend it."""
+        return FileError(f"Expected {self.content} in {self.path}{found}. {self.mend}")
+
+
+def save_weights(
+    module: nn.Module, path: Path, architecture: Mapping[str, Any] | None = None
+) -> None:
     """Write a module's weights, each shared one once, and beside them what it is built like.
 
     Args:
         module: Its parameters and buffers are written.
         path: The safetensors file.
-        architecture: JSON-compatible; stands as JSON in the file's header.
+        architecture: JSON-compatible; stands as JSON in the file's header, if given.
     """
-    weights = {name: value.contiguous() for name, value in _weights(module).items()}
-    save_file(weights, path, {_ARCHITECTURE: json.dumps(dict(architecture), sort_keys=True)})
+    weights = {name: value.detach().contiguous() for name, value in _weights(module).items()}
+    header = {_ARCHITECTURE: json.dumps(dict(architecture), sort_keys=True)} if architecture else {}
+    save_file(weights, path, header or None)
 
 
 def load_weights(
-    module: nn.Module, path: Path, what: str, architecture: Mapping[str, Any] | None = None
+    module: nn.Module, file: WeightsFile, architecture: Mapping[str, Any] | None = None
 ) -> None:
     """Read a module's weights from a file.
 
     Args:
         module: Receives them.
-        path: The safetensors file.
-        what: What the file should hold, for messages: `the weights of a driver`.
+        file: Where they are.
         architecture: What the file's header must say; None where it says nothing.
 
     Raises:
-        UserError: If the file is no safetensors file, is of another architecture, lacks a weight,
+        FileError: If the file is no safetensors file, is of another architecture, lacks a weight,
             has one too many or one of another shape, or holds a number that is not finite.
     """
-    weights, header = read_weights(path, what)
+    weights, header = read_weights(file)
     if architecture is not None:
         expected = json.dumps(dict(architecture), sort_keys=True)
         if header != expected:
-            raise UserError(
-                f"Expected {what} in {path}, built as {expected}, got one built as {header}."
-            )
+            built = "one that does not say how it is built" if header is None else header
+            raise file.error(f", built as {expected}, got {built}")
     wanted = _weights(module)
     for name, value in wanted.items():
         shape = tuple(value.shape)
         if name not in weights:
-            raise UserError(
-                f"Expected {what} in {path}, with {name} of shape {shape}, got no {name}."
-            )
+            raise file.error(f": {name} of shape {shape}, got no {name}")
         if weights[name].shape != value.shape:
             found = tuple(weights[name].shape)
-            raise UserError(
-                f"Expected {what} in {path}, with {name} of shape {shape}, got shape {found}."
-            )
+            raise file.error(f": {name} of shape {shape}, got {found}")
         if not torch.isfinite(weights[name]).all():
-            raise UserError(
-                f"Expected {what} in {path}, all of them finite, got NaN or infinity in {name}. "
-                "Train the agent again, or restore the file."
-            )
+            raise file.error(f", all of them finite, got NaN or infinity in {name}")
     extra = sorted(weights.keys() - wanted.keys())
     if extra:
-        raise UserError(f"Expected {what} in {path}, without {extra[0]}, got one with it.")
+        raise file.error(f", without {extra[0]}, got one")
     with torch.no_grad():
         for name, value in wanted.items():
             value.copy_(weights[name])
 
 
-def read_weights(path: Path, what: str) -> tuple[dict[str, Tensor], str | None]:
-    """Read a file's tensors by name, and the architecture that its header tells, if any.
+def read_weights(file: WeightsFile) -> tuple[dict[str, Tensor], str | None]:
+    """Read a file's tensors by name, and the architecture that its header names, if any.
 
     Raises:
-        UserError: If it is no safetensors file.
+        FileError: If it is no safetensors file.
     """
     try:
-        with safe_open(path, "pt") as file:
-            header = (file.metadata() or {}).get(_ARCHITECTURE)
-            return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118
+        with safe_open(file.path, "pt") as tensors:
+            header = (tensors.metadata() or {}).get(_ARCHITECTURE)
+            names = tensors.keys()
+            return {name: tensors.get_tensor(name) for name in names}, header
     except (SafetensorError, OSError) as error:
-        raise UserError(f"Expected {what} in {path}, got no safetensors file ({error}).") from error
+        raise file.error(f", got no safetensors file ({error})") from error
 
 
 def _weights(module: nn.Module) -> dict[str, Tensor]:

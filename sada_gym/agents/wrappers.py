@@ -1,8 +1,8 @@
 """SB3's wrappers of observations, applied to agents that act outside of an SB3 environment.
 
-A model that holds its environment tells by its wrappers, from the inside out, what was done to
-observations in training. A model without one tells less: its space shows how many frames are
-stacked, and that pictures were normalised, but not by which statistics.
+A model that holds its environment shows by its wrappers, from the inside out, what was done to
+observations in training. A model without one shows less: its space shows how many frames are
+stacked, and that images were normalised, but not by which statistics.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ Batch = dict[str, npt.NDArray[Any]]
 _LEAVE_OBSERVATIONS = (VecCheckNan, VecMonitor, VecVideoRecorder)
 
 
-class Acting(Protocol):
-    """What can act: an SB3 model, or whatever has these three."""
+class Predictor(Protocol):
+    """What chooses actions: an SB3 model, or any object with these three."""
 
     observation_space: gym.Space[Any]
     action_space: gym.Space[Any]
@@ -47,19 +47,19 @@ class Acting(Protocol):
         ...
 
 
-class Stage(Protocol):
+class Transform(Protocol):
     """What one wrapper does to observations."""
 
     def start(self, count: int) -> None:
-        """Forget what `count` agents saw."""
+        """Begin new episodes of `count` agents."""
 
-    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:
-        """Change what some of the agents see."""
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:
+        """Change the observations of some of the agents."""
         ...
 
 
-class Transposing:
-    """`VecTransposeImage`: channels before rows and columns."""
+class TransposeImage:
+    """`VecTransposeImage`: an image's channels come first."""
 
     def __init__(self, wrapper: VecTransposeImage) -> None:
         self._wrapper = wrapper
@@ -67,13 +67,13 @@ class Transposing:
     def start(self, count: int) -> None:
         """Nothing is kept."""
 
-    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        """Transpose the pictures among them."""
-        changed: Batch = self._wrapper.transpose_observations(dict(seen))  # type: ignore[assignment]
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        """Transpose the images among them."""
+        changed: Batch = self._wrapper.transpose_observations(dict(observation))  # type: ignore[assignment]
         return changed
 
 
-class Normalising:
+class Normalize:
     """`VecNormalize`, its statistics frozen."""
 
     def __init__(self, wrapper: VecNormalize) -> None:
@@ -82,13 +82,13 @@ class Normalising:
     def start(self, count: int) -> None:
         """Nothing is kept."""
 
-    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Normalise them."""
-        changed: Batch = self._wrapper.normalize_obs(dict(seen))  # type: ignore[assignment]
+        changed: Batch = self._wrapper.normalize_obs(dict(observation))  # type: ignore[assignment]
         return changed
 
 
-class Stacking:
+class StackFrames:
     """`VecFrameStack`: the last frames behind one another, zeros before the first."""
 
     def __init__(self, stacked: StackedObservations[Any]) -> None:
@@ -96,24 +96,26 @@ class Stacking:
         self._memory: Batch = {}
 
     def start(self, count: int) -> None:
-        """Forget what `count` agents saw."""
+        """Begin new episodes of `count` agents."""
         self._memory = {
             key: np.zeros((count, *part.stacked_shape), part.observation_space.dtype)
             for key, part in self._parts.items()
         }
 
-    def apply(self, seen: Batch, which: npt.NDArray[np.intp]) -> Batch:
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:
         """Add the newest frames to the older ones."""
-        for key, frame in seen.items():
+        for key, frame in observation.items():
             axis = self._parts[key].stack_dimension
             memory = self._memory[key] = self._memory[key].astype(frame.dtype, copy=False)
             _, kept = np.split(memory[which], [frame.shape[axis]], axis=axis)
             memory[which] = np.concatenate([kept, frame], axis=axis)
-        return {key: self._memory[key][which] for key in seen}
+        return {key: self._memory[key][which] for key in observation}
 
 
-def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Stage]:
-    """What is to be done to a task's observations before a model sees them.
+def observation_transforms(
+    model: Predictor, observation_space: spaces.Dict, task: str
+) -> list[Transform]:
+    """What must be done to a task's observations before a model gets them.
 
     Args:
         model: The agent.
@@ -124,22 +126,22 @@ def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Sta
         ValueError: If the model was trained on other observations, or under a wrapper that is not
             known here, or on normalised observations whose statistics are missing.
     """
-    held = getattr(model, "get_env", lambda: None)()
-    if held is None:
-        return _guessed(model, observation_space, task)
-    found: list[Stage] = []
+    env = getattr(model, "get_env", lambda: None)()
+    if env is None:
+        return _by_spaces(model, observation_space, task)
+    found: list[Transform] = []
     wrappers = []
-    while isinstance(held, VecEnvWrapper):
-        wrappers.append(held)
-        held = held.venv
+    while isinstance(env, VecEnvWrapper):
+        wrappers.append(env)
+        env = env.venv
     for wrapper in reversed(wrappers):
         if isinstance(wrapper, VecTransposeImage):
-            found.append(Transposing(wrapper))
+            found.append(TransposeImage(wrapper))
         elif isinstance(wrapper, VecFrameStack):
-            found.append(Stacking(wrapper.stacked_obs))
+            found.append(StackFrames(wrapper.stacked_obs))
         elif isinstance(wrapper, VecNormalize):
             if wrapper.norm_obs:
-                found.append(Normalising(wrapper))
+                found.append(Normalize(wrapper))
         elif not isinstance(wrapper, _LEAVE_OBSERVATIONS):
             raise _unknown_wrapper(type(wrapper).__name__)
     normalised = {
@@ -148,18 +150,18 @@ def stages(model: Acting, observation_space: spaces.Dict, task: str) -> list[Sta
         if isinstance(wrapper, VecNormalize) and wrapper.norm_obs
         for key in wrapper.norm_obs_keys or observation_space.spaces
     }
-    if not _alike(held.observation_space, observation_space, normalised):
-        raise _wrong_observations(held.observation_space, observation_space, task)
-    _refuse_gymnasiums(held)
+    if not _alike(env.observation_space, observation_space, normalised):
+        raise _wrong_observations(env.observation_space, observation_space, task)
+    _refuse_gymnasium_wrappers(env)
     return found
 
 
-def _refuse_gymnasiums(held: VecEnv) -> None:
+def _refuse_gymnasium_wrappers(env: VecEnv) -> None:
     """Refuse Gymnasium's wrappers of observations and actions, in a batch or around it."""
     for kind in (gym.ObservationWrapper, gym.ActionWrapper):
-        if any(held.env_is_wrapped(kind)):
+        if any(env.env_is_wrapped(kind)):
             raise _unknown_wrapper(f"gymnasium.{kind.__name__}")
-    around = held.env if isinstance(held, SB3VecEnv) else None
+    around = env.env if isinstance(env, SB3VecEnv) else None
     while isinstance(around, VectorWrapper):
         if isinstance(around, VectorObservationWrapper | VectorActionWrapper):
             raise _unknown_wrapper(type(around).__name__)
@@ -174,20 +176,20 @@ def _unknown_wrapper(name: str) -> UserError:
     )
 
 
-def statistics(found: list[Stage]) -> bytes:
-    """What stages do to observations, as bytes for a fingerprint; empty where they do nothing."""
+def statistics(transforms: list[Transform]) -> bytes:
+    """The statistics that observations are normalised by, as bytes for a fingerprint."""
     parts = []
-    for stage in found:
-        if isinstance(stage, Normalising):
-            of = stage._wrapper
+    for transform in transforms:
+        if isinstance(transform, Normalize):
+            of = transform._wrapper
             parts.append(f"{of.clip_obs} {of.epsilon}".encode())
             for key, moments in sorted(of.obs_rms.items()):
                 parts += [key.encode(), moments.mean.tobytes(), moments.var.tobytes()]
     return b"".join(parts)
 
 
-def _guessed(model: Acting, expected: spaces.Dict, task: str) -> list[Stage]:
-    """By the model's own space; SB3 transposes pictures by itself where a model expects it."""
+def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Transform]:
+    """Transforms by the model's own space; SB3 transposes images by itself where that is needed."""
     given = getattr(model, "observation_space", None)
     if not isinstance(given, spaces.Dict) or set(given.spaces) != set(expected.spaces):
         raise _wrong_observations(given, expected, task)
@@ -202,14 +204,14 @@ def _guessed(model: Acting, expected: spaces.Dict, task: str) -> list[Stage]:
         if given[key].shape not in (shape, (shape[-1], *shape[:-1])):
             raise _wrong_observations(given, expected, task)
     for space in given.spaces.values():
-        # of speeds and the like, whose bounds are wide, a space does not tell
+        # speeds and the like have wide bounds: there a space does not show it
         if isinstance(space, spaces.Box) and len(space.shape) == 3 and space.low.min() < 0:
             raise UserError(
                 "Expected the statistics of the VecNormalize that this agent was trained with, "
                 "got a model without. Load it as PPO.load(file, env=VecNormalize.load(statistics, "
                 "env))."
             )
-    return [] if frames == 1 else [Stacking(stacked)]
+    return [] if frames == 1 else [StackFrames(stacked)]
 
 
 def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:

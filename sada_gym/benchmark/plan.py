@@ -241,7 +241,7 @@ def _mark(reference: Reference) -> ReferenceMark:
         sha256=entry.sha256,
         points=entry.points,
         fooling=int(reference.fooling.sum()),
-        uniform_rate=float(reference.fooled.sum(dtype=int) / (entry.points * entry.seeds)),
+        uniform_rate=reference.uniform_rate,
     )
 
 

@@ -18,9 +18,10 @@ from sada_gym.benchmark.results import Results, write_results
 from sada_gym.benchmark.suite import Suite
 from sada_gym.benchmark.tables import write_tables
 from sada_gym.benchmark.work import Job, connect, work
-from sada_gym.errors import UserError, WorkerError
+from sada_gym.errors import WorkerError, refuse_number
 from sada_gym.evaluation.spawn import spawn_context
-from sada_gym.evaluation.workers import WorkerPool
+from sada_gym.evaluation.workers import MAX_WORKERS, WorkerPool
+from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
 
 _LISTEN_EVERY_S = 0.1
@@ -83,10 +84,10 @@ def run_benchmark(
         CellError: If an adversary raised anything but a ValueError.
     """
     folder, references, heard = Path(out), Path(references), listener or _Deaf()
-    if workers < 1:
-        raise UserError(f"Expected workers of at least 1, got {workers}.")
+    refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
-    claim(folder, suite.tables)
+    with file_errors("make the folder", folder):
+        claim(folder, suite.tables)
     with sole_user(folder):
         missing = find_missing(folder, plan)
         heard.begin(plan, missing)

@@ -12,8 +12,12 @@ from sada_gym import adversaries
 from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS
-from sada_gym.errors import UserError
+from sada_gym.errors import refuse_number
+from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+
+MAX_SEEDS = 1_000
+"""The most seeds of a track: every one is a run of every contender."""
 
 IDEAL = "ideal"
 """The control that draws from a track's reference fooling set."""
@@ -299,10 +303,15 @@ def choose(
     Raises:
         ValueError: If a table or a contender is unknown, or a number is out of range.
     """
-    numbers = {"seeds": seeds, "budget": budget, "samples": samples}
-    for name, value in numbers.items():
-        if value is not None and value < 1:
-            raise UserError(f"Expected {name} of at least 1, got {value}.")
+    for name, value, most in (
+        ("seeds", seeds, MAX_SEEDS),
+        ("budget", budget, MAX_QUERIES),
+        ("samples", samples, MAX_QUERIES),
+    ):
+        if value is not None:
+            refuse_number(name, value, 1, most)
+    if images is not None:
+        refuse_number("images", images, 0)
     refuse_unknown("table", tables, [table.name for table in suite.tables])
     changes: dict[str, Any] = {
         "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,

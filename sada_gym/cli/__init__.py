@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import typer
 
+from sada_gym import __version__
 from sada_gym.cli.attack import attack
-from sada_gym.cli.benchmark import ListingCommand, benchmark
+from sada_gym.cli.benchmark import benchmark
 from sada_gym.cli.catalogue import adversaries, agents, envs
 from sada_gym.cli.check import check
-from sada_gym.cli.console import SpreadingCommand, debugging
+from sada_gym.cli.console import set_debug
 from sada_gym.cli.merge import merge
 
 app = typer.Typer(
@@ -17,8 +18,19 @@ app = typer.Typer(
     "parameters, and measure how often that fools them.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    # plain text, which keeps its words whole in narrow terminals and in pipes
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+# words without an option reach the command, which says what to write instead
+_STRAY = {"allow_extra_args": True}
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sada-gym {__version__}")
+        raise typer.Exit
 
 
 @app.callback()
@@ -26,17 +38,20 @@ def _main(
     debug: bool = typer.Option(
         False, "--debug", help="Show the traceback of an error, not only its text."
     ),
+    version: bool = typer.Option(  # noqa: ARG001 - the callback shows it
+        False, "--version", help="Show the version and exit.", callback=_show_version, is_eager=True
+    ),
 ) -> None:
-    debugging(debug)
+    set_debug(debug)
 
 
 app.command()(envs)
 app.command()(agents)
 app.command()(adversaries)
-app.command(cls=SpreadingCommand)(attack)
-app.command(cls=SpreadingCommand)(check)
-app.command(cls=ListingCommand)(benchmark)
-app.command(cls=ListingCommand)(merge)
+app.command(context_settings=_STRAY)(attack)
+app.command(context_settings=_STRAY)(check)
+app.command(context_settings=_STRAY)(benchmark)
+app.command()(merge)
 
 
 def main() -> None:

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-import shlex
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
-from rich.panel import Panel
 from rich.table import Table
+from rich.text import Text
 
-from sada_gym.cli.console import cores, err, key_values, out, told_in_a_sentence
+from sada_gym.cli.console import (
+    cores,
+    errors_as_sentences,
+    key_values,
+    out,
+    refuse_stray,
+    say,
+    show_resume_hint,
+)
+from sada_gym.cli.executor import EXECUTOR_HELP, PROCESSES, open_named
 from sada_gym.errors import UserError
 
+if TYPE_CHECKING:
+    from sada_gym.attack import AttackResult
+
+_AFR = "attack fooling rate"
 _MANY = 8  # more workers than this seldom help and each holds its own simulator
 
 
 def attack(
+    context: typer.Context,
     env_id: Annotated[
         str, typer.Argument(metavar="ID", help="The environment; `sada-gym envs` lists them.")
     ],
@@ -29,7 +42,9 @@ def attack(
     ] = None,
     env_kwargs: Annotated[
         list[str] | None,
-        typer.Option(metavar="k=v ...", help="Keywords of the environment: object_class=car."),
+        typer.Option(
+            metavar="k=v", help="A keyword of the environment, as object_class=car; repeatable."
+        ),
     ] = None,
     agent: Annotated[
         str | None,
@@ -37,7 +52,9 @@ def attack(
     ] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="k=v ...", help="Options of the adversary: steps=600."),
+        typer.Option(
+            "--set", metavar="k=v", help="An option of the adversary, as steps=600; repeatable."
+        ),
     ] = None,
     budget: Annotated[int, typer.Option(min=0, help="Number of training queries.")] = 2_000,
     samples: Annotated[
@@ -53,6 +70,7 @@ def attack(
             show_default=f"the cores, at most {_MANY}",
         ),
     ] = None,
+    executor: Annotated[str, typer.Option(metavar="NAME", help=EXECUTOR_HELP)] = PROCESSES,
     out_folder: Annotated[
         Path | None,
         typer.Option(
@@ -66,12 +84,12 @@ def attack(
     """Train an adversary against an agent and measure how often its samples fool it.
 
     DIR receives result.json (the attack fooling rate with its interval, and all settings),
-    samples.npz, pictures, the trained adversary, and run.sqlite, which holds every evaluation:
-    a run that was stopped at any moment goes on with --resume and ends with the same result.
+    samples.npz, pictures, the trained adversary, and run.sqlite, which holds every evaluation: a
+    run that was stopped at any moment goes on with --resume and ends with the same result.
     """
     folder = out_folder or Path("runs") / f"{env_id}-{adversary}-{seed}".replace(":", "-")
-    count = workers or min(cores(), _MANY)
-    with told_in_a_sentence():
+    with errors_as_sentences():
+        refuse_stray(context.args, "--set a=1 --set b=2")
         keywords = key_values(env_kwargs or [], "--env-kwargs")
         if agent is not None:
             if "agent" in keywords:
@@ -84,77 +102,84 @@ def attack(
             _run(
                 env_id,
                 adversary,
+                executor=executor,
+                workers=workers or min(cores(), _MANY),
                 env_kwargs=keywords,
                 preset=preset,
                 options=options,
                 budget=budget,
                 samples=samples,
                 seed=seed,
-                workers=count,
                 out=folder,
                 resume=resume,
             )
         except KeyboardInterrupt:
-            command = ["sada-gym", "attack", env_id, "--adversary", adversary]
-            command += ["--preset", preset] if preset else []
-            command += ["--agent", agent] if agent else []
-            command += [part for pair in env_kwargs or [] for part in ("--env-kwargs", pair)]
-            command += [part for pair in set_ or [] for part in ("--set", pair)]
-            command += ["--budget", str(budget)]
-            command += ["--samples", str(samples)] if samples else []
-            command += ["--seed", str(seed), "--workers", str(count), "--out", str(folder)]
-            _tell_how_to_resume(folder, [*command, "--resume"])
+            show_resume_hint(_kept(folder), "--resume")
             raise typer.Exit(130) from None
 
 
-def _run(env_id: str, adversary: str, **settings: Any) -> None:
+def _run(env_id: str, adversary: str, *, executor: str, workers: int, **settings: Any) -> None:
     from sada_gym.attack import attack as run_attack
-    from sada_gym.cli.progress import AttackBars
+    from sada_gym.cli.progress import AttackProgress
 
-    with AttackBars(out, adversary) as bars:
-        result = run_attack(env_id, adversary, progress=bars, **settings)
-    _summarise(result)
+    with open_named(executor, workers) as (chosen, count), AttackProgress(out) as progress:
+        result = run_attack(
+            env_id,
+            adversary,
+            executor=chosen,
+            workers=count,
+            progress=progress,
+            **settings,
+        )
+    _show_result(result)
 
 
-def _summarise(result: Any) -> None:
-    from sada_gym.measures.rates import attack_fooling_rate
-
-    report, folder = result.report, result.folder
-    rate = attack_fooling_rate(result.samples.score, report.fooling_threshold)
-    table = Table.grid(padding=(0, 3))
-    table.add_column(style="dim")
+def _show_result(result: AttackResult) -> None:
+    settings = result.report.settings
+    say("[bold]", f"{settings.environment} · {settings.adversary}")
+    table = Table.grid(padding=(0, 3), pad_edge=False)
+    table.add_column(style="dim", no_wrap=True)
     table.add_column()
-    table.add_row(
-        "attack fooling rate", f"[bold]{rate}[/], {rate.fooled} of {rate.samples} samples"
-    )
-    if report.feasible is not None and report.feasible.afr is not None:
-        table.add_row(
+    for name, text in _rows(result):
+        table.add_row(f"  {name}", Text(text, style="bold" if name == _AFR else ""))
+    out.print(table, highlight=False)
+    files = ["result.json", *(path.name for path in result.pictures)]
+    say("", f"Results: {result.folder}/ ({', '.join(files)})")
+
+
+def _rows(result: AttackResult) -> Iterator[tuple[str, str]]:
+    """Name and text of each figure that the summary shows."""
+    from sada_gym.cli.baseline import uniform_baseline
+
+    report = result.report
+    low, high = report.afr_interval_95
+    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
+    of_samples = f"{report.fooled} of {report.settings.samples:,} samples"
+    yield _AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
+    yield "uniform worlds", uniform_baseline(report)
+    feasible = report.feasible
+    if feasible is not None and feasible.afr is not None:
+        yield (
             "over feasible worlds",
-            f"{report.feasible.afr:.1%}".replace("%", " %")
-            + f", {report.feasible.fooled} of {report.feasible.worlds} samples",
+            f"{_percent(feasible.afr)}, {feasible.fooled} of {feasible.worlds} samples",
         )
-    if report.training.queries:
-        table.add_row(
-            "in training",
-            f"{report.training.fooling_rate:.1%}".replace("%", " %")
-            + f" of {report.training.queries:,} queries fooled the agent",
-        )
-    table.add_row("spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577")
+    if report.training.fooling_rate is not None:
+        rate = _percent(report.training.fooling_rate)
+        yield "in training", f"{rate} of {report.training.queries:,} queries fooled the agent"
+    yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
     if report.nearest_fooling_query is not None:
-        table.add_row(
-            "novelty",
-            f"median distance {report.nearest_fooling_query.median:.3f} "
-            "to the nearest training query that fooled",
-        )
+        distance = f"median distance {report.nearest_fooling_query.median:.3f}"
+        yield "novelty", f"{distance} to the nearest training query that fooled"
     for flag in report.flags:
-        table.add_row("[yellow]mind[/]", escape(flag))
-    table.add_row("results", f"{folder}/")
-    table.add_row("pictures", ", ".join(path.name for path in result.pictures))
-    title = f"{report.settings.environment} · {report.settings.adversary}"
-    out.print(Panel(table, title=title, expand=False, highlight=False))
+        yield "mind", flag
 
 
-def _tell_how_to_resume(folder: Path, command: list[str]) -> None:
+def _percent(rate: float) -> str:
+    return f"{100 * rate:.1f} %"
+
+
+def _kept(folder: Path) -> str:
+    """Say what a stopped run has kept."""
     from sada_gym.evaluation.store import EvaluationStore
     from sada_gym.runs.record import STORE_FILE
 
@@ -162,6 +187,4 @@ def _tell_how_to_resume(folder: Path, command: list[str]) -> None:
     if path.exists():
         with EvaluationStore(path) as store:
             kept = len(store)
-    err.print(f"\nStopped. {kept:,} evaluations are kept in {path}.", highlight=False)
-    err.print("Resume with:", highlight=False)
-    err.print(f"  {shlex.join(command)}", markup=False, highlight=False, soft_wrap=True)
+    return f"{kept:,} evaluations are kept in {path}."

@@ -2,62 +2,56 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 from rich.table import Table
-from typer.core import TyperCommand
 
-from sada_gym.cli.console import cores, err, out, spread, told_in_a_sentence
+from sada_gym.benchmark.suite import SUITES, choose, find_suite
+from sada_gym.cli.console import (
+    cores,
+    errors_as_sentences,
+    out,
+    refuse_stray,
+    say,
+    show_resume_hint,
+)
+from sada_gym.cli.executor import EXECUTOR_HELP, PROCESSES, open_named
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.run import BenchmarkResult
 
-_LISTS = ("--tracks", "--tables", "--agents", "--adversaries", "-a")
 
-
-class ListingCommand(TyperCommand):
-    """A command that takes `--tracks A B` for `--tracks A --tracks B`."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Repeat the option before each further value."""
-        return super().parse_args(ctx, list(_spread(args)))
-
-
-def _spread(args: Sequence[str]) -> Iterator[str]:
-    return spread(args, _LISTS, lambda arg: True)  # noqa: ARG005 - any word is a value
+SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
 
 
 def benchmark(
-    suite: Annotated[
-        str, typer.Option(help="`paper`: its budgets and equal ones, all classes; or `quick`.")
-    ] = "quick",
+    context: typer.Context,
+    suite: Annotated[str, typer.Option(metavar="NAME", help=SUITES_HELP)] = "quick",
     tracks: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID ...", help="The environments.", show_default="the suite's own"),
+        typer.Option(
+            metavar="ID", help="An environment; repeatable.", show_default="the suite's own"
+        ),
     ] = None,
     tables: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME ...", help="`paper-budgets`, `equal-queries`.", show_default="all"
-        ),
+        typer.Option(metavar="NAME", help="A table of the suite; repeatable.", show_default="all"),
     ] = None,
     agents: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME ...", help="The agents.", show_default="the tables' own"),
+        typer.Option(metavar="NAME", help="An agent; repeatable.", show_default="the tables' own"),
     ] = None,
     adversaries: Annotated[
         list[str] | None,
         typer.Option(
             "--adversaries",
             "-a",
-            metavar="NAME ...",
-            help="Names, `name:preset`, `module:Class`, `ideal`.",
+            metavar="NAME",
+            help="A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
             show_default="the suite's own",
         ),
     ] = None,
@@ -87,6 +81,7 @@ def benchmark(
             min=1, help="Processes; the result does not depend on it.", show_default="the cores"
         ),
     ] = None,
+    executor: Annotated[str, typer.Option(metavar="NAME", help=EXECUTOR_HELP)] = PROCESSES,
     out_folder: Annotated[
         Path | None,
         typer.Option("--out", metavar="DIR", help="Results.", show_default="runs/benchmark-SUITE"),
@@ -106,15 +101,15 @@ def benchmark(
     and timings.json; cells/ holds each run, stores/ all evaluations.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
-    with told_in_a_sentence():
+    with errors_as_sentences():
+        refuse_stray(context.args, "--tracks A --tracks B")
         from sada_gym.benchmark.run import report_benchmark, run_benchmark
-        from sada_gym.benchmark.suite import choose, find_suite
-        from sada_gym.cli.benchmark_progress import BenchmarkBars
+        from sada_gym.cli.benchmark_progress import BenchmarkProgress
         from sada_gym.measures.reference import FOLDER
 
         known = references or FOLDER
         if report:
-            _summarise(report_benchmark(folder, known))
+            _show_result(report_benchmark(folder, known))
             return
         chosen = choose(
             find_suite(suite),
@@ -130,32 +125,28 @@ def benchmark(
         # what a stopped process leaves is cleaned up, which is no news to the user
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         try:
-            with BenchmarkBars(out) as bars:
+            with (
+                open_named(executor, workers or cores()) as (opened, count),
+                BenchmarkProgress(out) as progress,
+            ):
+                # an executor of its own only where one is named
+                where = {} if opened is None else {"executor": opened}
                 result = run_benchmark(
-                    chosen,
-                    folder,
-                    workers=workers or cores(),
-                    references=known,
-                    listener=bars,
+                    chosen, folder, workers=count, references=known, listener=progress, **where
                 )
         except KeyboardInterrupt:
-            _tell_how_to_resume(folder)
+            show_resume_hint(_kept(folder))
             raise typer.Exit(130) from None
-    _summarise(result)
+    _show_result(result)
 
 
-def _tell_how_to_resume(folder: Path) -> None:
+def _kept(folder: Path) -> str:
+    """Say what a stopped benchmark has kept."""
     cells = sum(1 for _ in folder.glob("cells/*/*/[!.]*/cell.json"))
-    err.print(
-        f"\nStopped. {cells:,} finished cells and all evaluations are kept in {folder}.",
-        highlight=False,
-    )
-    err.print("Go on with the same command:", highlight=False)
-    command = shlex.join(["sada-gym", *sys.argv[1:]])
-    err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
+    return f"{cells:,} finished cells and all evaluations are kept in {folder}."
 
 
-def _summarise(result: BenchmarkResult) -> None:
+def _show_result(result: BenchmarkResult) -> None:
     results = result.results
     titles = {table.name: table.title for table in results.settings.tables}
     for name, agent in results.comparisons():
@@ -177,6 +168,5 @@ def _summarise(result: BenchmarkResult) -> None:
             table.add_row(escape(row.label), *cells, f"{row.runs}{failed}")
         out.print(table)
     for note in result.notes:
-        out.print(f"[yellow]Mind:[/] {escape(note)}", highlight=False)
-    names = "results.json, table.md, pictures/"
-    out.print(f"Results: {result.folder}/ ({names})", highlight=False, soft_wrap=True)
+        say("[yellow]Mind:[/] ", note)
+    say("", f"Results: {result.folder}/ (results.json, table.md, pictures/)")

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import textwrap
+from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
+from rich import box
 from rich.table import Table
+from rich.text import Text
 
-from sada_gym.cli.console import key_values, out, told_in_a_sentence
+from sada_gym.cli.console import errors_as_sentences, key_values, out, say
+
+_INDENTED: dict[str, Any] = {
+    "initial_indent": "  ",
+    "subsequent_indent": "  ",
+    "break_long_words": False,
+    "break_on_hyphens": False,
+}
 
 
 def envs(
@@ -21,21 +30,22 @@ def envs(
     ] = None,
 ) -> None:
     """List the environments, or show one's parameters, units and fooling threshold."""
-    with told_in_a_sentence():
+    with errors_as_sentences():
         if env_id is not None:
-            _show(env_id, env_kwargs or [])
+            _show_environment(env_id, env_kwargs or [])
             return
         from sada_gym.registration import TABLE
 
-        table = _table("id", "keywords it fixes", "leaderboard")
+        table = _table("id", "keywords it fixes")
         for row in TABLE:
             fixed = ", ".join(f"{k}={v}" for k, v in row.kwargs.items())
-            table.add_row(row.id, fixed, "track" if row.kwargs else "")
+            table.add_row(row.id, fixed)
         out.print(table)
-        out.print("[dim]One in detail: sada-gym envs ID[/]", highlight=False)
+        say("[dim]", "An id that fixes a keyword is a track of the leaderboard.")
+        say("[dim]", "One in detail: sada-gym envs ID")
 
 
-def _show(env_id: str, pairs: list[str]) -> None:
+def _show_environment(env_id: str, pairs: list[str]) -> None:
     from sada_gym.registration import make_application
 
     application = make_application(env_id, **key_values(pairs, "--env-kwargs"))
@@ -45,14 +55,11 @@ def _show(env_id: str, pairs: list[str]) -> None:
             parameter.name,
             f"{parameter.low:g}",
             f"{parameter.high:g}",
-            parameter.unit or ", ".join(parameter.choices) or "-",
+            Text(parameter.unit or ", ".join(parameter.choices) or "-"),
         )
     out.print(table)
-    out.print(
-        f"{env_id}: fooled where Q <= {application.fooling_threshold:g}; "
-        f"{application.sample_size} test samples",
-        highlight=False,
-    )
+    threshold, samples = application.fooling_threshold, application.sample_size
+    say("", f"{env_id}: fooled where Q <= {threshold:g}; {samples} test samples")
     application.close()
 
 
@@ -68,18 +75,24 @@ def agents() -> None:
 
 def adversaries() -> None:
     """List the adversaries, with their options and defaults."""
-    with told_in_a_sentence():
+    with errors_as_sentences():
         from sada_gym import adversaries as registry
 
-        table = _table("adversary", "what it does", "presets", "options (--set)")
         for row in registry.describe():
-            options = "\n".join(f"{name}={value}" for name, value in row.options.items())
-            table.add_row(row.name, row.summary, ", ".join(row.presets), escape(options))
-        out.print(table)
+            say(f"[bold]{row.name}[/]")
+            lines = [row.summary]
+            if row.presets:
+                lines.append(f"Presets (--preset): {', '.join(row.presets)}")
+            if row.options:
+                options = "  ".join(f"{name}={value}" for name, value in row.options.items())
+                lines.append(f"Options (--set): {options}")
+            for line in lines:
+                say("", textwrap.fill(line, out.width, **_INDENTED))
 
 
 def _table(*columns: str) -> Table:
-    table = Table(header_style="bold", show_lines=False)
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in columns:
-        table.add_column(column)
+        # names and ids stay whole: they are there to be copied
+        table.add_column(column, no_wrap=column == columns[0])
     return table

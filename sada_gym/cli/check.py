@@ -8,11 +8,12 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from sada_gym.cli.console import key_values, out, told_in_a_sentence
+from sada_gym.cli.console import errors_as_sentences, key_values, out, refuse_stray
 from sada_gym.errors import UserError
 
 
 def check(
+    context: typer.Context,
     subject: Annotated[
         str,
         typer.Argument(
@@ -21,7 +22,7 @@ def check(
     ],
     env_kwargs: Annotated[
         list[str] | None,
-        typer.Option(metavar="k=v ...", help="Keywords of the environment: object_class=car."),
+        typer.Option(metavar="k=v", help="A keyword of the environment; repeatable."),
     ] = None,
 ) -> None:
     """Check an application against the contract: scores, seeds, purity, Gymnasium.
@@ -29,7 +30,8 @@ def check(
     FILE.py is imported, so let it be your own. All applications at its top level are checked,
     and one of each class that needs no arguments. Exit code 1 where a check fails.
     """
-    with told_in_a_sentence():
+    with errors_as_sentences():
+        refuse_stray(context.args, "--env-kwargs a=1 --env-kwargs b=2")
         from sada_gym.testing.check import check_environment, check_file
 
         if subject.endswith(".py"):

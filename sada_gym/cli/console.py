@@ -1,53 +1,97 @@
-"""What the commands share: the two consoles, k=v options, and errors told in one sentence."""
+"""What the commands share: the two consoles, k=v options, and errors as sentences."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import typer
 from rich.console import Console
-from rich.markup import escape
-from typer.core import TyperCommand
 
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 
 out = Console()
 err = Console(stderr=True)
 
-_SPREADING = ("--set", "--env-kwargs")
 _debug = False
 
 
-def debugging(on: bool) -> None:
+def set_debug(on: bool) -> None:
     """Let errors keep their tracebacks, or not."""
     global _debug
     _debug = on
 
 
 @contextmanager
-def told_in_a_sentence() -> Iterator[None]:
+def errors_as_sentences() -> Iterator[None]:
     """Turn bad input into one sentence and exit code 2, a lost worker into exit code 1.
 
     Any other exception is a bug and keeps its traceback.
     """
     try:
         yield
-    except (ValueError, TypeError, ImportError, OSError, BudgetExhausted, WorkerError) as error:
+    except (UserError, BudgetExhausted, WorkerError) as error:
         if _debug:
             raise
-        err.print(f"[bold red]Error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+        say("[bold red]Error:[/] ", str(error), console=err)
         raise typer.Exit(1 if isinstance(error, WorkerError) else 2) from error
+
+
+def say(style: str, text: str = "", *, console: Console = out) -> None:
+    """Print a paragraph that breaks between words only; in a pipe it is one line.
+
+    Args:
+        style: What comes first, with Rich's markup.
+        text: What comes next, as it is.
+        console: Where to.
+    """
+    line = console.render_str(style, markup=True, highlight=False).append(text)
+    # without crop and overflow a word that is longer than a line, such as a path, stays whole
+    soft = not console.is_terminal
+    console.print(line, highlight=False, soft_wrap=soft, overflow="ignore", crop=False)
+
+
+def show_resume_hint(kept: str, *more: str) -> None:
+    """Say after Ctrl-C what is kept, and by which command the run goes on.
+
+    Args:
+        kept: A sentence.
+        more: Options that the command line lacks.
+    """
+    given = sys.argv[1:]
+    command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
+    say("", f"\nStopped. {kept}", console=err)
+    say("", "Go on with:", console=err)
+    err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
+
+
+def refuse_stray(words: Sequence[str], example: str) -> None:
+    """Refuse words that belong to no option, such as the second of `--set a=1 b=2`.
+
+    Args:
+        words: What the command line holds beside its arguments and options.
+        example: A right one.
+
+    Raises:
+        UserError: If there is any.
+    """
+    if words:
+        raise UserError(
+            f"Expected an option before each value, got {words[0]!r} without one. "
+            f"Write an option again for each further value: {example}."
+        )
 
 
 def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
     """Parse `k=v` pairs; a value is JSON where it parses as such, else a string.
 
     Raises:
-        ValueError: If a pair has no key or no `=`, or a key stands twice.
+        UserError: If a pair has no key or no `=`, or a key stands twice.
     """
     parsed: dict[str, Any] = {}
     for pair in pairs:
@@ -58,7 +102,7 @@ def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
             raise UserError(f"Expected each key of {option} once, got {key!r} twice.")
         try:
             parsed[key] = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             parsed[key] = text
     return parsed
 
@@ -68,38 +112,3 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):  # what a container or a queue grants, not what there is
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-class SpreadingCommand(TyperCommand):
-    """A command that takes `--set a=1 b=2` for `--set a=1 --set b=2`."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Repeat the option before each further pair."""
-        return super().parse_args(ctx, list(_spread(args)))
-
-
-def _spread(args: Sequence[str]) -> Iterator[str]:
-    return spread(args, _SPREADING, lambda arg: "=" in arg)
-
-
-def spread(
-    args: Sequence[str], options: Sequence[str], belongs: Callable[[str], bool]
-) -> Iterator[str]:
-    """Repeat an option before each further value of it.
-
-    Args:
-        args: The command line.
-        options: Those that take several values.
-        belongs: Whether a word that is no option is such a value.
-    """
-    current: str | None = None
-    fresh = False
-    for arg in args:
-        if arg in options:
-            current, fresh = arg, True
-        elif current and not fresh and belongs(arg) and not arg.startswith("-"):
-            yield current
-        else:
-            current = current if fresh and not arg.startswith("-") else None
-            fresh = False
-        yield arg

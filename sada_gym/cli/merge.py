@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sada_gym.cli.console import out, told_in_a_sentence
+from sada_gym.cli.console import errors_as_sentences, say
 
 
 def merge(
@@ -17,16 +17,16 @@ def merge(
     out_folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="The report.")],
     tables: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME ...", help="The tables to take over.", show_default="all"),
+        typer.Option(metavar="NAME", help="A table to take over; repeatable.", show_default="all"),
     ] = None,
 ) -> None:
     """Put the results of several benchmarks into one: other applications, seeds or machines.
 
     DIR receives results.json and table.md, as if one benchmark had run it all.
     """
-    with told_in_a_sentence():
+    with errors_as_sentences():
         from sada_gym.benchmark.merge import merge_files
 
         merged = merge_files(results, out_folder, tables=tables or ())
     text = f"{len(merged.cells):,} runs, {len(merged.targets)} tracks and agents: "
-    out.print(f"{text}{out_folder}/ (results.json, table.md)", highlight=False, soft_wrap=True)
+    say("", f"{text}{out_folder}/ (results.json, table.md)")

@@ -1,33 +1,119 @@
-"""The attack's progress on the terminal: queries with rate and time left, training, test."""
+"""How far an attack is: bars on a terminal, and elsewhere a line every half minute."""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    Task,
-    TaskID,
-    TextColumn,
-)
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.spinner import Spinner
+from rich.table import Table
 from rich.text import Text
 from typing_extensions import Self
 
 from sada_gym.attack import Stage
+from sada_gym.cli.console import say
+from sada_gym.cli.kernels import COMPILING, will_compile
+
+LINE_EVERY_S = 30.0
+
+_NAMES: dict[Stage, str] = {
+    "train": "Querying",
+    "learn": "Learning",
+    "sample": "Sampling",
+    "test": "Testing",
+    "pictures": "Pictures",
+}
+_BAR_WIDTH = 28
+_LEAST_BAR = 8
+_BESIDE_BAR = 66  # columns that the rest of a line takes
 
 
-class Bars:
-    """A context manager that shows bars while it is open."""
+class Ticker:
+    """A context manager that calls a function every half minute, for output that is no terminal.
 
-    _bars: Progress
+    Args:
+        console: The output; on a terminal nothing is called.
+        tick: What to call; in a thread.
+    """
+
+    def __init__(self, console: Console, tick: Callable[[], None]) -> None:
+        self._tick, self._active = tick, not console.is_terminal
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Self:
+        """Start."""
+        if self._active:
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop."""
+        self._stop.set()
+        if self._active:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(LINE_EVERY_S):
+            self._tick()
+
+
+@dataclass
+class _Count:
+    """How far one stage is.
+
+    Attributes:
+        done: Evaluations.
+        total: How many there will be; 0 where there is nothing to count.
+        known: Those of `done` that the store knew.
+        spent_s: Time spent, without the current visit.
+        first: Evaluations made by the end of the first chunk, which compiles and starts workers.
+        first_s: Time spent by then; None before.
+    """
+
+    done: int = 0
+    total: int = 0
+    known: int = 0
+    spent_s: float = 0.0
+    first: int = 0
+    first_s: float | None = None
+
+
+class AttackProgress:
+    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
+
+    Each stage shows its own time: training switches between querying and learning.
+
+    Args:
+        console: Where to.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._counts: dict[Stage, _Count] = {}
+        self._current: Stage | None = None
+        self._since = time.monotonic()
+        self._compiling = self._started = False
+        self._spinner = Spinner("dots")
+        self._live = Live(get_renderable=self._render, console=console, refresh_per_second=8)
+        self._ticker = Ticker(console, self._show_line)
 
     def __enter__(self) -> Self:
         """Start showing."""
-        self._bars.start()
+        if self._console.is_terminal:
+            self._live.start()
+        self._ticker.__enter__()
         return self
 
     def __exit__(
@@ -37,59 +123,97 @@ class Bars:
         traceback: TracebackType | None,
     ) -> None:
         """Stop showing."""
-        self._bars.stop()
-
-
-class AttackBars(Bars):
-    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
-
-    Args:
-        console: Where to.
-        adversary: The adversary's name.
-    """
-
-    def __init__(self, console: Console, adversary: str) -> None:
-        self._bars = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=28),
-            _Detail(),
-            console=console,
-        )
-        self._adversary = adversary
-        self._tasks: dict[Stage, TaskID] = {}
-        self._learning: TaskID | None = None
+        self._leave()
+        self._current = None
+        self._ticker.__exit__(kind, error, traceback)
+        if self._console.is_terminal:
+            self._live.stop()
 
     def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
-        """Show that `done` of `total` evaluations of a stage are there."""
-        if stage not in self._tasks:
-            self._begin(stage, total)
-        self._bars.update(self._tasks[stage], completed=done, known=known)
+        """Show that a stage goes on, and that `done` of its `total` evaluations are there."""
+        if stage != self._current:
+            self._leave()
+            self._counts.setdefault(stage, _Count())
+            self._current = stage
+        count = self._counts[stage]
+        if stage != "pictures":  # the 1 of pictures counts nothing
+            count.done, count.total, count.known = done, total, known
+        if done > known and not self._started:
+            self._started, self._compiling = True, False
+        elif total and not self._started and not self._compiling and will_compile():
+            self._compiling = True
+            if not self._console.is_terminal:
+                say("", COMPILING, console=self._console)
+        if count.first_s is None and done > known:
+            count.first, count.first_s = done - known, self._spent(stage)
 
-    def _begin(self, stage: Stage, total: int) -> None:
-        descriptions = {"train": "Queries", "test": "Test samples", "pictures": "Pictures"}
-        if stage != "train" and self._learning is not None:
-            self._bars.update(self._learning, total=1, completed=1)
-        self._tasks[stage] = self._bars.add_task(descriptions[stage], total=total, known=0)
-        if stage == "train":
-            self._learning = self._bars.add_task(f"Training {self._adversary}", total=None)
+    def _leave(self) -> None:
+        """Add up the time of the stage that ends."""
+        now = time.monotonic()
+        if self._current is not None:
+            self._counts[self._current].spent_s += now - self._since
+        self._since = now
 
+    def _spent(self, stage: Stage) -> float:
+        visit = time.monotonic() - self._since if stage == self._current else 0.0
+        return self._counts[stage].spent_s + visit
 
-class _Detail(ProgressColumn):
-    """Counts, rate and time left; for what cannot be counted, the time spent."""
+    def _rate(self, stage: Stage) -> float | None:
+        """Evaluations a second of the stage's own time, without the first chunk and known ones."""
+        count = self._counts[stage]
+        made = count.done - count.known - count.first
+        took = self._spent(stage) - (count.first_s or 0.0)
+        return made / took if made > 0 and took > 0 else None
 
-    def render(self, task: Task) -> Text:
-        """Write one task's detail."""
-        if task.total is None or task.total == 1:
-            return Text(f"{clock(task.elapsed)} spent" if task.elapsed else "", style="dim")
-        parts = [f"{task.completed:,.0f}/{task.total:,.0f}"]
-        if speed := task.finished_speed or task.speed:
-            parts.append(f"{speed:,.0f}/s" if speed >= 10 else f"{speed:.2g}/s")
-        if not task.finished and task.time_remaining is not None:
-            parts.append(f"{clock(task.time_remaining)} left")
-        if task.fields["known"]:
-            parts.append(f"{task.fields['known']:,} known from the store")
-        return Text("  ".join(parts))
+    def _left_s(self, stage: Stage) -> float | None:
+        """The time left, learning between the queries included."""
+        count, rate = self._counts[stage], self._rate(stage)
+        if rate is None or stage != self._current or count.done >= count.total:
+            return None
+        learning = self._spent("learn") if stage == "train" and "learn" in self._counts else 0.0
+        return (count.total - count.done) * (1 / rate + learning / max(1, count.done))
+
+    def _detail(self, stage: Stage) -> list[str]:
+        count, parts = self._counts[stage], list[str]()
+        if count.total:
+            parts.append(f"{count.done:,}/{count.total:,}")
+        if (rate := self._rate(stage)) is not None:
+            parts.append(f"{rate:,.0f}/s" if rate >= 10 else f"{rate:.2g}/s")
+        if count.known:
+            parts.append(f"{count.known:,} known")
+        parts.append(clock(self._spent(stage)))
+        if (left := self._left_s(stage)) is not None:
+            parts.append(f"{clock(left)} left")
+        return parts
+
+    def _render(self) -> Table:
+        """Draw a line for each stage so far."""
+        table = Table.grid(padding=(0, 1))
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)  # the name; what follows wraps between words
+        width = min(_BAR_WIDTH, self._console.width - _BESIDE_BAR)
+        for stage in list(self._counts):
+            count = self._counts[stage]
+            mark = self._spinner if stage == self._current else Text(" ")
+            cells: list[Spinner | Text | ProgressBar] = [mark, Text(_NAMES[stage])]
+            if width >= _LEAST_BAR:
+                bar = ProgressBar(count.total, count.done, width=width)
+                cells.append(bar if count.total else Text())
+            table.add_row(*cells, Text("  ".join(self._detail(stage))))
+        if self._current is None and not self._counts:
+            table.add_row(self._spinner, Text("Starting"))
+        if self._compiling:
+            table.add_row(self._spinner, Text(COMPILING))
+        return table
+
+    def _show_line(self) -> None:
+        """Print one line on the current stage."""
+        stage = self._current
+        if stage is None:
+            say("", "Starting", console=self._console)
+        else:
+            text = ", ".join(self._detail(stage))
+            say("", f"{_NAMES[stage]}: {text}", console=self._console)
 
 
 def clock(seconds: float | None) -> str:

@@ -148,6 +148,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         **AdversaryEnv.metadata,
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
+
     def __init__(
         self,
         application: Application,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.errors import StoreError, UserError, UserTypeError, WorkerError
+from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
+from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import BatchFunction, Registered, Task, WorkerPool, score
+from sada_gym.evaluation.workers import MAX_WORKERS, BatchFunction, Registered, Task, score
 from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
@@ -22,18 +22,6 @@ MAX_CHUNK = 64
 
 Problem = str | Application | BatchFunction
 """What can be attacked: an environment id, an application, or a function (n, d) -> (n,)."""
-
-
-@dataclass(frozen=True)
-class _Chunk:
-    """What is handed over and committed at a time: rows of a call, with their mu and seeds."""
-
-    rows: npt.NDArray[np.intp]
-    mu: Mu
-    seeds: list[int]
-
-
-_Settle = Callable[[_Chunk, npt.NDArray[np.float64]], None]
 
 
 class Evaluator:
@@ -47,8 +35,8 @@ class Evaluator:
         workers: 1 evaluates in this process, more in as many others.
         store: The evaluation store's file; None keeps nothing.
         chunk_size: Evaluations handed over at a time; None chooses.
-        executor: Any PEP 3148 executor instead of our own processes; `workers` then says how many
-            it has. It is left open.
+        executor: Any PEP 3148 executor instead of our own processes: threads, loky, Dask. It is
+            left open. `workers` then says how many it has, where it cannot tell.
 
     Raises:
         TypeError, ValueError: If the arguments do not fit together.
@@ -67,9 +55,9 @@ class Evaluator:
         chunk_size: int | None = None,
         executor: Executor | None = None,
     ) -> None:
-        for name, value in (("workers", workers), ("chunk_size", chunk_size)):
-            if value is not None and value < 1:
-                raise UserError(f"Expected {name} of at least 1, got {value}.")
+        refuse_number("workers", workers, 1, None if executor is not None else MAX_WORKERS)
+        if chunk_size is not None:
+            refuse_number("chunk_size", chunk_size, 1)
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
             source = Registered(problem, dict(env_kwargs or {}))
@@ -84,10 +72,10 @@ class Evaluator:
         self._built_here = isinstance(source, Registered)
         self._scorer = source.build() if isinstance(source, Registered) else source
         self.dimension, self.threshold = _described(self._scorer, dimension, threshold)
-        self._task = Task.of(source) if workers > 1 or executor is not None else None
+        self._dispatcher: Dispatcher | None = None
+        if workers > 1 or executor is not None:
+            self._dispatcher = Dispatcher(Task.of(source), workers, executor)
         self._chunk_size = chunk_size
-        self._executor = executor
-        self._pool: WorkerPool | None = None
         self.store: EvaluationStore | None = None
         if store is not None:
             self.attach(store)
@@ -145,7 +133,7 @@ class Evaluator:
         missing = np.flatnonzero(np.isnan(scores))
         known = done = len(mu) - len(missing)
 
-        def settle(chunk: _Chunk, values: npt.NDArray[np.float64]) -> None:
+        def settle(chunk: Chunk, values: npt.NDArray[np.float64]) -> None:
             nonlocal done
             if self.store is not None:
                 self.store.commit(self._context, chunk.mu, chunk.seeds, values)
@@ -155,46 +143,19 @@ class Evaluator:
 
         if known:
             report(done, known)
-        size = self._chunk_size or _chunk_size(len(missing), self.workers)
-        parts = [missing[start : start + size] for start in range(0, len(missing), size)]
-        chunks = [_Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
-        if self._task is not None:
-            self._in_parallel(self._task, chunks, settle)
+        chunks = self._split(mu, seeds, missing)
+        if self._dispatcher is not None:
+            self._dispatcher.run(chunks, settle)
         else:
             for chunk in chunks:
                 settle(chunk, score(self._scorer, chunk.mu, chunk.seeds))
         return scores, known
 
-    def _in_parallel(self, task: Task, chunks: Sequence[_Chunk], settle: _Settle) -> None:
-        """Hand all chunks out and settle each as it comes back."""
-        unsettled: dict[Future[npt.NDArray[np.float64]], _Chunk] = {}
-        try:
-            executor = self._workers(task)
-            # a foreign executor's processes know nothing: there the task carries its payload
-            sent = task if self._executor is not None else replace(task, payload=None)
-            for chunk in chunks:
-                unsettled[executor.submit(sent, chunk.mu, chunk.seeds)] = chunk
-            for future in as_completed(list(unsettled)):
-                settle(unsettled[future], future.result())
-                del unsettled[future]
-        except BrokenExecutor as error:
-            raise WorkerError(
-                "A worker process died: out of memory, killed, or the script that started it "
-                "lacks its `if __name__ == '__main__':`. What was evaluated before is kept; run "
-                "again, with fewer workers if memory was short."
-            ) from error
-        finally:
-            for future, chunk in unsettled.items():
-                if not future.cancel() and future.done() and future.exception() is None:
-                    settle(chunk, future.result())
-
-    def _workers(self, task: Task) -> Executor:
-        """Give the executor; our own processes start when the first chunk needs them."""
-        if self._executor is not None:
-            return self._executor
-        if self._pool is None:
-            self._pool = WorkerPool(self.workers, task)
-        return self._pool.executor
+    def _split(self, mu: Mu, seeds: Sequence[int], missing: npt.NDArray[np.intp]) -> list[Chunk]:
+        workers = 1 if self._dispatcher is None else self._dispatcher.workers
+        size = self._chunk_size or _chunk_size(len(missing), workers)
+        parts = [missing[start : start + size] for start in range(0, len(missing), size)]
+        return [Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers and close the store; calling it twice is fine.
@@ -202,9 +163,8 @@ class Evaluator:
         Args:
             now: Drop what the workers are at, instead of waiting for it.
         """
-        if self._pool is not None:
-            self._pool.close(now=now)
-            self._pool = None
+        if self._dispatcher is not None:
+            self._dispatcher.close(now=now)
         if self.store is not None:
             self.store.close()
         if self._built_here and self.application is not None:

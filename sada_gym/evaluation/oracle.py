@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import operator
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.errors import BudgetExhausted, UserError, UserTypeError
+from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator, Problem
 from sada_gym.parameters import Mu, validate_mu
 
@@ -25,6 +24,9 @@ Progress = Callable[[int, int, int], None]
 
 Stream = Literal["train", "test", "validation", "verification"]
 """What evaluations are for. No two streams ever share a seed."""
+
+MAX_QUERIES = 10_000_000
+"""The largest budget: an oracle keeps its queries in memory, a gigabyte for so many."""
 
 _STREAMS: tuple[str, ...] = get_args(Stream)
 
@@ -89,8 +91,9 @@ class Oracle:
         workers: 1 evaluates in this process, more in as many others.
         store: The evaluation store's file; None keeps nothing.
         chunk_size: Evaluations handed over at a time; None chooses.
-        executor: Any PEP 3148 executor (`concurrent.futures`, Dask's `Client.get_executor()`)
-            instead of our own processes; `workers` then says how many it has. It is left open.
+        executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
+            `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
+            says how many it has, where it cannot tell.
         progress: Called as progress(done, total, known) after each committed chunk.
 
     Raises:
@@ -118,10 +121,8 @@ class Oracle:
         executor: Executor | None = None,
         progress: Progress | None = None,
     ) -> None:
-        if operator.index(budget) < 0 or operator.index(seed) < 0:
-            raise UserError(
-                f"Expected a budget and a seed of at least 0, got budget={budget}, seed={seed}."
-            )
+        refuse_number("budget", budget, 0, MAX_QUERIES)
+        refuse_number("seed", seed, 0)
         if stream not in _STREAMS:
             raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
         self.budget = budget

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +15,8 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.errors import StoreError, StoreInUse, UserTypeError
+from sada_gym.errors import StoreError, UserTypeError
+from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
@@ -42,6 +43,17 @@ CREATE TABLE evaluation (
 PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
 COMMIT;
+"""
+_COLUMNS = {
+    *(f"context.{name}" for name in ("id", "name", "version", "settings", "fingerprint")),
+    *(f"evaluation.{name}" for name in ("context", "seed", "mu", "score")),
+}
+_UNSOUND = """
+SELECT context FROM evaluation GROUP BY context HAVING
+    count(*) > total(typeof(score) = 'real' AND score BETWEEN 0.0 AND 1.0)
+    OR count(*) > total(typeof(seed) = 'integer')
+    OR count(*) > total(typeof(mu) = 'blob' AND length(mu) % 4 = 0)
+    OR min(length(mu)) < max(length(mu))
 """
 
 
@@ -73,7 +85,8 @@ class Context:
         if fingerprint is None:
             raise StoreError(
                 f"Expected a fingerprint of {application.name}'s agent to store evaluations under, "
-                "got none. Pass agent_id='a name you change with the agent', or use no store."
+                "got none. Pass agent_id='a name you change with the agent', give a renderer of "
+                "your own an `identity`, or use no store."
             )
         try:
             settings = json.dumps(
@@ -107,23 +120,17 @@ class EvaluationStore:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        if not self.path.parent.is_dir():
-            raise StoreError(
-                f"Expected a folder for the store {self.path}, got none there. Make it first."
+        refuse_unusable(self.path)
+        with explained(self.path):
+            # absolute: SQLite would take the name ":memory:" for no file at all
+            self._connection = sqlite3.connect(
+                self.path.absolute(), timeout=0.0, isolation_level=None
             )
-        if self.path.is_dir():
-            raise StoreError(
-                f"Expected a file for the evaluation store, got the folder {self.path}."
-            )
-        self._connection = sqlite3.connect(self.path, timeout=0.0, isolation_level=None)
-        try:
-            self._open()
-        except sqlite3.DatabaseError as error:
-            self._connection.close()
-            raise _explained(error, self.path) from error
-        except BaseException:
-            self._connection.close()
-            raise
+            try:
+                self._open()
+            except BaseException:
+                self._connection.close()
+                raise
 
     def _open(self) -> None:
         # Nothing but SQLite may open the file: closing any other descriptor of it would free
@@ -146,7 +153,8 @@ class EvaluationStore:
                 f"{self.path}. Open it with the sada_gym that wrote it, or name a new file."
             )
         elif (verdict := run("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-            raise StoreError(_corrupt(self.path, " ".join(verdict.split())))
+            raise StoreError(corrupt(self.path, " ".join(verdict.split())))
+        self._check_content()
         run("PRAGMA journal_mode = WAL")
         run("PRAGMA synchronous = NORMAL")
         run("PRAGMA temp_store = MEMORY")
@@ -154,33 +162,47 @@ class EvaluationStore:
         run("COMMIT")
         run("CREATE TEMP TABLE wanted (position INTEGER PRIMARY KEY, seed INTEGER, mu BLOB)")
 
+    def _check_content(self) -> None:
+        """Refuse what SQLite finds sound but no run of ours has written."""
+        columns = self._connection.execute(
+            "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
+        ).fetchall()
+        missing = sorted(_COLUMNS - {name for (name,) in columns})
+        if missing:
+            raise StoreError(corrupt(self.path, f"it lacks {', '.join(missing)}"))
+        if self._connection.execute(_UNSOUND).fetchone() is not None:
+            raise StoreError(
+                corrupt(self.path, "it holds a score that is no number from 0 to 1, or a bad mu")
+            )
+
     def context(self, context: Context) -> int:
         """Give a context's key in this store; a new context gets a new one.
 
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
         """
-        other = self._connection.execute(
-            "SELECT version FROM context WHERE name = ? AND version != ?",
-            (context.name, context.version),
-        ).fetchone()
-        if other:
-            raise StoreError(
-                f"Expected evaluations of {context.name}-v{context.version} in {self.path}, got "
-                f"some of {context.name}-v{other[0]}: scores of two versions don't mix. Name a new "
-                "store, or install the sada_gym that has that version."
-            )
         row = (context.name, context.version, context.settings, context.fingerprint)
-        self._connection.execute(
-            "INSERT OR IGNORE INTO context (name, version, settings, fingerprint) "
-            "VALUES (?, ?, ?, ?)",
-            row,
-        )
-        found = self._connection.execute(
-            "SELECT id FROM context "
-            "WHERE name = ? AND version = ? AND settings = ? AND fingerprint = ?",
-            row,
-        ).fetchone()
+        with explained(self.path):
+            other = self._connection.execute(
+                "SELECT version FROM context WHERE name = ? AND version != ?",
+                (context.name, context.version),
+            ).fetchone()
+            if other:
+                raise StoreError(
+                    f"Expected evaluations of {context.name}-v{context.version} in {self.path}, "
+                    f"got some of {context.name}-v{other[0]}: scores of two versions don't mix. "
+                    "Name a new store, or install the sada_gym that has that version."
+                )
+            self._connection.execute(
+                "INSERT OR IGNORE INTO context (name, version, settings, fingerprint) "
+                "VALUES (?, ?, ?, ?)",
+                row,
+            )
+            found = self._connection.execute(
+                "SELECT id FROM context "
+                "WHERE name = ? AND version = ? AND settings = ? AND fingerprint = ?",
+                row,
+            ).fetchone()
         return int(found[0])
 
     def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
@@ -193,26 +215,27 @@ class EvaluationStore:
 
         Returns:
             (n,) float64, NaN where nothing is stored.
+
+        Raises:
+            StoreError: If the file cannot be read.
         """
         scores = np.full(len(mu), np.nan)
         run = self._connection.execute
         pairs = enumerate(zip(seeds, mu, strict=True))
-        try:
+        with explained(self.path):
             run("BEGIN")
-            self._connection.executemany(
-                "INSERT INTO temp.wanted VALUES (?, ?, ?)",
-                ((i, seed, row.tobytes()) for i, (seed, row) in pairs),
-            )
-            hits = run(
-                "SELECT position, score FROM temp.wanted AS w CROSS JOIN evaluation AS e "
-                "ON e.context = ? AND e.seed = w.seed AND e.mu = w.mu",
-                (context,),
-            ).fetchall()
-        except sqlite3.DatabaseError as error:
-            raise _explained(error, self.path) from error
-        finally:
-            if self._connection.in_transaction:
-                run("ROLLBACK")  # empties the temporary table
+            try:
+                self._connection.executemany(
+                    "INSERT INTO temp.wanted VALUES (?, ?, ?)",
+                    ((i, seed, row.tobytes()) for i, (seed, row) in pairs),
+                )
+                hits = run(
+                    "SELECT position, score FROM temp.wanted AS w CROSS JOIN evaluation AS e "
+                    "ON e.context = ? AND e.seed = w.seed AND e.mu = w.mu",
+                    (context,),
+                ).fetchall()
+            finally:
+                self._roll_back()  # empties the temporary table
         for position, score in hits:
             scores[position] = score
         return scores
@@ -226,10 +249,13 @@ class EvaluationStore:
             context: A key that `context` gave.
             mu: (n, d) float32.
             seeds: n evaluation seeds.
-            scores: (n,) float64, finite.
+            scores: (n,) float64 in [0, 1].
+
+        Raises:
+            StoreError: If the file cannot be written; nothing of this chunk is stored then.
         """
         rows = zip(seeds, mu, scores, strict=True)
-        with self._transaction():
+        with explained(self.path), self._transaction():
             self._connection.executemany(
                 "INSERT OR IGNORE INTO evaluation VALUES (?, ?, ?, ?)",
                 ((context, seed, row.tobytes(), float(score)) for seed, row, score in rows),
@@ -242,17 +268,32 @@ class EvaluationStore:
             yield
             self._connection.execute("COMMIT")
         except BaseException:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
+            self._roll_back()
             raise
 
+    def _roll_back(self) -> None:
+        if self._connection.in_transaction:
+            with suppress(sqlite3.Error):  # the error that led here says more
+                self._connection.execute("ROLLBACK")
+
     def __len__(self) -> int:
-        """Count the evaluations, over all contexts."""
-        return int(self._connection.execute("SELECT count(*) FROM evaluation").fetchone()[0])
+        """Count the evaluations, over all contexts.
+
+        Raises:
+            StoreError: If the file cannot be read.
+        """
+        with explained(self.path):
+            count = self._connection.execute("SELECT count(*) FROM evaluation").fetchone()[0]
+        return int(count)
 
     def close(self) -> None:
-        """Close the file; calling it twice is fine."""
-        self._connection.close()
+        """Close the file; calling it twice is fine.
+
+        Raises:
+            StoreError: If SQLite cannot close it.
+        """
+        with explained(self.path):
+            self._connection.close()
 
     def __enter__(self) -> Self:
         """Give the store itself."""
@@ -266,24 +307,3 @@ class EvaluationStore:
     ) -> None:
         """Close it."""
         self.close()
-
-
-def _explained(error: sqlite3.DatabaseError, path: Path) -> StoreError:
-    if "locked" in str(error):
-        return StoreInUse(
-            f"Expected to be the only user of the store {path}, but another run has it open. "
-            "Wait for that run to end, or name another store."
-        )
-    if "not a database" in str(error):
-        return StoreError(
-            f"Expected an evaluation store (an SQLite file), got something else in {path}. "
-            "It was left as it is; name another file."
-        )
-    return StoreError(_corrupt(path, str(error)))
-
-
-def _corrupt(path: Path, reason: str) -> str:
-    return (
-        f"Expected a sound evaluation store, got a corrupt one in {path} ({reason}). "
-        "It was left as it is; restore it from a copy, or name another file."
-    )

@@ -26,6 +26,9 @@ from sada_gym.parameters import Mu
 BatchFunction = Callable[[Mu], npt.ArrayLike]
 """A user's own black box: (n, d) float32 in [-1, 1] -> (n,) scores."""
 
+MAX_WORKERS = 1_024
+"""The most processes of our own: each holds a simulator and a network, some 300 MB."""
+
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
 _DYING_S = 10.0
@@ -109,6 +112,11 @@ class Task:
             ) from error
         return cls(payload, hashlib.sha256(payload).hexdigest())
 
+    @property
+    def size(self) -> int:
+        """Bytes of the payload."""
+        return 0 if self.payload is None else len(self.payload)
+
     def __call__(self, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
         """Evaluate one chunk, see `score`."""
         return score(self._scorer(), mu, seeds)
@@ -136,7 +144,9 @@ class Task:
 
 
 _given: dict[str, bytes] = {}
-"""Payloads that this process was given when it started, by key."""
+"""The last payloads that this process was given, when it started or later, by key."""
+
+_giving = threading.Lock()
 
 
 class _Cache(threading.local):
@@ -147,6 +157,28 @@ class _Cache(threading.local):
 
 
 _cache = _Cache()
+
+
+def evaluate_if_known(task: Task, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64] | None:
+    """Evaluate one chunk in a process that may have seen the task before.
+
+    So that a large model crosses the network once for each process, not with every chunk.
+
+    Args:
+        task: Whose payload is kept here; without one, it must have come before.
+        mu: (n, d) float32, checked.
+        seeds: n evaluation seeds.
+
+    Returns:
+        (n,) float64; None where this process lacks the payload: send it along then.
+    """
+    with _giving:
+        if task.payload is not None and task.key not in _given:
+            while len(_given) >= _CACHE_SIZE:
+                del _given[next(iter(_given))]
+            _given[task.key] = task.payload
+        known = task.payload is not None or task.key in _given or task.key in _cache.loaded
+    return task(mu, seeds) if known else None
 
 
 class WorkerPool:
@@ -178,6 +210,11 @@ class WorkerPool:
             for _ in range(workers):
                 self.executor.submit(_nothing)
         self._processes = set(active_children()) - before
+
+    @property
+    def failed_to_start(self) -> bool:
+        """Whether a process ended by an exception as it started: another would do the same."""
+        return any(process.exitcode == 1 for process in self._processes)
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers; calling it twice is fine.

@@ -12,9 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import evaluation_seeds
-from sada_gym.files import Strict, write_file, write_model
+from sada_gym.files import (
+    MAX_ARRAYS_BYTES,
+    Strict,
+    file_errors,
+    read_file,
+    read_model,
+    write_file,
+    write_model,
+)
 from sada_gym.parameters import Mu
 
 FOLDER = Path(__file__).parents[1] / "references"
@@ -92,6 +100,11 @@ class Reference:
         """The points of the fooling set, (m, d)."""
         return self.mu[self.fooling]
 
+    @property
+    def uniform_rate(self) -> float:
+        """Share of all evaluations that fooled: the AFR of uniform samples."""
+        return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
+
     def halves(self) -> tuple[Mu, Mu]:
         """Split the fooling set at random, always alike: points to measure by, points to draw.
 
@@ -144,7 +157,11 @@ def write_reference(
     """
     fingerprint = application.fingerprint
     if fingerprint is None or not np.isfinite(scores).all():
-        raise UserError("Expected finite scores of an application with a fingerprint.")
+        raise UserError(
+            "Expected finite scores of an application with a fingerprint, got "
+            f"{np.isfinite(scores).sum()} finite scores of {scores.size} and the fingerprint "
+            f"{fingerprint}. Mend the scoring, or give the application a fingerprint."
+        )
     points, seeds = scores.shape
     buffer = io.BytesIO()
     np.savez_compressed(
@@ -164,7 +181,8 @@ def write_reference(
         sha256=hashlib.sha256(buffer.getvalue()).hexdigest(),
     )
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    with file_errors("make the folder", folder):
+        folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / entry.file, buffer.getvalue())
     others = [e for e in read_index(folder).references if e.file != entry.file]
     ordered = sorted([*others, entry], key=lambda e: e.file)
@@ -173,11 +191,17 @@ def write_reference(
 
 
 def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
-    """List the reference sets that a folder holds."""
+    """List the reference sets that a folder holds.
+
+    Raises:
+        FileError: If the index cannot be read.
+    """
     path = Path(folder) / INDEX
+    if Path(folder).is_file():
+        raise FileError(f"Expected a folder of reference sets, got the file {folder}.")
     if not path.exists():
         return ReferenceIndex(references=())
-    return ReferenceIndex.model_validate_json(path.read_bytes())
+    return read_model(path, ReferenceIndex)
 
 
 def load_reference(
@@ -191,8 +215,8 @@ def load_reference(
         folder: Where the reference sets lie.
 
     Raises:
-        ValueError: If the file is not the one that the index names, or is of another version of
-            the environment or of the agent.
+        ValueError: If the file cannot be read, is not the one that the index names, or is of
+            another version of the environment or of the agent.
     """
     found = [
         entry
@@ -203,7 +227,7 @@ def load_reference(
         return None
     entry = found[0]
     path = Path(folder) / entry.file
-    content = path.read_bytes()
+    content = read_file(path, MAX_ARRAYS_BYTES)
     mu = reference_mu(len(application.parameters), entry.points, entry.sobol_seed)
     for what, expected, got in (
         ("SHA-256", entry.sha256, hashlib.sha256(content).hexdigest()),

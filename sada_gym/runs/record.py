@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from sada_gym.files import Strict, read_model, write_file, write_folder, write_model
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.files import Strict, read_arrays, read_model, write_file, write_folder, write_model
+from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
 
 SETTINGS_FILE = "attack.json"
@@ -178,9 +178,19 @@ def write_samples(path: Path, samples: Evaluations) -> None:
 
 
 def read_samples(path: Path) -> Evaluations:
-    """Read test samples that `write_samples` wrote."""
-    with np.load(path, allow_pickle=False) as file:
-        return Evaluations(file["mu"], file["score"], file["seed"])
+    """Read test samples that `write_samples` wrote.
+
+    Raises:
+        FileError: If the file cannot be read or does not hold such samples.
+    """
+    arrays = read_arrays(path, {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)})
+    counts = {name: len(array) for name, array in arrays.items()}
+    if len(set(counts.values())) > 1:
+        raise FileError(
+            f"Expected as many mu as scores and seeds in {path}, got {counts}. "
+            "Restore the file, or make it anew."
+        )
+    return Evaluations(arrays["mu"], arrays["score"], arrays["seed"])
 
 
 def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:

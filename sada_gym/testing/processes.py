@@ -44,7 +44,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # whatever a user's file may raise
         del sys.modules[name]
         raise UserError(
             f"Expected {str(path)!r} to run when imported, got {type(error).__name__}: {error}."

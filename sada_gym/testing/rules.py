@@ -18,6 +18,10 @@ from sada_gym.parameters import ParameterSpace
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
 
 SIZES = (1, 2, 3, 7, 15, 16, 17, 31, 33, 64, 70)
+"""Batch sizes that purity is tried in."""
+
+MAX_TILE = 1_024
+"""Larger tiles are not tried as batches."""
 
 
 def _require(condition: bool, sentence: str) -> None:
@@ -119,16 +123,19 @@ def check_live_parameters(application: Application) -> str:
     dimension = len(application.parameters)
     dead = set(range(dimension))
     pairs = 0
-    for attempt in range(16):
-        mu, seeds = draw_worlds(application, 8, seed=100 + attempt)
-        others, _ = draw_worlds(application, 8, seed=200 + attempt)
-        score = application.evaluate(mu, seeds).score
-        for axis in sorted(dead):
-            moved = mu.copy()
-            moved[:, axis] = others[:, axis]
-            if (application.evaluate(moved, seeds).score != score).any():
-                dead.discard(axis)
-        pairs += len(mu)
+    for attempt, n in enumerate([2, 2, 4] + 15 * [8]):  # most parameters show with the first
+        mu, seeds = draw_worlds(application, n, seed=100 + attempt)
+        others, _ = draw_worlds(application, n, seed=200 + attempt)
+        axes = sorted(dead)
+        moved = np.repeat(mu[None], len(axes), axis=0)
+        for row, axis in enumerate(axes):
+            moved[row, :, axis] = others[:, axis]
+        # in one batch, which is faster than one an axis
+        batch = np.concatenate([mu[None], moved]).reshape(-1, dimension)
+        score = application.evaluate(batch, (1 + len(axes)) * seeds).score.reshape(-1, n)
+        changed = (score[1:] != score[0]).any(axis=1)
+        dead -= {axis for axis, alive in zip(axes, changed, strict=True) if alive}
+        pairs += n
         if not dead:
             return "Every parameter changes the score."
     names = [application.parameters.names[axis] for axis in sorted(dead)]
@@ -139,9 +146,32 @@ def check_live_parameters(application: Application) -> str:
 
 
 def check_purity(application: Application) -> str:
-    """Check that a score doesn't depend on what else is evaluated."""
-    assert_pure(application, sizes=SIZES, other_process=False)
-    return f"The same to the last bit alone, in batches of {min(SIZES)} to {max(SIZES)}, permuted."
+    """Check that a score doesn't depend on what else is evaluated.
+
+    Where the agent is called with a tile of inputs at once (`application.tile`), batches around
+    that size are tried too, and the finding names the tile.
+    """
+    tile = _tile(application)
+    sizes = SIZES if tile is None else tuple(sorted({*SIZES, tile, tile + 1}))
+    try:
+        assert_pure(application, sizes=sizes, other_process=False)
+    except AssertionError as error:
+        if tile is None:
+            raise
+        hint = "an input's neighbours are not the cause" if tile == 1 else "try tile=1"
+        raise AssertionError(
+            f"{error} The agent is called with {tile} input{'s' * (tile > 1)} at once "
+            f"(tile={tile}): {hint}."
+        ) from error
+    how = "permuted" if tile is None else f"permuted, with tile={tile}"
+    return f"The same to the last bit alone, in batches of {min(sizes)} to {max(sizes)}, {how}."
+
+
+def _tile(application: Application) -> int | None:
+    """How many inputs the agent is called with at once; None where the application says nothing."""
+    tile = getattr(application, "tile", None)
+    is_size = isinstance(tile, int) and not isinstance(tile, bool) and 1 <= tile <= MAX_TILE
+    return tile if is_size else None
 
 
 def check_other_process(application: Application) -> str:

@@ -104,15 +104,15 @@ def test_no_budget_is_refused():
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"candidates": 1000}, "power of two of at least 512, as .* got 1000"),
-        ({"candidates": 256}, "power of two of at least 512, as .* got 256"),
-        ({"candidates": 512.0}, "power of two of at least 512, as .* got 512.0"),
-        ({"last": 0}, "Expected last to be an int of at least 1, got 0"),
-        ({"initial": 0}, "Expected initial to be an int of at least 1, got 0"),
-        ({"induced_size": -1}, "Expected induced_size to be an int of at least 0, got -1"),
-        ({"batch": -1}, "Expected batch to be an int of at least 1, got -1"),
-        ({"components": ()}, "Expected at least one size among the components, got none"),
-        ({"components": (4, 0)}, r"Expected components\[1\] to be an int of at least 1, got 0"),
+        ({"candidates": 1000}, "power of two, as .* got 1000"),
+        ({"candidates": 256}, "Expected candidates to be an int from 512 to 131,072, .* got 256"),
+        ({"candidates": 512.0}, "Expected candidates to be an int from 512 .* got 512.0"),
+        ({"last": 0}, "Expected last to be an int from 1 to .*; got 0"),
+        ({"initial": 0}, "Expected initial to be an int from 1 to .*, or None; got 0"),
+        ({"induced_size": -1}, "Expected induced_size to be an int from 0 to .*; got -1"),
+        ({"batch": -1}, "Expected batch to be an int from 1 to 10,000, such as 1; got -1"),
+        ({"components": ()}, r"Expected components to be a list of 1 to 64 items.*; got \(\)"),
+        ({"components": (4, 0)}, r"each an int from 1 to 1,000, such as .*; got \(4, 0\)"),
     ],
 )
 def test_bad_options_are_refused(option, message):

@@ -8,8 +8,9 @@ import torch
 
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.bbgan_boost import BoostedBBGAN, split_budget
-from sada_gym.adversaries.bbgan_networks import fold
+from sada_gym.adversaries.models.bbgan_networks import fold
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.errors import AdversaryError, TrainingDiverged, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
 from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
@@ -114,6 +115,48 @@ def test_a_collapsed_generator_still_gives_fresh_samples():
     assert len(np.unique(adversary.sample(500), axis=0)) == 500
 
 
+def test_training_that_diverges_is_an_error_that_says_what_to_change():
+    deep = {"initial_sd": 10.0, "generator": [512] * 12, "discriminator": [512] * 12}
+    adversary = BBGAN(2, seed=0, steps=3, batch=8, **deep)
+    with pytest.raises(TrainingDiverged, match=r"Lower learning_rate .* or initial_sd"):
+        adversary.train(RecordingOracle(AnalyticApplication(), budget=40))
+
+
+@pytest.mark.parametrize("acceptance", [0.0, 0.9])
+def test_weights_that_are_not_finite_end_the_sampling(acceptance):
+    adversary = BBGAN(2, seed=0, acceptance=acceptance, **QUICK)
+    adversary.train(RecordingOracle(AnalyticApplication(), budget=50))
+    for parameter in adversary._g.parameters():
+        parameter.data.fill_(float("nan"))
+    with pytest.raises(AdversaryError, match="draws NaN or infinite ones"):
+        adversary.sample(10)
+
+
+def test_a_discriminator_that_accepts_nothing_ends_the_sampling():
+    adversary = BBGAN(2, seed=0, **QUICK)
+    adversary.train(RecordingOracle(AnalyticApplication(), budget=50))
+    adversary._ceiling = torch.tensor(1e30)
+    assert adversary.sample(20).shape == (20, 2)
+
+
+def test_loading_writes_to_no_path_that_a_file_names(tmp_path, monkeypatch):
+    module = types.ModuleType("torch.utils.tensorboard")
+    module.SummaryWriter = Writer
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
+    adversary = BBGAN(2, seed=0, log_dir=tmp_path / "log", **QUICK)
+    adversary.train(RecordingOracle(AnalyticApplication(), budget=40))
+    adversary.save(tmp_path / "saved")
+    path = tmp_path / "saved" / "adversary.json"
+    assert "log" not in path.read_text()
+    record = json.loads(path.read_text())
+    record["options"]["log_dir"] = str(tmp_path / "elsewhere")
+    path.write_text(json.dumps(record))
+    Writer.last = None
+    with pytest.raises(UserError, match=r"option of bbgan to be .*; got 'log_dir'"):
+        BBGAN.load(tmp_path / "saved")
+    assert Writer.last is None
+
+
 def test_fold_reflects_and_reaches_the_faces():
     x = torch.tensor([0.0, 1.0, -1.0, 1.5, -1.5, 3.0, 5.0])
     assert fold(x).tolist() == [0.0, 1.0, -1.0, 0.5, -0.5, -1.0, 1.0]
@@ -148,12 +191,12 @@ def test_broken_files_are_refused(tmp_path):
     adversary.save(tmp_path)
     with pytest.raises(ValueError, match=r"`BoostedBBGAN.save` wrote, .*saved adversary"):
         BoostedBBGAN.load(tmp_path)
-    settings = json.loads((tmp_path / "bbgan.json").read_text())
+    settings = json.loads((tmp_path / "adversary.json").read_text())
     settings["dimension"] = 3
-    (tmp_path / "bbgan.json").write_text(json.dumps(settings))
+    (tmp_path / "adversary.json").write_text(json.dumps(settings))
     with pytest.raises(ValueError, match=r"Expected a folder that `BBGAN.save` wrote"):
         BBGAN.load(tmp_path)
-    (tmp_path / "bbgan.safetensors").write_bytes(b"broken")
+    (tmp_path / "adversary.safetensors").write_bytes(b"broken")
     with pytest.raises(ValueError, match=r"Expected a folder that `BBGAN.save` wrote"):
         BBGAN.load(tmp_path)
     with pytest.raises(ValueError, match=r"Expected a folder that `BBGAN.save` wrote"):

@@ -140,10 +140,10 @@ def test_scores_that_are_no_numbers_are_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"uniform_share": 1.0}, r"Expected uniform_share to be a share within \(0, 1\), got 1.0"),
-        ({"elite": 0.0}, "Expected elite to be a share"),
-        ({"defensive": "0.1"}, "Expected defensive to be a share"),
-        ({"stages": 0}, "Expected stages to be an int of at least 1, got 0"),
+        ({"uniform_share": 1.0}, "uniform_share to be a float between 0 and 1, both excluded"),
+        ({"elite": 0.0}, "Expected elite to be a float between 0 and 1"),
+        ({"defensive": "0.1"}, "Expected defensive to be a float between 0 and 1"),
+        ({"stages": 0}, "Expected stages to be an int from 1 to 1,000, such as 6; got 0"),
         ({"components": 2.5}, "Expected components to be an int"),
     ],
 )

@@ -6,15 +6,16 @@ from numpy.testing import assert_allclose
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-from sada_gym.adversaries import exact_gp, gp
-from sada_gym.adversaries.exact_gp import (
+from sada_gym.adversaries import gp
+from sada_gym.adversaries.gp import CONSTANT, GP
+from sada_gym.adversaries.models import exact_gp
+from sada_gym.adversaries.models.exact_gp import (
     Kernel,
     fit_kernel,
     fit_weights,
     log_marginal_likelihood,
     predict_mean,
 )
-from sada_gym.adversaries.gp import CONSTANT, GP
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle

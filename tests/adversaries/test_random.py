@@ -19,8 +19,6 @@ class TestRandom(AdversaryContract):
 
     def test_a_broken_file_is_refused(self, tmp_path):
         for text in ("{", json.dumps({"dimension": 2})):
-            (tmp_path / "random.json").write_text(text)
-            with pytest.raises(
-                ValueError, match=r"Expected .*random.json as `Random.save` wrote it"
-            ):
+            (tmp_path / "adversary.json").write_text(text)
+            with pytest.raises(ValueError, match=r"Expected a folder that `Random.save` wrote"):
                 Random.load(tmp_path)

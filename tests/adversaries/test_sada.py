@@ -126,17 +126,17 @@ def test_scores_that_are_no_numbers_are_refused():
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        ({"uniform": 0.0}, r"Expected uniform to be a number within \[0.05, 1\], got 0.0"),
-        ({"uniform": "x"}, "Expected uniform to be a number"),
-        ({"rounds": -1}, r"Expected rounds to be a whole number within \[0, 100\], got -1"),
-        ({"rounds": 2.5}, "Expected rounds to be a whole number"),
-        ({"rounds": True}, "Expected rounds to be a whole number"),
-        ({"explore": 1.5}, "Expected explore to be a number within"),
-        ({"coverage": np.nan}, "Expected coverage to be a number within"),
-        ({"volume": -0.1}, r"Expected volume to be a number within \[0, 1\], got -0.1"),
-        ({"models": ["forest"]}, "Expected the models to be one of trees, process; got 'forest'"),
-        ({"models": "trees"}, "Expected a list of models among trees, process, got 'trees'"),
-        ({"models": []}, "Expected a list of models"),
+        ({"uniform": 0.0}, "Expected uniform to be a float from 0.05 to 1, such as 0.4; got 0.0"),
+        ({"uniform": "x"}, "Expected uniform to be a float"),
+        ({"rounds": -1}, "Expected rounds to be an int from 0 to 100, such as 4; got -1"),
+        ({"rounds": 2.5}, "Expected rounds to be an int"),
+        ({"rounds": True}, "Expected rounds to be an int"),
+        ({"explore": 1.5}, "Expected explore to be a float from"),
+        ({"coverage": np.nan}, "Expected coverage to be a float from"),
+        ({"volume": -0.1}, "Expected volume to be a float from 0 to 1, such as .*; got -0.1"),
+        ({"models": ["forest"]}, r"1 to 2 items, each one of trees, process, .*got \['forest'\]"),
+        ({"models": "trees"}, "each one of trees, process, such as .*; got 'trees'"),
+        ({"models": []}, "Expected models to be a list of 1 to 2 items"),
     ],
 )
 def test_a_bad_option_is_refused(bad, message):

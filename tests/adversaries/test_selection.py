@@ -76,9 +76,9 @@ def test_no_fooling_point_is_flagged():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"pool": 0}, r"Expected pool to be an int of at least 1, got 0\."),
-        ({"pool": 1e3}, r"Expected pool to be an int of at least 1, got 1000\.0"),
-        ({"subset": 9}, r"Expected subset to be an int of at least 10, got 9\."),
+        ({"pool": 0}, r"Expected pool to be an int from 1 to 1,000,000, or None; got 0\."),
+        ({"pool": 1e3}, r"Expected pool to be an int from 1 to 1,000,000, or None; got 1000\.0"),
+        ({"subset": 9}, r"Expected subset to be an int from 10 to 10,000, such as 2000; got 9\."),
     ],
 )
 def test_bad_options_are_refused(options, message):

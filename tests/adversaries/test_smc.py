@@ -124,11 +124,11 @@ def test_scores_that_are_no_numbers_are_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"uniform_share": 0.0}, r"Expected uniform_share to be a share within \(0, 1\), got 0.0"),
-        ({"level_share": 1.0}, "Expected level_share to be a share"),
-        ({"level_probability": 2}, "Expected level_probability to be a share"),
-        ({"acceptance": "0.3"}, "Expected acceptance to be a share"),
-        ({"steps": 0}, "Expected steps to be an int of at least 1, got 0"),
+        ({"uniform_share": 0.0}, "uniform_share to be a float between 0 and 1, both excluded"),
+        ({"level_share": 1.0}, "Expected level_share to be a float between 0 and 1"),
+        ({"level_probability": 2}, "Expected level_probability to be a float between 0 and 1"),
+        ({"acceptance": "0.3"}, "Expected acceptance to be a float between 0 and 1"),
+        ({"steps": 0}, "Expected steps to be an int from 1 to 10,000, such as 5; got 0"),
         ({"neighbours": True}, "Expected neighbours to be an int"),
     ],
 )

@@ -2,22 +2,22 @@ import io
 import json
 import os
 import re
+import shlex
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from interrupting import start_interruptible
 from rich.console import Console
 from rich.text import Text
 from typer.testing import CliRunner
 
 from sada_gym.benchmark.cell import Told
 from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.suite import SUITES
 from sada_gym.cli import app
-from sada_gym.cli.benchmark import _spread
-from sada_gym.cli.benchmark_progress import BenchmarkBars
+from sada_gym.cli.benchmark_progress import BenchmarkProgress
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 
@@ -36,7 +36,8 @@ def references(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, references):
     out = tmp_path_factory.mktemp("cli") / "out"
-    chosen = ["-a", "ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky"]
+    names = ("ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky")
+    chosen = [word for name in names for word in ("-a", name)]
     result = run(*SMALL, *chosen, "--workers", 1, "--out", out, "--references", references)
     assert result.exit_code == 0, result.output
     return out, result
@@ -93,11 +94,15 @@ def test_report_alone_runs_nothing(done, references):
         (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
         (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
         ([*SMALL, "-a", "randm"], "Did you mean random"),
-        ([*SMALL, "-a", "random", "nowhere:Nothing"], "Install the module, or set PYTHONPATH"),
+        (
+            [*SMALL, "-a", "random", "-a", "nowhere:Nothing"],
+            "Install the module, or set PYTHONPATH",
+        ),
         ([*SMALL, "-a", "bbgan:papr"], "Expected the preset to be one of default, paper"),
         ([*SMALL, "-a", "random", "--agents", "surveyor"], "got 'agent'"),
         (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
         ([*SMALL, "--seeds", "0"], "seeds"),
+        (["--tracks", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
         (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
         ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
         ([*SMALL, "-a", "random", "--out", "."], "which holds something else"),
@@ -113,6 +118,11 @@ def test_bad_input_gets_a_sentence(args, message, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_help_names_every_suite():
+    listed = run("--help").stdout.replace(",", " ").replace(".", " ").split()
+    assert {found.name for found in SUITES} <= set(listed)
+
+
 def test_other_settings_are_refused(done, references):
     out, _ = done
     chosen = ["-a", "random", "--out", out, "--references", references]
@@ -121,19 +131,11 @@ def test_other_settings_are_refused(done, references):
     assert "equal-queries: budget.queries was 60 and is 61" in result.stderr
 
 
-def test_lists_spread_until_something_else_comes():
-    args = ["--tracks", "A", "B", "--seeds", "2", "-a", "x", "y", "--out", "o", "z"]
-    assert list(_spread(args)) == [
-        *["--tracks", "A", "--tracks", "B", "--seeds", "2"],
-        *["-a", "x", "-a", "y", "--out", "o", "z"],
-    ]
-
-
 def test_a_terminal_shows_cells_rate_time_left_and_each_process(tmp_path):
     plan = make_plan(suite("random", "toy:Greedy", budgets=(60,), seeds=2), tmp_path)
     first, second = plan.groups[0].cells
     console = Console(force_terminal=True, width=120, file=io.StringIO())
-    with BenchmarkBars(console) as bars:
+    with BenchmarkProgress(console) as bars:
         bars.begin(plan, list(plan.cells))
         bars.hear(Told(first, "testing", 10, 30, new=10))
         bars.hear(Told(first, "finished", new=20, wall_s=65.0))
@@ -152,23 +154,14 @@ def test_a_terminal_shows_cells_rate_time_left_and_each_process(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     out, log = tmp_path / "an out", tmp_path / "log"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
-    environment |= {"TOY_LOG": str(log), "TOY_PAUSE_S": "0.01"}
-    command = [sys.executable, "-m", "sada_gym", "benchmark", "--tracks", LOGGED, "--seeds", "1"]
-    command += ["-a", "random", "toy:Greedy", "--budget", "900", "--images", "0", "--out", str(out)]
-    process = subprocess.Popen(
-        command,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    command = ["benchmark", "--tracks", LOGGED, "--seeds", "1", "-a", "random", "-a", "toy:Greedy"]
+    command += ["--budget", "900", "--images", "0", "--executor", "processes", "--out", str(out)]
+    process = start_interruptible(command, TOY_LOG=str(log), TOY_PAUSE_S="0.01")
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 100):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Traceback" not in told
-    assert f"Stopped. 1 finished cells and all evaluations are kept in {out}" in told
-    assert told.strip().endswith(f"--budget 900 --images 0 --out '{out}'")
+    assert "Traceback" not in printed
+    assert f"Stopped. 1 finished cells and all evaluations are kept in {out}" in printed
+    assert shlex.split(printed.strip().splitlines()[-1]) == ["sada-gym", *command]

@@ -1,18 +1,33 @@
+import contextlib
+import io
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import typer
+from interrupting import start_interruptible
+from rich.console import Console
 from toy import Greedy
 from typer.testing import CliRunner
 
-from sada_gym import adversaries
+import sada_gym
+from sada_gym import adversaries, make_application
 from sada_gym.cli import app
-from sada_gym.cli.console import _spread, key_values
+from sada_gym.cli.baseline import find_reference
+from sada_gym.cli.console import errors_as_sentences, key_values, say
+from sada_gym.errors import BudgetExhausted, UserError, WorkerError
+from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.runs.record import AttackSettings
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
@@ -63,7 +78,7 @@ def test_attack_ends_with_its_figures(tmp_path):
 
 
 def test_attack_passes_everything_on(tmp_path):
-    pairs = ["--env-kwargs", "dimension=3", "volume=0.2", "--seed", "7"]
+    pairs = ["--env-kwargs", "dimension=3", "--env-kwargs", "volume=0.2", "--seed", "7"]
     assert attack(tmp_path / "out", *pairs).exit_code == 0
     settings = json.loads((tmp_path / "out" / "result.json").read_text())["settings"]
     assert settings["application_settings"]["dimension"] == 3
@@ -98,7 +113,12 @@ def test_a_second_run_needs_resume(tmp_path):
             [*ATTACK, "--env-kwargs", "dimension"],
             "Expected --env-kwargs key=value, got 'dimension'",
         ),
-        ([*ATTACK, "--set", "a=1", "a=2"], "Expected each key of --set once, got 'a' twice"),
+        (
+            [*ATTACK, "--set", "a=1", "--set", "a=2"],
+            "Expected each key of --set once, got 'a' twice",
+        ),
+        ([*ATTACK, "--set", "a=1", "b=2"], "got 'b=2' without one"),
+        (["check", "mine.py", "--env-kwargs", "a=1", "b=2"], "--env-kwargs a=1 --env-kwargs b=2"),
         ([*ATTACK, "--agent", "x", "--env-kwargs", "agent=y"], "Expected the agent once"),
         ([*ATTACK, "--preset", "x", "--set", "preset=y"], "Expected the preset once"),
         ([*ATTACK, "--budget", "many"], "budget"),
@@ -134,14 +154,147 @@ def test_debug_shows_the_traceback():
         CliRunner().invoke(app, ["--debug", "envs", "Nothing-v0"], catch_exceptions=False)
 
 
-def test_a_bug_keeps_its_traceback(tmp_path, monkeypatch):
+@pytest.mark.parametrize("kind", [KeyError, ValueError, TypeError, ImportError, OSError])
+def test_a_bug_keeps_its_traceback(tmp_path, monkeypatch, kind):
     class Buggy(Greedy):
         def train(self, oracle):
-            raise KeyError("bug")
+            raise kind("bug")
 
     monkeypatch.setattr(adversaries, "make", lambda *args, **options: Buggy(2))
     result = attack(tmp_path / "out")
-    assert isinstance(result.exception, KeyError)
+    assert type(result.exception) is kind
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(UserError("so"), 2), (BudgetExhausted("so"), 2), (WorkerError("so"), 1)],
+)
+def test_what_is_raised_on_purpose_is_a_sentence(error, code, capsys):
+    with pytest.raises(typer.Exit) as caught, errors_as_sentences():
+        raise error
+    assert caught.value.exit_code == code
+    assert capsys.readouterr().err == "Error: so\n"
+
+
+def test_version():
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"sada-gym {sada_gym.__version__}\n"
+
+
+def test_the_summary_names_the_interval_and_the_uniform_rate(tmp_path):
+    result = attack(tmp_path / "svm", "-a", "svm")
+    assert re.search(r"[\d.]+ % \(95 % interval [\d.]+ to [\d.]+\), \d+ of 10", result.stdout)
+    rate = re.search(r"uniform worlds +([\d.]+ %) \(its 60 training queries", result.stdout)
+    assert f"in training           {rate[1]} of 60 queries" in result.stdout
+    result = attack(tmp_path / "random", "-a", "random")
+    assert "(these samples are uniform)" in result.stdout
+    result = attack(tmp_path / "greedy")
+    assert "not known: run --adversary random" in result.stdout
+
+
+@pytest.mark.parametrize("name", adversaries.names())
+def test_uniform_queries_are_declared_truly(name):
+    class EnoughError(Exception):
+        pass
+
+    class FirstOnly:
+        remaining, threshold = 200, 0.3
+
+        def __call__(self, mu):
+            self.first = np.array(mu)
+            raise EnoughError
+
+    oracle = FirstOnly()
+    oracle.first = np.zeros((0, 2))
+    with contextlib.suppress(EnoughError):
+        adversaries.make(name, 2, seed=5).train(oracle)
+    uniform = np.random.default_rng(5).uniform(-1.0, 1.0, (200, 2)).astype(np.float32)
+    assert adversaries.find(name).uniform_queries == np.array_equal(oracle.first, uniform)
+
+
+def settings_of(env_id, **env_kwargs):
+    application = make_application(env_id, **env_kwargs)
+    return AttackSettings(
+        environment=env_id,
+        application=application.name,
+        version=application.version,
+        application_settings=application.settings,
+        agent=application.agent_name,
+        fingerprint=application.fingerprint,
+        **{"adversary": "bbgan", "preset": None, "options": {}, "packages": {}},
+        **{"budget": 1, "samples": 1, "seed": 0},
+    )
+
+
+def test_the_reference_set_is_that_of_exactly_what_was_attacked():
+    entry = find_reference(settings_of("SADA-Detection-Car-v0")).entry
+    assert (entry.track, entry.agent) == ("SADA-Detection-Car-v0", "photographer")
+    general = find_reference(settings_of("SADA-Detection-v0", object_class="bus", agent="surveyor"))
+    assert (general.entry.track, general.entry.agent) == ("SADA-Detection-Bus-v0", "surveyor")
+    assert 0 < general.uniform_rate < 1
+    assert find_reference(settings_of("SADA-Detection-Car-v0", image_size=160)) is None
+    assert find_reference(settings_of("SADA-Analytic-v0")) is None
+
+
+def test_an_executor_is_opened_by_its_name_and_closed(tmp_path, monkeypatch):
+    asked, pools = [], []
+
+    @contextlib.contextmanager
+    def open_executor(name, workers):
+        asked.append((name, workers))
+        with ThreadPoolExecutor(3) as pool:
+            pools.append(pool)
+            yield SimpleNamespace(executor=pool, workers=3)
+
+    monkeypatch.setattr(executors, "open_executor", open_executor)
+    result = run(
+        *ATTACK, "--workers", 2, "--executor", "dask:tcp://host:1", "--out", tmp_path / "a"
+    )
+    assert result.exit_code == 0, result.output
+    assert asked == [("dask:tcp://host:1", 2)]
+    assert pools[0]._shutdown
+    attack(tmp_path / "b")
+    same = [(tmp_path / name / "samples.npz").read_bytes() for name in "ab"]
+    assert same[0] == same[1]
+
+
+def test_uav_commands_print_no_line_of_pybullet():
+    command = [sys.executable, "-c", "import sada_gym.envs.uav.world.physics"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == done.stderr == ""
+
+
+PATH = "/somewhere/a-long-folder-name/that-does-not-fit-into-one-line/of-a-narrow-terminal/at-all"
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_no_word_is_broken_or_cut_off(width):
+    terminal = Console(force_terminal=True, width=width, file=io.StringIO(), no_color=True)
+    sentence = f"Expected a file of weights in {PATH}, got a folder with something else inside."
+    say("Error: ", sentence, console=terminal)
+    printed = terminal.file.getvalue()
+    assert printed.split() == f"Error: {sentence}".split()
+    assert all(len(line.rstrip()) <= width or PATH in line for line in printed.splitlines())
+
+
+def test_in_a_pipe_a_sentence_is_one_line():
+    pipe = Console(width=60, file=io.StringIO())
+    say("", f"{PATH} {PATH}", console=pipe)
+    assert pipe.file.getvalue() == f"{PATH} {PATH}\n"
+
+
+@pytest.mark.parametrize("width", ["60", "80", "120"])
+def test_lists_keep_names_whole(width):
+    environment = {"COLUMNS": width}
+    listed = CliRunner().invoke(app, ["envs"], env=environment).stdout
+    assert {"SADA-Detection-DiningTable-v0", "object_class=diningtable"} <= set(listed.split())
+    listed = CliRunner().invoke(app, ["adversaries"], env=environment).stdout
+    assert {"cross-entropy", "discriminator_updates=1"} <= set(listed.split())
+    shown = CliRunner().invoke(app, ["attack", "--help"], env=environment).stdout
+    assert {"--env-kwargs", "object_class=car;", "runs/ID-ADVERSARY-SEED"} <= set(
+        re.split(r"[\s()\[\]]+", shown)
+    )
 
 
 def test_check_of_ours():
@@ -182,48 +335,28 @@ def test_values_are_json_or_text():
     }  # fmt: skip
 
 
-def test_pairs_spread_until_something_else_comes():
-    args = ["ID", "--set", "a=1", "b=2", "--out", "x=y", "--env-kwargs", "c=3", "d=4", "ID2", "e=5"]
-    assert list(_spread(args)) == [
-        *["ID", "--set", "a=1", "--set", "b=2", "--out", "x=y"],
-        *["--env-kwargs", "c=3", "--env-kwargs", "d=4", "ID2", "e=5"],
-    ]
-
-
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
     out, log = tmp_path / "an out", tmp_path / "log"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "200"}
-    command = [sys.executable, "-m", "sada_gym", "attack", "toy:Toy-v0", "-a", "toy:Greedy"]
-    command += ["--budget", "300", "--samples", "10", "--workers", str(workers), "--out", str(out)]
-    command += ["--env-kwargs", "pause_s=0.01", f"log={log}"]
-    process = subprocess.Popen(
-        command,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    command = ["attack", "toy:Toy-v0", "-a", "toy:Greedy", "--budget", "300", "--samples", "10"]
+    command += ["--workers", str(workers), "--out", str(out), "--executor", "processes"]
+    command += ["--env-kwargs", "pause_s=0.01", "--env-kwargs", f"log={log}"]
+    process = start_interruptible(command)
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 150):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "Traceback" not in told
+    assert "Traceback" not in printed
     with EvaluationStore(out / "run.sqlite") as store:
         kept = len(store)
     assert kept >= 64
-    assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in told
-    resume = told.strip().splitlines()[-1].strip()
-    assert resume == (
-        "sada-gym attack toy:Toy-v0 --adversary toy:Greedy --env-kwargs pause_s=0.01 "
-        f"--env-kwargs log={log} --budget 300 --samples 10 --seed 0 --workers {workers} "
-        f"--out '{out}' --resume"
-    )
+    assert f"Stopped. {kept} evaluations are kept in {out}/run.sqlite" in printed
+    resume = printed.strip().splitlines()[-1].strip()
+    assert shlex.split(resume) == ["sada-gym", *command, "--resume"]
     log.unlink()
-    command += ["--resume"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = start_interruptible([*command, "--resume"])
+    _, printed = done.communicate(timeout=60)
+    assert done.returncode == 0, printed
     assert log.read_text().count("\n") == 310 - kept

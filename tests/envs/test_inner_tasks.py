@@ -15,7 +15,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym  # noqa: F401 - registers
-from sada_gym.envs.driving.drives import LANE_TOLERANCE_M
+from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M
 from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
 from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
 from sada_gym.sb3 import SB3VecEnv

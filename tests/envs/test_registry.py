@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -21,18 +21,91 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
+from sada_gym.envs.driving import task as driving_task
 from sada_gym.registration import TABLE, find_spec, register_environments
 from sada_gym.testing.purity import assert_pure
 from sada_gym.testing.rules import check_live_parameters, check_outcomes
 
 IDS = sada_gym.env_ids()
-GENERAL_IDS = [row.id for row in TABLE if not row.kwargs]
-FEW_SIZES = (1, 5, 16, 17, 70)
-FEW_WORLDS = {"SADA-Driving": 7, "SADA-UAV": 17}
-"""Where an evaluation is many episodes, these fill tiles of agents in as many ways."""
+SAME_WORLDS = {
+    "SADA-Detection-v0": "SADA-Detection-Car-v0",
+    "SADA-Driving-v0": "SADA-Driving-Navigation-v0",
+    "SADA-UAV-v0": "SADA-UAV-3Anchors-v0",
+}
+"""General ids, and the track that each is by default: the same application.
+
+That it is the same is tested; what is expensive is then tested on the track alone.
+"""
+WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
+SLOW_FAMILIES = ("SADA-Driving", "SADA-UAV")
+"""Where an evaluation is a whole episode in closed loop, or many."""
+FULL = ["SADA-Analytic-v0", *SAME_WORLDS.values()]
+"""One world a family, for what all its tracks share: networks, tiles, lockstep."""
 
 
-@pytest.fixture(params=IDS)
+class PurityCase(NamedTuple):
+    """Worlds and batch sizes for `assert_pure`, which also tries each world alone.
+
+    Attributes:
+        n: Number of worlds.
+        sizes: Sizes of batches beside 1 and n; each begins at another world, so that a world
+            stands at several places of a tile.
+        other_process: Whether to compare with a fresh process.
+    """
+
+    n: int
+    sizes: tuple[int, ...]
+    other_process: bool
+
+
+# The least that would still catch a score that depends on its tile, its place or the batch's size.
+PURITY = {
+    # tiles of 14 images: 17 worlds are a full tile and a padded one; 13 to 15 are around its border
+    "SADA-Detection": PurityCase(17, (15,), other_process=False),
+    "SADA-Detection-Car-v0": PurityCase(31, (2, 13, 14, 15, 29), other_process=True),
+    # tiles of 16 cars, and one evaluation is several: 1, 2 and 3 fill tiles in as many ways
+    "SADA-Driving": PurityCase(2, (), other_process=False),
+    "SADA-Driving-Navigation-v0": PurityCase(3, (2,), other_process=True),
+    # tiles of 8 drones; test_racing_pilot.py flies 20 and 48 together, with 5 anchors
+    "SADA-UAV": PurityCase(3, (2,), other_process=False),
+    "SADA-UAV-3Anchors-v0": PurityCase(9, (8,), other_process=True),
+    "SADA-Analytic": PurityCase(70, tuple(range(1, 71)), other_process=True),
+}
+
+
+def one_step_is_slow(env_id: str) -> bool:
+    return env_id.startswith(SLOW_FAMILIES)
+
+
+class Swerving:
+    """A driver that leaves the lane at once, where the driver is not what counts."""
+
+    observation_space, action_space = driving_task.OBSERVATION_SPACE, driving_task.ACTION_SPACE
+
+    def predict(self, observation: dict[str, np.ndarray], *, deterministic: bool) -> Any:
+        return np.tile(np.float32([1.0, 1.0]), (len(observation["speed"]), 1)), None
+
+
+class Speechless:
+    """A pilot that misses every gate at once."""
+
+    fingerprint = "speechless"
+
+    def start(self, count: int) -> None:
+        pass
+
+    def act(self, races: Any, which: np.ndarray) -> np.ndarray:
+        return np.full((len(which), 4), np.nan)
+
+
+def with_short_episodes(env_id: str) -> dict[str, Any]:
+    """Keywords for tests of the environment's own doing, which any agent shows."""
+    if not one_step_is_slow(env_id):
+        return {}
+    return {"agent": Swerving() if env_id.startswith("SADA-Driving") else Speechless()}
+
+
+@pytest.fixture(params=WORLDS)
 def env_id(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -56,18 +129,20 @@ def test_gymnasium_accepts_it_without_a_warning(env: AdversaryEnv) -> None:
         check_env(env)
 
 
-def test_sb3_accepts_it_without_a_warning(env: AdversaryEnv) -> None:
+def test_sb3_accepts_it_without_a_warning(env_id: str) -> None:
+    env = gym.make(env_id, render_mode="rgb_array", **with_short_episodes(env_id)).unwrapped
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env_sb3(env, skip_render_check=False)
+    env.close()
 
 
 def test_two_instances_agree_exactly(env_id: str) -> None:
+    first, second = proposals(env_id, 2)
+
     def run() -> list[Any]:
-        env = gym.make(env_id, horizon=2)
-        steps: list[Any] = [env.reset(seed=3)]
-        steps += [env.step(mu) for mu in proposals(env_id, 2)]
-        steps += [env.reset(), env.step(proposals(env_id, 1, seed=1)[0])]
+        env = gym.make(env_id)
+        steps: list[Any] = [env.reset(seed=3), env.step(first), env.reset(), env.step(second)]
         env.close()
         return steps
 
@@ -109,21 +184,34 @@ def test_pictures_of_a_bad_seed_are_refused(env: AdversaryEnv, env_id: str) -> N
             draw(mu, seed)
 
 
-@pytest.mark.parametrize("horizon", [1, 3])
-def test_the_native_batch_equals_the_scalar_environments(env_id: str, horizon: int) -> None:
-    num_envs = 2 if env_id.startswith(tuple(FEW_WORLDS)) else 3
-    native = gym.make_vec(env_id, num_envs=num_envs, horizon=horizon)
+# What a batch adds to `evaluate`, whose purity is tested below, is the environment's own doing:
+# so the agent's episodes are short, save on one track of each family.
+BATCHES = [
+    *((env_id, horizon, with_short_episodes(env_id)) for env_id in WORLDS for horizon in (1, 3)),
+    ("SADA-Driving-Straight-v0", 1, {}),
+    ("SADA-UAV-3Anchors-v0", 1, {}),
+]
+
+
+@pytest.mark.parametrize(("env_id", "horizon", "keywords"), BATCHES)
+def test_the_native_batch_equals_the_scalar_environments(
+    env_id: str, horizon: int, keywords: dict[str, Any]
+) -> None:
+    num_envs = 2 if one_step_is_slow(env_id) else 3
+    steps = horizon + 1  # the last one is after the autoreset
+    native = gym.make_vec(env_id, num_envs=num_envs, horizon=horizon, **keywords)
     sync = gym.make_vec(
         env_id,
         num_envs=num_envs,
         horizon=horizon,
         vectorization_mode="sync",
         vector_kwargs={"autoreset_mode": "SameStep"},
+        **keywords,
     )
     assert isinstance(native, AdversaryVectorEnv)
     assert isinstance(sync, SyncVectorEnv)
     assert data_equivalence(native.reset(seed=5), sync.reset(seed=5), exact=True)
-    for mu in proposals(env_id, 4 * num_envs).reshape(4, num_envs, -1):
+    for mu in proposals(env_id, steps * num_envs).reshape(steps, num_envs, -1):
         assert data_equivalence(native.step(mu), sync.step(mu), exact=True)
     native.close()
     sync.close()
@@ -132,12 +220,16 @@ def test_the_native_batch_equals_the_scalar_environments(env_id: str, horizon: i
 def test_a_pickled_environment_goes_on_alike(env: AdversaryEnv, env_id: str) -> None:
     first, second = proposals(env_id, 2)
     fresh = pickle.loads(pickle.dumps(env))
-    env.reset(seed=1)
-    fresh.reset(seed=1)
-    assert data_equivalence(env.step(first), fresh.step(first), exact=True)
-    env.reset()
-    twin = pickle.loads(pickle.dumps(env))
-    assert data_equivalence(env.step(second), twin.step(second), exact=True)
+    for one in (env, fresh):
+        one.reset(seed=1)
+    twin = pickle.loads(pickle.dumps(env))  # its seed is given, and the generator stands behind it
+    outcome = env.step(first)
+    assert data_equivalence(outcome, fresh.step(first), exact=True)
+    assert data_equivalence(outcome, twin.step(first), exact=True)
+    if not one_step_is_slow(env_id):
+        for one in (env, twin):
+            one.reset()
+        assert data_equivalence(env.step(second), twin.step(second), exact=True)
     fresh.close()
     twin.close()
 
@@ -162,20 +254,25 @@ def test_the_spec_survives_json(env_id: str) -> None:
 
 def test_scores_are_pure(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    general = env_id in GENERAL_IDS
-    if application.name in FEW_WORLDS:
-        n = FEW_WORLDS[application.name]
-        sizes = None if general else (n // 2, n // 2 + 1)
-        assert_pure(application, n=n, sizes=sizes, other_process=general)
-    else:
-        sizes = None if general else FEW_SIZES
-        assert_pure(application, sizes=sizes, other_process=general)
+    case = PURITY.get(env_id, PURITY[application.name])
+    assert_pure(application, n=case.n, sizes=case.sizes, other_process=case.other_process)
+    application.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("env_id", "n"),
+    [(env_id, 17 if one_step_is_slow(env_id) else 70) for env_id in FULL],
+)
+def test_scores_are_pure_in_every_batch_size(env_id: str, n: int) -> None:
+    application = sada_gym.make_application(env_id)
+    assert_pure(application, n=n)
     application.close()
 
 
 def test_infos_can_be_batched(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    check_outcomes(application, n=FEW_WORLDS.get(application.name, 32))
+    check_outcomes(application, n=4 if one_step_is_slow(env_id) else 32)
     application.close()
 
 
@@ -198,6 +295,37 @@ def test_the_docstring_has_gymnasiums_headings(env: AdversaryEnv) -> None:
     ]
     found = [line.strip()[3:] for line in (type(env).__doc__ or "").splitlines() if "## " in line]
     assert found == headings
+
+
+@pytest.mark.parametrize(("general", "track"), SAME_WORLDS.items())
+def test_a_general_id_is_its_default_track(general: str, track: str) -> None:
+    ids = (general, track)
+    specs = [gym.spec(env_id) for env_id in ids]
+    assert specs[0].entry_point == specs[1].entry_point
+    assert specs[0].vector_entry_point == specs[1].vector_entry_point
+    envs = [gym.make(env_id).unwrapped for env_id in ids]
+    one, other = (env.application for env in envs)
+    assert type(one) is type(other)
+    for what in ("name", "version", "settings", "fingerprint", "fooling_threshold", "sample_size"):
+        assert getattr(one, what) == getattr(other, what), what
+    assert one.parameters == other.parameters
+    (mu,) = proposals(track, 1)
+    for env in envs:
+        env.reset(seed=11)
+    assert data_equivalence(envs[0].step(mu), envs[1].step(mu), exact=True)
+    for env_id in ids:
+        vector = gym.make_vec(env_id, num_envs=2)
+        assert isinstance(vector, AdversaryVectorEnv)
+        assert vector.application.settings == one.settings
+        vector.close()
+    for env in envs:
+        env.close()
+
+
+def test_every_id_is_a_world_or_the_same_as_one() -> None:
+    assert {*WORLDS, *SAME_WORLDS} == set(IDS)
+    assert set(SAME_WORLDS.values()) <= set(WORLDS)
+    assert set(SAME_WORLDS) == {row.id for row in TABLE if not row.kwargs} - {"SADA-Analytic-v0"}
 
 
 def test_the_general_id_with_its_keyword_is_the_track() -> None:

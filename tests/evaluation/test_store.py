@@ -1,18 +1,31 @@
+import os
+import shutil
 import sqlite3
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 from toy import Toy
 
-from sada_gym.errors import StoreError
+from sada_gym.errors import StoreError, StoreInUse
 from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.store_errors import explained
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (100, 3)).astype(np.float32)
 SEEDS = [int(s) for s in RNG.integers(2**31, size=100)]
 SCORES = RNG.random(100)
+
+WITH_CODES = sys.version_info >= (3, 11)
+"""Python 3.10 gives SQLite's errors no codes: there the sentence names several causes."""
+
+IN_USE = "another run has it open" if WITH_CODES else "open in another run"
+NO_STORE = "got something else in" if WITH_CODES else "or something else in"
+CORRUPT = "got a corrupt one in" if WITH_CODES else "got a corrupt one"
+FULL = "the disk is full" if WITH_CODES else "full disk"
 
 
 @pytest.fixture
@@ -75,7 +88,7 @@ def test_settings_that_are_not_json_are_refused():
 )
 def test_a_file_that_is_no_database_is_refused_and_left_alone(path, content):
     path.write_bytes(content)
-    with pytest.raises(StoreError, match=r"got something else in .*name another file"):
+    with pytest.raises(StoreError, match=rf"{NO_STORE} .*name another file"):
         EvaluationStore(path)
     assert path.read_bytes() == content
     assert [p.name for p in path.parent.iterdir()] == ["run.sqlite"]
@@ -108,7 +121,7 @@ def test_a_corrupt_store_is_refused_and_left_alone(path, damage):
     else:
         content = content[: len(content) - 4096]
     path.write_bytes(content)
-    with pytest.raises(StoreError, match=r"got a corrupt one in .*left as it is"):
+    with pytest.raises(StoreError, match=rf"{CORRUPT} .*left as it is"):
         EvaluationStore(path)
     assert path.read_bytes() == content
 
@@ -124,12 +137,12 @@ def test_another_schema_is_refused(path):
 
 def test_a_second_writer_is_kept_out(path):
     with EvaluationStore(path) as store:
-        with pytest.raises(StoreError, match=r"only user of the store .* another run has it open"):
+        with pytest.raises(StoreError, match=IN_USE):
             EvaluationStore(path)
         there = subprocess.run(
             [sys.executable, "-c", OPEN, str(path)], capture_output=True, text=True, check=False
         )
-        assert "another run has it open" in there.stderr
+        assert IN_USE in there.stderr
         store.context(Context.of(Toy()))
     EvaluationStore(path).close()
 
@@ -170,3 +183,213 @@ def test_a_missing_folder_or_a_folder_for_a_file_is_refused(tmp_path):
         EvaluationStore(tmp_path / "nowhere" / "run.sqlite")
     with pytest.raises(StoreError, match="got the folder"):
         EvaluationStore(tmp_path)
+
+
+def fill(store, count=1000):
+    key = store.context(Context.of(Toy()))
+    for i in range(count):
+        mu = np.full((64, 3), i / count, np.float32)
+        store.commit(key, mu, list(range(64)), np.full(64, 0.5))
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Mount a file system of 64 KiB, where this user may."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("needs the right to mount a file system")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_a_full_disk_is_said_and_keeps_what_was_stored(small_disk):
+    path = small_disk / "run.sqlite"
+    with EvaluationStore(path) as store:
+        with pytest.raises(StoreError, match=FULL):
+            fill(store)
+        kept = len(store)
+        assert kept > 0
+        with pytest.raises(StoreError, match="full"):  # and again, not another error
+            fill(store)
+    with EvaluationStore(path) as store:
+        assert len(store) == kept
+
+
+def test_no_room_for_a_new_store_is_not_called_a_corrupt_one(small_disk):
+    with pytest.raises(OSError, match="No space left"):
+        (small_disk / "other").write_bytes(b"x" * 100_000)
+    with pytest.raises(StoreError, match=FULL):
+        EvaluationStore(small_disk / "run.sqlite")
+
+
+@pytest.mark.parametrize("name", ["old.sqlite", "new.sqlite"])
+def test_a_read_only_file_system_is_not_called_a_corrupt_store(small_disk, name):
+    EvaluationStore(small_disk / "old.sqlite").close()
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    with pytest.raises(StoreError, match=rf"write to the store .*{name}, but .* is read-only"):
+        EvaluationStore(small_disk / name)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_a_read_only_file_or_folder_is_told_of(path, what):
+    EvaluationStore(path).close()
+    place = path if what == "file" else path.parent
+    place.chmod(0o555)
+    with pytest.raises(StoreError, match=rf"{what} is read-only"):
+        EvaluationStore(path)
+    place.chmod(0o755)
+
+
+FILE_LIMIT = """
+import resource, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+sys.path[:0] = [TESTS, TESTS + "/evaluation"]
+from test_store import EvaluationStore, fill
+with EvaluationStore(sys.argv[1]) as store:
+    fill(store)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+def test_a_disk_that_reports_an_error_is_told_of(path):
+    code = FILE_LIMIT.replace("TESTS", repr(str(Path(__file__).parents[1])))
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
+    last = done.stderr.strip().splitlines()[-1]
+    assert "StoreError: Expected to" in last
+    if WITH_CODES:
+        assert "reported an error (SQLITE_IOERR" in last
+    with EvaluationStore(path) as store:
+        assert len(store) > 0
+
+
+def test_a_page_that_goes_bad_during_a_run_is_told_of(path):
+    filled(path)
+    with EvaluationStore(path) as store:
+        key = store.context(Context.of(Toy()))
+        store._connection.execute("PRAGMA shrink_memory")  # so that pages are read again
+        content = path.read_bytes()
+        with path.open("r+b") as file:
+            file.seek(4096)
+            file.write(b"\xff" * (len(content) - 4096))
+        for call in (lambda: store.lookup(key, MU, SEEDS), lambda: len(store)):
+            with pytest.raises(StoreError, match="got a corrupt one"):
+                call()
+
+
+def test_a_closed_store_is_told_of(path):
+    store = EvaluationStore(path)
+    key = store.context(Context.of(Toy()))
+    store.close()
+    store.close()
+    calls = (
+        lambda: store.context(Context.of(Toy())),
+        lambda: store.lookup(key, MU, SEEDS),
+        lambda: store.commit(key, MU, SEEDS, SCORES),
+        lambda: len(store),
+    )
+    for call in calls:
+        with pytest.raises(StoreError, match="to be open, and used in the thread that opened it"):
+            call()
+
+
+def test_another_threads_store_is_told_of(path):
+    with EvaluationStore(path) as store, ThreadPoolExecutor(1) as thread:
+        future = thread.submit(len, store)
+        with pytest.raises(StoreError, match="used in the thread that opened it"):
+            future.result()
+
+
+def rewrite(path, *statements):
+    with sqlite3.connect(path) as connection:
+        for statement in statements:
+            connection.execute(statement)
+    connection.close()
+
+
+@pytest.mark.parametrize("score", ["1.5", "-0.1", "9e999", "'half'", "x'00'"])
+def test_a_score_that_no_run_wrote_is_refused(path, score):
+    filled(path)
+    rewrite(path, f"UPDATE evaluation SET score = {score} WHERE seed = {SEEDS[3]}")
+    content = path.read_bytes()
+    with pytest.raises(StoreError, match=r"corrupt one .*score that is no number from 0 to 1"):
+        EvaluationStore(path)
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("mu", ["x'0000'", "x'00000000'", "'text'", "zeroblob(16)"])
+def test_a_mu_of_another_length_is_refused(path, mu):
+    filled(path)
+    rewrite(path, f"UPDATE evaluation SET mu = {mu} WHERE seed = {SEEDS[3]}")
+    with pytest.raises(StoreError, match=r"got a corrupt one .* or a bad mu"):
+        EvaluationStore(path)
+
+
+@pytest.mark.parametrize(
+    ("statement", "lacking"),
+    [
+        ("DROP TABLE evaluation", "evaluation.context"),
+        ("DROP TABLE context", "context.fingerprint"),
+        ("ALTER TABLE evaluation RENAME COLUMN score TO q", "evaluation.score"),
+    ],
+)
+def test_a_missing_table_or_column_is_named(path, statement, lacking):
+    filled(path)
+    rewrite(path, "PRAGMA foreign_keys = OFF", statement)
+    with pytest.raises(StoreError, match=rf"corrupt one .*it lacks .*{lacking}"):
+        EvaluationStore(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs FIFOs")
+def test_a_fifo_is_refused_without_waiting_for_its_other_end(path):
+    os.mkfifo(path)
+    with pytest.raises(StoreError, match=r"regular file .*, got a pipe"):
+        EvaluationStore(path)
+
+
+def test_a_loop_of_links_is_refused(tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    for path in (loop, loop / "run.sqlite"):
+        with pytest.raises(StoreError, match=r"Expected a path .*loop.*symbolic links"):
+            EvaluationStore(path)
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a\0b"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path, name):
+    with pytest.raises(StoreError, match="Expected a path for the evaluation store, got"):
+        EvaluationStore(tmp_path / name)
+
+
+def test_a_folder_that_is_a_file_is_refused(path):
+    path.touch()
+    with pytest.raises(StoreError, match="Expected a folder for the store"):
+        EvaluationStore(path / "run.sqlite")
+
+
+def test_memory_is_a_file_like_any_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    EvaluationStore(":memory:").close()
+    assert (tmp_path / ":memory:").is_file()
+
+
+@pytest.mark.skipif(not WITH_CODES, reason="needs the codes of SQLite's errors")
+def test_being_in_use_has_a_type_of_its_own(path):
+    with EvaluationStore(path), pytest.raises(StoreInUse):
+        EvaluationStore(path)
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (sqlite3.OperationalError("anything"), r"could not \(anything\).*another run, on a full"),
+        (sqlite3.DatabaseError("anything"), r"a corrupt one or something else in .* \(anything\)"),
+        (sqlite3.IntegrityError("anything"), r"SQLite refused \(anything\)"),
+    ],
+)
+def test_without_a_code_the_sentence_is_still_true(path, error, message):
+    with pytest.raises(StoreError, match=message), explained(path):
+        raise error

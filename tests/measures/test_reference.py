@@ -1,9 +1,13 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
+from numpy.lib.introspect import opt_func_info
 
 from sada_gym import agents
+from sada_gym.errors import FileError
 from sada_gym.measures.reference import (
     INDEX,
     load_reference,
@@ -129,17 +133,93 @@ def test_every_class_has_a_set_for_each_shipped_detector():
     assert {(sets[key].points, sets[key].seeds) for key in wanted} == {(20_000, 8)}
 
 
+def rounds_as_the_sets_processor():
+    """Whether NumPy computes sines here as on the processor that evaluated the shipped sets.
+
+    There it used AVX-512. Elsewhere its sines and cosines differ in the last bit; so do a few
+    corners of the shapes and gates that are placed by them, and now and then a pixel, or whether a
+    drone touches a frame. (Changing each fourth sine by one last bit does the same on one
+    processor; other instruction sets in numba, OpenBLAS and libm change no pixel.)
+    """
+    return opt_func_info("^sin$", "float64")["sin"]["dd"]["current"] in ("AVX512_SKX", "X86_V4")
+
+
+ELSEWHERE = {"SADA-Detection": 0.02, "SADA-Driving": 0.2, "SADA-UAV": 1.0}
+"""By how much the mean score of one of three points may differ on another processor.
+
+A detector's score moves with a pixel; a car arrives or doesn't on one of five routes; a race that
+touches a frame goes on otherwise.
+"""
+
+
+def assert_evaluates_the_same(entry, application, reference):
+    """Evaluate three points of a set anew.
+
+    Where the processor rounds as the set's, all must agree. Elsewhere two of them must: a change
+    of the world or of the agent shows in every point.
+    """
+    threshold, differing = application.fooling_threshold, []
+    for point in np.random.default_rng(len(entry.file)).choice(entry.points, 3, replace=False):
+        mu = np.repeat(reference.mu[point : point + 1], entry.seeds, axis=0)
+        score = application.evaluate(mu, reference_seeds(int(point), entry.seeds)).score
+        difference = abs(float(reference.mean_score[point]) - score.mean())
+        least, most = ((score <= threshold + by).sum() for by in (-1e-4, 1e-4))
+        if difference > 1e-4 or not least <= reference.fooled[point] <= most:
+            differing.append((int(point), difference))
+    if rounds_as_the_sets_processor():
+        assert differing == []
+    else:
+        assert len(differing) <= 1, differing
+        assert all(by <= ELSEWHERE[application.name] for _, by in differing), differing
+
+
 @pytest.mark.parametrize("entry", SHIPPED, ids=lambda entry: f"{entry.track}.{entry.agent}")
 def test_a_random_part_of_a_shipped_set_evaluates_the_same(entry):
     application = make_application(entry.track, agent=entry.agent)
     reference = load_reference(entry.track, application)
     assert len(reference.mu) == entry.points
-    for point in np.random.default_rng(len(entry.file)).choice(entry.points, 3, replace=False):
-        mu = np.repeat(reference.mu[point : point + 1], entry.seeds, axis=0)
-        score = application.evaluate(mu, reference_seeds(int(point), entry.seeds)).score
-        # another processor may round the last bits otherwise
-        assert reference.mean_score[point] == pytest.approx(score.mean(), abs=1e-4)
-        threshold = application.fooling_threshold
-        assert (score <= threshold - 1e-4).sum() <= reference.fooled[point]
-        assert reference.fooled[point] <= (score <= threshold + 1e-4).sum()
+    assert_evaluates_the_same(entry, application, reference)
     application.close()
+
+
+def test_a_change_of_a_thousandth_in_the_weights_shows_on_every_processor():
+    (entry,) = (e for e in SHIPPED if e.file == "SADA-Detection-DiningTable-v0.surveyor.npz")
+    application = make_application(entry.track, agent=entry.agent)
+    reference = load_reference(entry.track, application)
+    with torch.no_grad():
+        for weights in application.agent.parameters():
+            weights.mul_(1.001)
+    with pytest.raises(AssertionError):
+        assert_evaluates_the_same(entry, application, reference)
+
+
+def test_pictures_that_are_a_shade_brighter_show_on_every_processor(monkeypatch):
+    (entry,) = (e for e in SHIPPED if e.file == "SADA-Detection-DiningTable-v0.surveyor.npz")
+    application = make_application(entry.track, agent=entry.agent)
+    reference = load_reference(entry.track, application)
+    render = application._renderings
+
+    def brighter(scenes):
+        return [replace(r, image=r.image + (r.image < 255)) for r in render(scenes)]
+
+    monkeypatch.setattr(application, "_renderings", brighter)
+    with pytest.raises(AssertionError):
+        assert_evaluates_the_same(entry, application, reference)
+
+
+def test_an_index_or_a_set_that_cannot_be_read_is_a_sentence(analytic, tmp_path):
+    entry = write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
+    (tmp_path / entry.file).unlink()
+    with pytest.raises(FileError, match=r"Expected to read .*npz, but there is no such file"):
+        load_reference(TRACK, analytic, tmp_path)
+    (tmp_path / INDEX).write_text("{")
+    with pytest.raises(FileError, match=r"Expected .*index.json as an attack writes it"):
+        read_index(tmp_path)
+
+
+def test_a_folder_for_sets_that_cannot_be_made_is_a_sentence(analytic, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match=r"make the folder .* a part of its path is a file"):
+        write_reference(
+            tmp_path / "file" / "sets", TRACK, analytic, evaluate(analytic), sobol_seed=0
+        )

@@ -1,3 +1,4 @@
+import itertools
 import json
 import os
 import signal
@@ -36,7 +37,11 @@ def test_an_attack_writes_its_folder(tmp_path):
         "samples.npz",
         "scores.png",
     ]
-    assert [event[0] for event in told] == ["train"] * 2 + ["test"] + ["pictures"] * 2
+    stages = [stage for stage, _ in itertools.groupby(event[0] for event in told)]
+    assert stages == ["train", "learn", "train", "learn", "sample", "test", "pictures"]
+    assert told[0] == ("train", 0, 100, 0)
+    assert ("train", 100, 100, 0) in told
+    assert ("test", 30, 30, 0) in told
     report = read_model(result.folder / "result.json", AttackReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from sada_gym.application import Application, Scored
+from sada_gym.envs.detection import DetectionApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.testing.check import (
     check_application,
@@ -17,6 +19,7 @@ from sada_gym.testing.check import (
     check_file,
     load_applications,
 )
+from sada_gym.testing.rules import check_purity
 
 OWN_FILE = """
 import numpy as np
@@ -88,6 +91,30 @@ class Averaging(Plain):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         score = super()._evaluate(mu, seeds).score
         return Scored(0.9 * score + 0.1 * score.mean(), [{} for _ in seeds])
+
+
+class Tiled(Plain):
+    """An agent that is called with a tile of inputs, and takes its neighbours into account."""
+
+    tile = 8
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        score = super()._evaluate(mu, seeds).score
+        for start in range(0, len(score), self.tile):
+            tile = slice(start, start + self.tile)
+            score[tile] = 0.9 * score[tile] + 0.1 * score[tile].max()
+        return Scored(score, [{} for _ in seeds])
+
+
+class Counting(Plain):
+    """Sees one input at a time, and changes with each."""
+
+    tile = 1
+    calls = 0
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        self.calls += 1
+        return Scored(super()._evaluate(mu, seeds).score / self.calls, [{} for _ in seeds])
 
 
 class Moody(Plain):
@@ -164,6 +191,59 @@ def test_a_registered_id_is_checked_with_its_keywords() -> None:
     assert report.subject == "SADA-Analytic-v0"
     assert report.passed
     assert report.checks[0].sentence == "3 parameters: x0, x1, x2."
+
+
+@pytest.mark.parametrize(
+    ("application", "sentence"),
+    [
+        (Tiled, r"called with 8 inputs at once \(tile=8\): try tile=1\."),
+        (Counting, r"called with 1 input at once \(tile=1\): an input's neighbours are not"),
+    ],
+)
+def test_the_tile_is_named_where_purity_fails(
+    application: type[Application], sentence: str
+) -> None:
+    with pytest.raises(AssertionError, match=sentence):
+        check_purity(application())
+
+
+def test_purity_is_checked_in_the_tile_in_force() -> None:
+    """The sizes around a tile's are tried, whatever the tile is."""
+    sizes = set()
+
+    class Large(Plain):
+        tile = 90
+
+        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+            sizes.add(len(mu))
+            return super()._evaluate(mu, seeds)
+
+    assert check_purity(Large()).endswith("in batches of 1 to 91, permuted, with tile=90.")
+    assert {64, 90, 91} <= sizes
+    Large.tile = 10**9  # no size: another thing of the user's
+    assert check_purity(Large()).endswith("in batches of 1 to 70, permuted.")
+
+
+class NeighbourlyDetector(torch.nn.Module):
+    """Its confidence depends on the other images of a call."""
+
+    def forward(self, images: list[torch.Tensor]) -> list[dict[str, torch.Tensor]]:
+        score = torch.stack([image.mean() for image in images])
+        score = (0.5 + score - score.mean()).clamp(0, 1)
+        box, label = torch.tensor([[0.0, 0.0, 9.0, 9.0]]), torch.tensor([1])
+        return [{"boxes": box, "labels": label, "scores": one[None]} for one in score]
+
+
+@pytest.mark.parametrize("tile", [1, 4])
+def test_a_detectors_tile_is_named_where_purity_fails(tile: int) -> None:
+    application = DetectionApplication(
+        "car", agent=NeighbourlyDetector().eval(), labels={"car": 1}, image_size=32, tile=tile
+    )
+    if tile == 1:
+        assert check_purity(application).endswith("permuted, with tile=1.")
+    else:
+        with pytest.raises(AssertionError, match=r"with 4 inputs at once \(tile=4\): try tile=1"):
+            check_purity(application)
 
 
 def test_an_unknown_id_is_refused() -> None:

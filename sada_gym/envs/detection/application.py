@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.determinism import one_thread
 from sada_gym.envs.detection.backdrop import random_backdrop
+from sada_gym.envs.detection.detector import (
+    TILE,
+    DetectorLike,
+    checked_detector,
+    checked_tile,
+    default_tile,
+    detect,
+    listed,
+)
 from sada_gym.envs.detection.picture import annotate
-from sada_gym.envs.detection.scene import Renderer, Rendering, Scene
+from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
+from sada_gym.envs.detection.renderers.base import (
+    checked_renderer,
+    checked_renderings,
+    stored_name,
+)
+from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes import (
     CLASSES,
     Shape,
@@ -23,22 +37,8 @@ from sada_gym.envs.detection.shapes import (
     fingerprint,
     load_class,
 )
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-TILE = 14
-"""Images in one call of the detector. A network's float32 output depends on the batch's size, and
-on the number of threads, so neither varies: the last tile is padded with black images. Larger
-tiles make a batch cheaper and a single evaluation dearer."""
-
-TOP_DETECTIONS = 20
-"""Detections an image that are looked at, best first."""
-
-DetectorLike = Callable[[list["Tensor"]], Sequence[Mapping[str, "Tensor"]]]
-"""Anything with torchvision's calling convention: see `Detector` in `agent/network.py`."""
 
 
 class DetectionApplication(Application):
@@ -55,11 +55,15 @@ class DetectionApplication(Application):
             `sada_gym.envs.detection.shapes.cad`.
         skip_unreadable: Go on without CAD files that cannot be read.
         image_size: Pixels a side, a multiple of 16 for the shipped detectors.
-        renderer: Draws the scenes; by default the process's TinyRenderer.
+        renderer: Renders the scenes; by default the process's TinyRenderer.
+        tile: Images in one call of the detector; the last call is filled up with black images. A
+            network's float32 output depends on the batch's size, so the size never varies. By
+            default 1 for a user's model, and 14 for the shipped architecture.
 
     Raises:
-        ValueError: If the class is unknown, the model's label for it is not given or the size is
-            below 32.
+        ValueError: If the class is unknown, the model's label for it is not given, the model is in
+            training mode or has weights that are not finite, or the size or the tile is out of
+            range.
     """
 
     name: ClassVar[str] = "SADA-Detection"
@@ -88,35 +92,41 @@ class DetectionApplication(Application):
         skip_unreadable: bool = False,
         image_size: int = 128,
         renderer: Renderer | None = None,
+        tile: int | None = None,
     ) -> None:
         if image_size < 32:
             raise UserError(f"Expected an image_size of at least 32 pixels, got {image_size}.")
         self.object_class, self.image_size = object_class, image_size
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
-        self._renderer = renderer
-        if isinstance(agent, str | Path):
-            self.agent_name, self.agent = str(agent), agents.load_detector(agent)
-        else:
-            self.agent_name, self.agent = agent_id or type(agent).__name__, _frozen(agent)
+        self._renderer = None if renderer is None else checked_renderer(renderer)
+        self.agent_name, found = agents.resolve(agent, self.name, agent_id)
+        self.agent = checked_detector(found)
+        self.tile = default_tile(self.agent) if tile is None else checked_tile(tile)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The resolved keywords that a score depends on."""
-        return {
+        """The resolved keywords that a score depends on; `tile` only where it is not 14."""
+        settings = {
             "object_class": self.object_class,
             "label": self.label,
             "image_size": self.image_size,
-            "renderer": "TinyRenderer" if self._renderer is None else type(self._renderer).__name__,
+            "renderer": stored_name(self._renderer),
         }
+        # published results and older stores hold no tile: theirs is 14
+        return settings if self.tile == TILE else {**settings, "tile": self.tile}
 
     @property
     def fingerprint(self) -> str | None:
-        """SHA-256 over the detector's identity and, where a user brought them, the shapes."""
-        agent = self._agent_id or agents.fingerprint(self.agent)
-        if agent is None:
+        """SHA-256 over the detector's identity and, where a user brought them, the shapes.
+
+        None where the detector or a user's renderer has no identity.
+        """
+        weights = agents.fingerprint(self.agent)
+        agent = agents.identity(weights, self.agent, self._agent_id)
+        if agent is None or (self._renderer is not None and self._renderer.identity is None):
             return None
         parts = [agent, fingerprint(self.shapes) if self._own_shapes else ""]
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
@@ -137,21 +147,20 @@ class DetectionApplication(Application):
             light_azimuth_deg=light_azimuth,
             light_pitch_deg=light_pitch,
             backdrop=random_backdrop(rng),
+            seed=seed,
         )
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = [self.scene(row, seed) for row, seed in zip(mu, seeds, strict=True)]
-        renderings: dict[int, Rendering] = {}
-        for i in sorted(range(len(scenes)), key=lambda i: scenes[i].shape_name):
-            renderings[i] = self._render(scenes[i])  # sorted, so that a shape is loaded once
-        found = self._detect([renderings[i].image for i in range(len(mu))])
+        renderings = self._renderings(scenes)
+        found = detect(self.agent, [rendering.image for rendering in renderings], self.tile)
         extras = [
             {
-                "shape": scenes[i].shape_name,
-                "box": np.zeros(4) if renderings[i].box is None else renderings[i].box,
-                "detections": _listed(detections),
+                "shape": scene.shape_name,
+                "box": np.zeros(4) if rendering.box is None else rendering.box,
+                "detections": listed(detections),
             }
-            for i, detections in enumerate(found)
+            for scene, rendering, detections in zip(scenes, renderings, found, strict=True)
         ]
         scores = [
             detections["scores"][detections["labels"] == self.label].max(initial=0.0)
@@ -159,29 +168,10 @@ class DetectionApplication(Application):
         ]
         return Scored(np.array(scores, dtype=np.float64), extras)
 
-    def _render(self, scene: Scene) -> Rendering:
-        if self._renderer is not None:
-            return self._renderer.render(scene, self.image_size)
-        from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
-
-        return shared_renderer().render(scene, self.image_size)
-
-    def _detect(self, images: Sequence[Frame]) -> list[dict[str, npt.NDArray[Any]]]:
-        """Run the detector in tiles; each image's best detections as arrays, best first."""
-        import torch
-
-        black = torch.zeros(3, self.image_size, self.image_size)
-        found: list[dict[str, npt.NDArray[Any]]] = []
-        for start in range(0, len(images), TILE):
-            tile = [
-                torch.from_numpy(image).permute(2, 0, 1).float().div(255).contiguous()
-                for image in images[start : start + TILE]
-            ]
-            padded = tile + [black] * (TILE - len(tile))
-            with torch.inference_mode(), one_thread():
-                detections = self.agent(padded)
-            found += _checked(detections, len(padded))[: len(tile)]
-        return found
+    def _renderings(self, scenes: Sequence[Scene]) -> list[Rendering]:
+        renderer = default_renderer() if self._renderer is None else self._renderer
+        renderings = renderer.render_batch(scenes, self.image_size)
+        return checked_renderings(renderings, renderer, len(scenes), self.image_size)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The frame that the detector sees, with the object's true box and the detections."""
@@ -190,7 +180,7 @@ class DetectionApplication(Application):
         known = getattr(self.agent, "labels", None)
         if isinstance(known, Mapping):
             names = {label: name for name, label in known.items()}
-        detections = self._detect([rendering.image])[0]
+        detections = detect(self.agent, [rendering.image], self.tile)[0]
         return annotate(rendering, detections, names, self.label)
 
     def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
@@ -199,7 +189,7 @@ class DetectionApplication(Application):
 
     def _rendering(self, mu: npt.ArrayLike, seed: int) -> Rendering:
         row, seed = validate_world(self.parameters, mu, seed)
-        return self._render(self.scene(row[0], seed))
+        return self._renderings([self.scene(row[0], seed)])[0]
 
 
 def _shapes(
@@ -212,16 +202,9 @@ def _shapes(
                 "Give shapes=PATH to bring CAD files of another class."
             )
         return benchmark_shapes(object_class)
+    if not isinstance(folder, str | Path):
+        raise UserTypeError(f"Expected shapes to be the path of a folder or None, got {folder!r}.")
     return load_class(folder, object_class, skip_unreadable=skip_unreadable)
-
-
-def _frozen(agent: DetectorLike) -> DetectorLike:
-    if getattr(agent, "training", False):
-        raise UserError(
-            f"Expected a detector in evaluation mode, got {type(agent).__name__} in training mode, "
-            "in which looking at images changes it. Call model.eval() first."
-        )
-    return agent
 
 
 def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> int:
@@ -233,47 +216,3 @@ def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> i
             f"Pass labels={{{object_class!r}: number}} with the number that the model gives it."
         )
     return int(known[object_class])
-
-
-def _listed(detections: Mapping[str, npt.NDArray[Any]]) -> list[dict[str, Any]]:
-    """One dictionary a detection, best first: `box`, `label`, `score`."""
-    columns = (detections[key].tolist() for key in ("boxes", "labels", "scores"))
-    return [
-        {"box": box, "label": label, "score": score}
-        for box, label, score in zip(*columns, strict=True)
-    ]
-
-
-def _checked(detections: Any, count: int) -> list[dict[str, npt.NDArray[Any]]]:
-    """The detections of a tile as arrays, best first; what breaks the convention is named."""
-    convention = (
-        "The detector must return, as torchvision's do, one dictionary an image with "
-        "boxes (N, 4), labels (N,) and scores (N,) in [0, 1]."
-    )
-    if not isinstance(detections, Sequence) or len(detections) != count:
-        what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
-        raise UserError(
-            f"Expected {count} dictionaries from the detector, got {what}. {convention}"
-        )
-    checked = []
-    for item in detections:
-        missing = {"boxes", "labels", "scores"} - set(item)
-        if missing:
-            raise UserError(
-                f"Expected {', '.join(sorted(missing))} from the detector. {convention}"
-            )
-        boxes, labels, scores = (
-            item[key].detach().cpu().numpy() for key in ("boxes", "labels", "scores")
-        )
-        if boxes.shape != (len(scores), 4) or labels.shape != scores.shape or scores.ndim != 1:
-            raise UserError(
-                f"Expected boxes (N, 4), labels (N,), scores (N,) from the detector, got "
-                f"{boxes.shape}, {labels.shape}, {scores.shape}. {convention}"
-            )
-        if not ((scores >= 0) & (scores <= 1)).all():
-            raise UserError(
-                f"Expected scores in [0, 1] from the detector, got {scores}. {convention}"
-            )
-        best = np.argsort(-scores, kind="stable")[:TOP_DETECTIONS]
-        checked.append({"boxes": boxes[best], "labels": labels[best], "scores": scores[best]})
-    return checked

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import colorsys
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from sada_gym.envs.detection.plain import check_keys
 
 Triple = tuple[float, float, float]
 
@@ -44,6 +48,28 @@ class Backdrop:
     buildings: npt.NDArray[np.float64]
     horizon: Triple
     zenith: Triple
+
+    def to_dict(self) -> dict[str, Any]:
+        """The place as numbers and lists, by the names of the attributes."""
+        return {
+            name: np.asarray(value).tolist() if isinstance(value, tuple | np.ndarray) else value
+            for name, value in vars(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Backdrop:
+        """The place that `to_dict` gave.
+
+        Raises:
+            UserError: If a key is missing or unknown.
+        """
+        check_keys("a backdrop", plain, [field.name for field in fields(cls)])
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in plain.items()
+        }
+        values["buildings"] = np.asarray(plain["buildings"], np.float64).reshape(-1, 10)
+        return cls(**values)
 
 
 def random_backdrop(rng: np.random.Generator) -> Backdrop:

@@ -1,4 +1,4 @@
-"""SADA-Detection as Gymnasium environments: a detector attacked through view, light and paint."""
+"""SADA-Detection as Gymnasium environments: a detector attacked through camera, light and paint."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.detection.application import DetectionApplication, DetectorLike
+from sada_gym.envs.detection.application import DetectionApplication
+from sada_gym.envs.detection.detector import DetectorLike
 
 
 class DetectionEnv(AdversaryEnv):
@@ -60,6 +61,8 @@ class DetectionEnv(AdversaryEnv):
     - `shapes=None`: a folder of a user's CAD files, one folder a class, instead of the 100 shapes;
       `skip_unreadable=False`.
     - `image_size=128`: pixels a side.
+    - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 14
+      for the shipped architecture.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 
     ## Version History
@@ -76,6 +79,7 @@ class DetectionEnv(AdversaryEnv):
         shapes: str | Path | None = None,
         skip_unreadable: bool = False,
         image_size: int = 128,
+        tile: int | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
     ) -> None:
@@ -87,6 +91,7 @@ class DetectionEnv(AdversaryEnv):
             shapes=shapes,
             skip_unreadable=skip_unreadable,
             image_size=image_size,
+            tile=tile,
         )
         super().__init__(application, horizon=horizon, render_mode=render_mode)
 
@@ -105,6 +110,7 @@ class DetectionVectorEnv(AdversaryVectorEnv):
         shapes: str | Path | None = None,
         skip_unreadable: bool = False,
         image_size: int = 128,
+        tile: int | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
     ) -> None:
@@ -116,5 +122,6 @@ class DetectionVectorEnv(AdversaryVectorEnv):
             shapes=shapes,
             skip_unreadable=skip_unreadable,
             image_size=image_size,
+            tile=tile,
         )
         super().__init__(application, num_envs=num_envs, horizon=horizon, render_mode=render_mode)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sada_gym.envs.detection.scene import Rendering
+from sada_gym.envs.detection.renderers import Rendering
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""

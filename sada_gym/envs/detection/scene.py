@@ -1,16 +1,21 @@
-"""What a renderer is given and what it gives back: the scene, the view, the ground truth."""
+"""What a renderer is given: the scene, as plain data, and where its camera and its light stand."""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.backdrop import Backdrop
+from sada_gym.envs.detection.plain import check_keys
+from sada_gym.envs.detection.shapes.catalogue import find_shape
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.errors import UserError
 
 FIELD_OF_VIEW_DEG = 42.0
 
@@ -25,6 +30,9 @@ class Scene:
     front; the light's azimuth is relative to the camera's, so 0 lights from behind the camera and
     180 is backlight.
 
+    A scene is data alone. `to_dict` and `to_json` give all that a renderer in another process or
+    of another program needs to know.
+
     Attributes:
         shape: The object; None leaves the place empty.
         colour: Its paint, sRGB in [0, 1].
@@ -36,6 +44,8 @@ class Scene:
         backdrop: The place around the object.
         aim: Where the camera looks, as an offset from the object's centre in units of half the
             image's height, (right, up); (0, 0) centres the object.
+        seed: Seeds a renderer that draws random numbers, such as a path tracer its samples. The
+            default renderer draws none.
     """
 
     shape: Shape | None
@@ -47,38 +57,68 @@ class Scene:
     light_pitch_deg: float
     backdrop: Backdrop
     aim: tuple[float, float] = (0.0, 0.0)
+    seed: int = 0
 
     @property
     def shape_name(self) -> str:
         """The object's name, empty where there is none."""
         return "" if self.shape is None else self.shape.name
 
+    def to_dict(self) -> dict[str, Any]:
+        """The scene as numbers, texts, lists and dictionaries.
+
+        A shape of `shapes.generate` is its name. Any other shape is `Shape.to_dict`, whose mesh
+        stays in arrays.
+        """
+        return {
+            "shape": _plain_shape(self.shape),
+            "colour": [float(channel) for channel in self.colour],
+            **{name: float(getattr(self, name)) for name in _NUMBERS},
+            "backdrop": self.backdrop.to_dict(),
+            "aim": [float(offset) for offset in self.aim],
+            "seed": int(self.seed),
+        }
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Scene:
+        """The scene that `to_dict` gave; a mesh may stand in arrays or in lists.
+
+        Raises:
+            UserError: If a key is missing or unknown, or the shape's name is.
+        """
+        check_keys("a scene", plain, ("shape", "colour", *_NUMBERS, "backdrop", "aim", "seed"))
+        red, green, blue = map(float, plain["colour"])
+        right, up = map(float, plain["aim"])
+        return cls(
+            shape=_shape(plain["shape"]),
+            colour=(red, green, blue),
+            **{name: float(plain[name]) for name in _NUMBERS},
+            backdrop=Backdrop.from_dict(plain["backdrop"]),
+            aim=(right, up),
+            seed=int(plain["seed"]),
+        )
+
+    def to_json(self) -> str:
+        """`to_dict` as JSON; every number is kept to the last bit."""
+        return json.dumps(self.to_dict(), default=np.ndarray.tolist, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Scene:
+        """The scene that `to_json` gave; errors as `from_dict`."""
+        return cls.from_dict(json.loads(text))
+
+
+_NUMBERS = (
+    "camera_distance",
+    "camera_azimuth_deg",
+    "camera_pitch_deg",
+    "light_azimuth_deg",
+    "light_pitch_deg",
+)
+
 
 @dataclass(frozen=True, eq=False)
-class Rendering:
-    """A picture of a scene and what is known of the object in it.
-
-    Attributes:
-        image: (size, size, 3) uint8, RGB.
-        mask: (size, size) bool, pixels mostly covered by the object.
-        box: (4,) float64, x0 y0 x1 y1 in pixels; None where no object is in sight.
-    """
-
-    image: npt.NDArray[np.uint8]
-    mask: npt.NDArray[np.bool_]
-    box: npt.NDArray[np.float64] | None
-
-
-class Renderer(Protocol):
-    """Draws scenes. A renderer is pure: the same scene gives the same bytes, in any process."""
-
-    def render(self, scene: Scene, image_size: int) -> Rendering:
-        """Draw a scene as a square image of `image_size` pixels."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class View:
+class Pinhole:
     """A pinhole camera: where it stands, its axes, its frustum.
 
     Attributes:
@@ -128,10 +168,10 @@ def centre_of(scene: Scene) -> Vector:
     return np.array([0.0, 0.0, 0.5 * scene.shape.height if scene.shape is not None else 1.0])
 
 
-def view_of(scene: Scene) -> View:
+def camera_of(scene: Scene) -> Pinhole:
     """The camera of a scene."""
     backward = direction(scene.camera_azimuth_deg, scene.camera_pitch_deg)
-    return View(
+    return Pinhole(
         eye=centre_of(scene) + scene.camera_distance * backward,
         axes=axes_facing(backward),
         tangent=math.tan(math.radians(FIELD_OF_VIEW_DEG) / 2),
@@ -142,3 +182,24 @@ def view_of(scene: Scene) -> View:
 def light_of(scene: Scene) -> Vector:
     """Unit vector from the object towards the light."""
     return direction(scene.camera_azimuth_deg + scene.light_azimuth_deg, scene.light_pitch_deg)
+
+
+def _plain_shape(shape: Shape | None) -> str | dict[str, Any] | None:
+    if shape is None:
+        return None
+    known = find_shape(shape.name)
+    return shape.name if known is not None and known.equals(shape) else shape.to_dict()
+
+
+def _shape(plain: str | Mapping[str, Any] | None) -> Shape | None:
+    if plain is None:
+        return None
+    if not isinstance(plain, str):
+        return Shape.from_dict(plain)
+    shape = find_shape(plain)
+    if shape is None:
+        raise UserError(
+            f"Expected the name of a shape, such as car/saloon-0, got {plain!r}. Give the mesh of "
+            "a shape of your own, as Shape.to_dict writes it."
+        )
+    return shape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.agents.wrappers import Acting
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.driving.agent.driver import Driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.drives import Drives, Ending, Start
+from sada_gym.envs.driving.episodes import Drives, Ending, OnStep, Rollout, Start, record
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
@@ -25,11 +25,12 @@ class DrivingApplication(Application):
 
     Args:
         task: `straight`, `one_curve` or `navigation`.
-        agent: A shipped driver's name, or an SB3 model.
+        agent: A shipped driver's name, a file of weights, or an SB3 model.
         agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
 
     Raises:
-        ValueError: If task or agent is unknown, or the agent's spaces are not the task's.
+        UserError: If task or agent is unknown, the agent's spaces are not the task's, or its
+            weights are not finite numbers.
     """
 
     name = "SADA-Driving"
@@ -45,14 +46,11 @@ class DrivingApplication(Application):
         self,
         task: str = "navigation",
         *,
-        agent: str | Path | Acting = "cil",
+        agent: str | Path | Predictor = "cil",
         agent_id: str | None = None,
     ) -> None:
         self.task, self.routes = task, task_routes(task)
-        if isinstance(agent, str | Path):
-            self.agent_name, self.agent = str(agent), agents.load_driver(str(agent))
-        else:
-            self.agent_name, self.agent = agent_id or type(agent).__name__, agent
+        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self._driver = Driver(self.agent)
         self._agent_id = agent_id
 
@@ -63,8 +61,9 @@ class DrivingApplication(Application):
 
     @property
     def fingerprint(self) -> str | None:
-        """SHA-256 over the driver's weights, or the name that its owner gave it."""
-        return self._agent_id or self._driver.fingerprint
+        """SHA-256 over the driver's weights, or over its `agent_id` and how it is used."""
+        driver = self._driver
+        return agents.identity(driver.fingerprint, self.agent, self._agent_id, driver.use)
 
     def world(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
         """The camera's mount, and the weather's index, of one mu, (3,)."""
@@ -104,22 +103,27 @@ class DrivingApplication(Application):
         ]
         return Scored((ending == Ending.ARRIVED).mean(axis=1), extras)
 
-    def drive(self, drives: Drives, watch: Callable[[Drives], None] | None = None) -> None:
-        """Let the driver drive all cars to their ends; `watch` looks on before every step."""
+    def drive(self, drives: Drives, on_step: OnStep | None = None) -> None:
+        """Let the driver drive all cars to their ends; `on_step` is called before every step."""
         self._driver.start(len(drives))
         while len(which := drives.under_way()):
-            if watch is not None:
-                watch(drives)
+            if on_step is not None:
+                on_step(drives)
             drives.step(which, self._driver.act(drives, which))
 
-    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """What the camera sees where the driver first fails, above a map of all five drives."""
-        from sada_gym.envs.driving.pictures import Film
+    def rollout(self, mu: npt.ArrayLike, seed: int) -> Rollout:
+        """Drive all routes in the world of one mu, (3,), and keep every step."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        return record(self.drives(row, [seed]), self.drive)
 
-        return Film.of(self, mu, seed).summary()
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """The camera's image where the driver first fails, above a map of all five drives."""
+        from sada_gym.envs.driving.pictures import summary
+
+        return summary(self.rollout(mu, seed))
 
     def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """What the camera sees at the start of the first route."""
+        """The camera's image at the start of the first route."""
         from sada_gym.envs.driving.pictures import view
 
         row, seed = validate_world(self.parameters, mu, seed)
@@ -127,8 +131,8 @@ class DrivingApplication(Application):
         return view(drives.starts[0], drives.states[0])
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """All five drives, one after another: what the camera sees, beside a map."""
-        from sada_gym.envs.driving.pictures import Film
+        """All five drives, one after another: the camera's image beside a map."""
+        from sada_gym.envs.driving.pictures import frames
 
-        film = Film.of(self, mu, seed)
-        return film.frames(), film.score
+        rollout = self.rollout(mu, seed)
+        return frames(rollout), rollout.score

@@ -1,4 +1,4 @@
-"""What a driver is trained on: random routes, weathers, camera mounts and ways to set off."""
+"""What a driver is trained on: random routes, weathers, camera mounts and starts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.envs.checks import check_number, check_range
 from sada_gym.envs.driving.camera.pinhole import Mount
-from sada_gym.envs.driving.drives import TOP_SPEED_M_S, Start
+from sada_gym.envs.driving.episodes import TOP_SPEED_M_S, Start
 from sada_gym.envs.driving.world.layout import LAYOUTS
 from sada_gym.envs.driving.world.route import random_route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, town
@@ -52,7 +52,7 @@ class Course:
     speed_m_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Reject what there is not, and cameras from which no picture can be drawn."""
+        """Reject unknown names, and cameras from which no image can be drawn."""
         if self.layout not in LAYOUTS:
             raise UserError(f"Expected a layout among {', '.join(LAYOUTS)}, got {self.layout!r}.")
         if isinstance(self.weathers, str) or not self.weathers:

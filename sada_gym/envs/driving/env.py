@@ -5,20 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sada_gym.agents.wrappers import Acting
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
-from sada_gym.envs.driving.drives import POLICY_HZ
+from sada_gym.envs.driving.episodes import POLICY_HZ
 
 
 class DrivingEnv(AdversaryEnv):
     """A frozen driver with a camera drives five routes through a town.
 
     ## Description
-    The driver sees what a camera at the front of its car sees, feels its speed, and is told at
-    junctions where to go. The adversary mounts the camera and chooses the weather; the score Q is
-    the share of the five routes on which the car arrives in time without leaving its lane. The
-    car is highway-env's. Town, light and weather are our own procedures: it is not CARLA. The
+    The driver gets the image of a camera at the front of its car, its speed, and at junctions a
+    command that says where to go. The adversary mounts the camera and chooses the weather; the
+    score Q is the share of the five routes on which the car arrives in time without leaving its
+    lane. The car is highway-env's. Town, light and weather are our own procedures: it is not CARLA. The
     seed fixes the rain, so that Q is random in the two rainy weathers only.
 
     ## Action Space
@@ -50,8 +50,8 @@ class DrivingEnv(AdversaryEnv):
     ## Arguments
     - `task="navigation"`: `straight`, `one_curve` or `navigation`; each has an id of its own, such
       as `SADA-Driving-OneCurve-v0`.
-    - `agent="cil"`: a shipped driver (`cil`, `cil-augmented`, `ppo`), or an SB3 model trained on
-      `SADA-DrivingTask-v0`.
+    - `agent="cil"`: a shipped driver (`cil`, `cil-augmented`, `ppo`), a file of weights that our
+      training script wrote, or an SB3 model trained on `SADA-DrivingTask-v0`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
@@ -66,7 +66,7 @@ class DrivingEnv(AdversaryEnv):
         self,
         task: str = "navigation",
         *,
-        agent: str | Path | Acting = "cil",
+        agent: str | Path | Predictor = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,
@@ -85,7 +85,7 @@ class DrivingVectorEnv(AdversaryVectorEnv):
         task: str = "navigation",
         *,
         num_envs: int = 1,
-        agent: str | Path | Acting = "cil",
+        agent: str | Path | Predictor = "cil",
         agent_id: str | None = None,
         horizon: int = 1,
         render_mode: str | None = None,

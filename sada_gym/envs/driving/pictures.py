@@ -1,189 +1,140 @@
-"""Drives for a person to look at: what the camera sees, and a map with the way driven."""
+"""Pictures of a rollout for people: the camera's image, and a map with the driven way."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sada_gym.application import Frame, validate_world
+from sada_gym.application import Frame
 from sada_gym.envs.driving.camera.pinhole import Camera, Lens, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
-from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Rollout, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
 from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
-
-if TYPE_CHECKING:
-    from sada_gym.envs.driving.application import DrivingApplication
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2
 _BAR = 26
 _EDGE_M = 22.0
 _ROUTE, _DRIVEN, _FAILED, _INK = (250, 204, 21), (37, 99, 235), (220, 38, 38), (31, 41, 51)
-_SAID = {
+_ENDING_TEXTS = {
     Ending.ARRIVED: "arrived",
     Ending.LEFT_LANE: "left its lane",
     Ending.TOO_LATE: "too late",
     Ending.UNDER_WAY: "under way",
 }
 
-Trace = npt.NDArray[np.float64]
+
+def summary(rollout: Rollout) -> Frame:
+    """The camera's image where a drive fails (or half-way), above a map of all drives."""
+    failed = [i for i, ending in enumerate(rollout.endings) if ending != Ending.ARRIVED]
+    which = failed[0] if failed else 0
+    last = len(rollout.states[which]) - 1
+    step = max(0, last - POLICY_HZ) if failed else last // 2
+    image = Image.fromarray(_view(rollout, which, step))
+    arrived = len(rollout.endings) - len(failed)
+    title = f"{_world(rollout)}: {arrived} of {len(rollout.endings)} arrived"
+    moment = "a second before it failed" if failed else "half-way"
+    parts = [
+        _bar(title, image.width),
+        image,
+        _map(rollout, _chart(image.width), range(len(rollout.starts))),
+        _bar(f"route {which + 1}, {moment}", image.width),
+    ]
+    return _stacked(parts)
 
 
-@dataclass(frozen=True)
-class Film:
-    """Five drives as they were driven.
-
-    Attributes:
-        starts: What each was made of.
-        traces: For each, (steps, 4) x, y, heading and speed before every step, and at the end.
-        commands: For each, (steps,) what the driver was told.
-        endings: How each ended.
-    """
-
-    starts: tuple[Start, ...]
-    traces: tuple[Trace, ...]
-    commands: tuple[npt.NDArray[np.int8], ...]
-    endings: tuple[Ending, ...]
-
-    @classmethod
-    def of(cls, application: DrivingApplication, mu: npt.ArrayLike, seed: int) -> Film:
-        """Drive the routes of one mu, (3,), and keep all steps."""
-        row, seed = validate_world(application.parameters, mu, seed)
-        drives = application.drives(row, [seed])
-        everyone = np.arange(len(drives))
-        states: list[Trace] = []
-        told: list[npt.NDArray[np.int8]] = []
-
-        def watch(drives: Drives) -> None:
-            states.append(drives.states.copy())
-            told.append(drives.commands(everyone))
-
-        application.drive(drives, watch)
-        watch(drives)
-        return cls(
-            starts=tuple(drives.starts),
-            traces=tuple(
-                np.array([state[i] for state in states[: drives.steps[i] + 1]]) for i in everyone
-            ),
-            commands=tuple(
-                np.array([command[i] for command in told[: drives.steps[i] + 1]]) for i in everyone
-            ),
-            endings=tuple(Ending(int(code)) for code in drives.ending),
-        )
-
-    @property
-    def score(self) -> float:
-        """The share of arrivals."""
-        return float(np.mean([ending == Ending.ARRIVED for ending in self.endings]))
-
-    def summary(self) -> Frame:
-        """The camera's picture where a drive fails (or half-way), above a map of all drives."""
-        failed = [i for i, ending in enumerate(self.endings) if ending != Ending.ARRIVED]
-        which = failed[0] if failed else 0
-        last = len(self.traces[which]) - 1
-        step = max(0, last - POLICY_HZ) if failed else last // 2
-        view = Image.fromarray(self._view(which, step))
-        arrived = len(self.endings) - len(failed)
-        title = f"{self._world()}: {arrived} of {len(self.endings)} arrived"
-        told = "a second before it failed" if failed else "half-way"
-        parts = [
-            _bar(title, view.width),
-            view,
-            self._map(_chart(view.width), range(len(self.starts))),
-            _bar(f"route {which + 1}, {told}", view.width),
-        ]
-        return _stacked(parts)
-
-    def frames(self) -> list[Frame]:
-        """Every step of every drive: the camera's picture beside the map."""
-        chart = _chart(int(_LENS.rows / _chart(1000).picture.height * 1000))
-        shots = []
-        for i, trace in enumerate(self.traces):
-            for step in range(len(trace)):
-                view = Image.fromarray(self._view(i, step))
-                pair = Image.new("RGB", (view.width + chart.picture.width, view.height), "white")
-                pair.paste(view, (0, 0))
-                pair.paste(self._map(chart, [i], until=step), (view.width, 0))
-                over = step == len(trace) - 1
-                state = _SAID[self.endings[i] if over else Ending.UNDER_WAY]
-                told = COMMANDS[self.commands[i][step]]
-                text = (
-                    f"route {i + 1} of {len(self.traces)}   {step / POLICY_HZ:4.1f} s   "
-                    f"{3.6 * trace[step, 3]:3.0f} km/h   command: {told}   {state}"
-                )
-                frame = _stacked([pair, _bar(f"{text}   {self._world()}", pair.width)])
-                shots += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
-        return shots
-
-    def _world(self) -> str:
-        start = self.starts[0]
-        height, pitch = start.mount.height_m, start.mount.pitch_deg
-        return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
-
-    def _view(self, i: int, step: int) -> Frame:
-        return view(self.starts[i], self.traces[i][step], step)
-
-    def _map(
-        self, chart: _Chart, which: range | list[int], until: int | None = None
-    ) -> Image.Image:
-        """The town with routes, the ways driven, and crosses where a drive failed.
-
-        Several routes have their numbers at both ends.
-        """
-        picture = chart.picture.copy()
-        draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
-        font = ImageFont.load_default(3.6 * unit)
-        routes = {i: chart.pixels(self.starts[i].route.points) for i in which}
-        ways = {
-            i: chart.pixels(self.traces[i][: None if until is None else until + 1, :2])
-            for i in which
-        }
-        for route in routes.values():
-            draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
-        for way in ways.values():
-            draw.line(way, fill=_DRIVEN, width=max(2, round(0.7 * unit)))
-        for i, route in routes.items():
-            _dot(draw, route[0], 1.3 * unit, (255, 255, 255))
-            _dot(draw, route[-1], 1.3 * unit, (34, 197, 94))
-            for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
-                draw.text(
-                    (x + 2.2 * unit, y - 2.2 * unit),
-                    str(i + 1),
-                    fill=_INK,
-                    font=font,
-                    anchor="mm",
-                    stroke_width=round(0.4 * unit),
-                    stroke_fill="white",
-                )
-        for i, way in ways.items():
-            x, y = way[-1]
-            over = len(way) == len(self.traces[i])
-            if over and self.endings[i] != Ending.ARRIVED:
-                arm = 2.2 * unit
-                for s in (-1, 1):
-                    ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
-                    draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
-            elif not over:
-                _dot(draw, (x, y), 1.3 * unit, _DRIVEN)
-        return picture
+def frames(rollout: Rollout) -> list[Frame]:
+    """Every step of every drive: the camera's image beside the map."""
+    chart = _chart(int(_LENS.rows / _chart(1000).picture.height * 1000))
+    drawn = []
+    for i, states in enumerate(rollout.states):
+        for step in range(len(states)):
+            image = Image.fromarray(_view(rollout, i, step))
+            pair = Image.new("RGB", (image.width + chart.picture.width, image.height), "white")
+            pair.paste(image, (0, 0))
+            pair.paste(_map(rollout, chart, [i], until=step), (image.width, 0))
+            over = step == len(states) - 1
+            ending = _ENDING_TEXTS[rollout.endings[i] if over else Ending.UNDER_WAY]
+            command = COMMANDS[rollout.commands[i][step]]
+            text = (
+                f"route {i + 1} of {len(rollout.states)}   {step / POLICY_HZ:4.1f} s   "
+                f"{3.6 * states[step, 3]:3.0f} km/h   command: {command}   {ending}"
+            )
+            frame = _stacked([pair, _bar(f"{text}   {_world(rollout)}", pair.width)])
+            drawn += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
+    return drawn
 
 
 def view(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
-    """What the camera of a drive sees, large, from a car's state (4,) after some steps."""
+    """The camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
     rays, weather = _LENS.rays(start.mount.pitch_deg)[None], np.array([start.weather])
     frame: Frame
     (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
     return frame
+
+
+def _world(rollout: Rollout) -> str:
+    start = rollout.starts[0]
+    height, pitch = start.mount.height_m, start.mount.pitch_deg
+    return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
+
+
+def _view(rollout: Rollout, i: int, step: int) -> Frame:
+    return view(rollout.starts[i], rollout.states[i][step], step)
+
+
+def _map(
+    rollout: Rollout, chart: _Chart, which: range | list[int], until: int | None = None
+) -> Image.Image:
+    """The town with routes, the ways driven, and crosses where a drive failed.
+
+    Several routes have their numbers at both ends.
+    """
+    picture = chart.picture.copy()
+    draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
+    font = ImageFont.load_default(3.6 * unit)
+    routes = {i: chart.pixels(rollout.starts[i].route.points) for i in which}
+    ways = {
+        i: chart.pixels(rollout.states[i][: None if until is None else until + 1, :2])
+        for i in which
+    }
+    for route in routes.values():
+        draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
+    for way in ways.values():
+        draw.line(way, fill=_DRIVEN, width=max(2, round(0.7 * unit)))
+    for i, route in routes.items():
+        _dot(draw, route[0], 1.3 * unit, (255, 255, 255))
+        _dot(draw, route[-1], 1.3 * unit, (34, 197, 94))
+        for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
+            draw.text(
+                (x + 2.2 * unit, y - 2.2 * unit),
+                str(i + 1),
+                fill=_INK,
+                font=font,
+                anchor="mm",
+                stroke_width=round(0.4 * unit),
+                stroke_fill="white",
+            )
+    for i, way in ways.items():
+        x, y = way[-1]
+        over = len(way) == len(rollout.states[i])
+        if over and rollout.endings[i] != Ending.ARRIVED:
+            arm = 2.2 * unit
+            for s in (-1, 1):
+                ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
+                draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
+        elif not over:
+            _dot(draw, (x, y), 1.3 * unit, _DRIVEN)
+    return picture
 
 
 @dataclass(frozen=True)

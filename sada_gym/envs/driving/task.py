@@ -11,10 +11,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
-from sada_gym.envs.driving.agent.expert import CRUISE_M_S
+from sada_gym.envs.driving.agent.privileged import CRUISE_M_S
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.drives import (
+from sada_gym.envs.driving.episodes import (
     PICTURE_COLUMNS,
     PICTURE_ROWS,
     POLICY_HZ,
@@ -43,9 +43,9 @@ class DrivingTaskEnv(TaskEnv):
     """A car with a camera follows a route through a town.
 
     ## Description
-    The car is highway-env's, at 15 Hz; the driver decides at 5 Hz. It sees what a camera at the
-    car's front sees, feels its speed, and is told at junctions where to go. Town, light and weather
-    are our own procedures, no photograph is involved.
+    The car is highway-env's, at 15 Hz; the driver decides at 5 Hz. It gets the image of a camera at
+    the car's front, the car's speed, and at junctions a command that says where to go. Town, light
+    and weather are our own procedures; no photograph is involved.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: steering, 1 is 45° to the right; acceleration, 1 is 5 m/s². Brakes
@@ -61,8 +61,9 @@ class DrivingTaskEnv(TaskEnv):
     | `command` | `Box(0, 1, (4,), float32)` | one-hot: follow, left, right, straight |
 
     ## Rewards
-    A step: the way made along the route over that at 8 m/s, from -1 to 1, times 1 in the lane's
-    middle to 1/2 at its edge. Besides, +10 on arrival and -10 where the car leaves its lane.
+    A step: the distance made along the route as a share of that at 8 m/s, from -1 to 1, times 1 in
+    the lane's middle to 1/2 at its edge. In addition, +10 on arrival and -10 where the car leaves
+    its lane.
 
     ## Starting State
     A random route from the course: it passes 1 to 4 corners and never turns back.
@@ -73,8 +74,8 @@ class DrivingTaskEnv(TaskEnv):
     `progress_m`, `lateral_m`, `is_success`.
 
     ## Arguments
-    - `course=Course()`: what routes, weathers, mounts and ways to set off are drawn from.
-    - `render_mode=None`: `"rgb_array"` gives the camera's picture.
+    - `course=Course()`: what routes, weathers, mounts and starts are drawn from.
+    - `render_mode=None`: `"rgb_array"` gives the camera's image.
 
     ## Version History
     - v0: initial version.
@@ -83,16 +84,16 @@ class DrivingTaskEnv(TaskEnv):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        super().__init__(_Lessons(course, 1), render_mode=render_mode)
+        super().__init__(_Episodes(course, 1), render_mode=render_mode)
 
 
 class DrivingTaskVectorEnv(TaskVectorEnv):
     """`DrivingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: What routes, weathers, mounts and ways to set off are drawn from.
+        course: What routes, weathers, mounts and starts are drawn from.
         num_envs: Number of cars.
-        render_mode: `"rgb_array"` gives each camera's picture.
+        render_mode: `"rgb_array"` gives each camera's image.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -103,12 +104,12 @@ class DrivingTaskVectorEnv(TaskVectorEnv):
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        lessons = _Lessons(course, num_envs)
-        super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
+        episodes = _Episodes(course, num_envs)
+        super().__init__(episodes, num_envs=num_envs, render_mode=render_mode)
 
 
-class _Lessons:
-    """Drives of a course, with what each step is worth: for scalar and vector alike."""
+class _Episodes:
+    """Drives of a course and their rewards: `TaskEpisodes`."""
 
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
@@ -127,7 +128,7 @@ class _Lessons:
         return self._drives
 
     def start(self, i: int, rng: np.random.Generator) -> None:
-        """Let car i set off on a new route."""
+        """Let car i start on a new route."""
         start = self._course.draw(rng)
         if self._drives is not None:
             self._drives.begin(i, start)
@@ -138,7 +139,7 @@ class _Lessons:
             self._drives = Drives(camera(self._course.layout), starts)
 
     def step(self, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-        """Drive, and give what it was worth, (n,)."""
+        """Drive, and give the rewards, (n,)."""
         drives = self.drives
         if drives.ending.any():
             raise ResetNeeded("Expected reset() before step(): a drive has ended.")
@@ -148,11 +149,11 @@ class _Lessons:
         off = np.minimum(np.abs(drives.lateral_m) / (LANE_WIDTH_M / 2), 1.0)
         end = np.where(drives.ending == Ending.ARRIVED, ARRIVAL_REWARD, 0.0)
         end = np.where(drives.ending == Ending.LEFT_LANE, FAILURE_REWARD, end)
-        worth: npt.NDArray[np.float64] = pace * (1.0 - 0.5 * off) + end
-        return worth
+        reward: npt.NDArray[np.float64] = pace * (1.0 - 0.5 * off) + end
+        return reward
 
-    def over(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Which cars have ended, and for which time is up."""
+    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Which drives are terminated, and which truncated: out of time."""
         ending = self.drives.ending
         truncated = ending == Ending.TOO_LATE
         return (ending != Ending.UNDER_WAY) & ~truncated, truncated
@@ -166,12 +167,12 @@ class _Lessons:
         }
 
     def observe(self, which: npt.NDArray[np.intp]) -> Observation:
-        """What some of the drivers perceive."""
+        """Observations of some of the drivers."""
         return self.drives.observe(which)
 
-    def look(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-        """Draw what some of the cameras see."""
-        return self.drives.look(which)
+    def render(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+        """Images of some of the cameras."""
+        return self.drives.render(which)
 
     def close(self) -> None:
-        """Do nothing: cars hold nothing that is to be freed."""
+        """Do nothing: cars hold nothing to free."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,16 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
-from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, pilot
-from sada_gym.envs.uav.agent.privileged import Reference
-from sada_gym.envs.uav.course import set_off
-from sada_gym.envs.uav.races import Ending, Races
+from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.course import benchmark_starts
+from sada_gym.envs.uav.episodes import Ending, OnStep, Races, Rollout, record
 from sada_gym.envs.uav.world.templates import template
-from sada_gym.envs.uav.world.track import Tracks
+from sada_gym.envs.uav.world.track import Tracks, line
 from sada_gym.parameters import Mu
 
 LOCKSTEP = 64
-"""So many races are flown at a time."""
+"""The most races that are flown at a time."""
 
 
 class UAVApplication(Application):
@@ -32,7 +32,8 @@ class UAVApplication(Application):
         agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
 
     Raises:
-        ValueError: If there is no such track or agent, or the agent's spaces are not the task's.
+        UserError: If there is no such track or agent, the agent's spaces are not the task's, or its
+            weights are not finite numbers.
     """
 
     name = "SADA-UAV"
@@ -48,11 +49,8 @@ class UAVApplication(Application):
     ) -> None:
         self.template, self.anchors = template(anchors), int(anchors)
         self.parameters = self.template.parameters
-        if isinstance(agent, str | Path):
-            self.agent_name, self.agent = str(agent), agents.load_pilot(agent)
-        else:
-            self.agent_name, self.agent = agent_id or type(agent).__name__, agent
-        self._pilot = pilot(self.agent)
+        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
+        self._pilot = as_pilot(self.agent)
         self._agent_id = agent_id
 
     @property
@@ -62,8 +60,9 @@ class UAVApplication(Application):
 
     @property
     def fingerprint(self) -> str | None:
-        """SHA-256 over the pilot's weights, or the name that its owner gave it."""
-        return self._agent_id or self._pilot.fingerprint
+        """SHA-256 over the pilot's weights, or over its `agent_id` and how it is used."""
+        pilot, use = self._pilot, getattr(self._pilot, "use", None)
+        return agents.identity(pilot.fingerprint, self.agent, self._agent_id, use)
 
     def tracks(self, mu: Mu) -> Tracks:
         """The tracks of mu, (n, d)."""
@@ -71,23 +70,34 @@ class UAVApplication(Application):
 
     def races(self, mu: Mu, seeds: Sequence[int]) -> Races:
         """Drones at the starts of the tracks of mu, n of them; close them after use."""
-        return Races(set_off(self.tracks(mu), seeds))
+        return Races(benchmark_starts(self.tracks(mu), seeds))
 
-    def fly(self, races: Races, watch: Callable[[Races], None] | None = None) -> None:
-        """Let the pilot fly all races to their ends; `watch` looks on before every decision."""
-        _fly(self._pilot, races, watch)
+    def fly(self, races: Races, on_step: OnStep | None = None) -> None:
+        """Let the pilot fly all races to their ends; `on_step` is called before every decision."""
+        _fly(self._pilot, races, on_step)
+
+    def rollout(self, mu: npt.ArrayLike, seed: int) -> Rollout:
+        """Fly the race in the world of one mu, (d,), and keep every decision."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        races = self.races(row, [seed])
+        try:
+            name = f"{self.anchors} anchors"
+            way = line(self.template.displaced(row)[0])
+            return record(races, self.fly, name=name, line=way)
+        finally:
+            races.close()
 
     def reference_score(
         self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
     ) -> npt.NDArray[np.float64]:
-        """What the privileged pilot scores: who fails where it passes is to blame, not the track.
+        """The privileged pilot's scores: where it passes, a failure is the agent's own.
 
         Args:
             mu: (n, d), values in [-1, 1].
             seeds: n seeds; 0 for all by default.
 
         Returns:
-            (n,) Q of the guidance told the gates' true poses.
+            (n,) Q of the guidance that gets the gates' true poses.
 
         Raises:
             ValueError: If mu or the seeds are not what `evaluate` takes.
@@ -96,7 +106,7 @@ class UAVApplication(Application):
         checked = [0] * len(batch) if seeds is None else validate_seeds(seeds, len(batch))
         scores = np.empty(len(batch))
         for rows, races in self._batches(batch, checked):
-            _fly(Reference(), races)
+            _fly(PrivilegedPilot(), races)
             scores[rows] = races.score
         return scores
 
@@ -139,30 +149,30 @@ class UAVApplication(Application):
                 races.close()
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """What the camera sees where the pilot first misses, beside a map of the race."""
-        from sada_gym.envs.uav.pictures import Film
+        """The camera's image where the pilot first misses, beside a map of the race."""
+        from sada_gym.envs.uav.pictures import summary
 
-        return Film.of(self, mu, seed).summary()
+        return summary(self.rollout(mu, seed))
 
     def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """What the camera sees at the start."""
+        """The camera's image at the start."""
         from sada_gym.envs.uav.pictures import view
 
         row, seed = validate_world(self.parameters, mu, seed)
-        (start,) = set_off(self.tracks(row), [seed])
+        (start,) = benchmark_starts(self.tracks(row), [seed])
         return view(start, start.state)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """The whole race: what the camera sees, beside a map."""
-        from sada_gym.envs.uav.pictures import Film
+        """The whole race: the camera's image beside a map."""
+        from sada_gym.envs.uav.pictures import frames
 
-        film = Film.of(self, mu, seed)
-        return film.frames(), film.score
+        rollout = self.rollout(mu, seed)
+        return frames(rollout), rollout.score
 
 
-def _fly(by: Pilot, races: Races, watch: Callable[[Races], None] | None = None) -> None:
-    by.start(len(races))
+def _fly(pilot: Pilot, races: Races, on_step: OnStep | None = None) -> None:
+    pilot.start(len(races))
     while len(which := races.under_way()):
-        if watch is not None:
-            watch(races)
-        races.step(which, by.act(races, which))
+        if on_step is not None:
+            on_step(races)
+        races.step(which, pilot.act(races, which))

@@ -1,4 +1,4 @@
-"""How races set off: those of the benchmark from the start, those of training from anywhere."""
+"""How races begin: those of the benchmark at the start, those of training anywhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sada_gym.envs.checks import check_number
-from sada_gym.envs.uav.races import Start
+from sada_gym.envs.uav.episodes import Start
 from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.world.templates import TEMPLATES, template
 from sada_gym.envs.uav.world.track import GATES, Tracks, along
@@ -43,7 +43,7 @@ class Course:
     speed_m_s: float = 10.0
 
     def __post_init__(self) -> None:
-        """Reject what there is not, and starts far off the track."""
+        """Reject unknown templates, and starts far off the track."""
         if not isinstance(self.anchors, tuple) or not self.anchors:
             raise UserError(
                 f"Expected anchors to be a tuple of at least one number, got {self.anchors!r}."
@@ -71,7 +71,7 @@ class Course:
         )
 
 
-def set_off(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
+def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
     """The benchmark's races on some tracks: at rest near the start, as the seeds say."""
     starts = []
     for gates, (x, y, z, heading), seed in zip(tracks.gates, tracks.starts, seeds, strict=True):

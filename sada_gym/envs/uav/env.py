@@ -8,7 +8,7 @@ from typing import Any
 from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.pilot import PilotLike
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.races import FILM_HZ
+from sada_gym.envs.uav.episodes import REPLAY_HZ
 
 
 class UAVEnv(AdversaryEnv):
@@ -16,14 +16,14 @@ class UAVEnv(AdversaryEnv):
 
     ## Description
     Three, four or five anchor points control a closed quadratic B-spline; eight gates stand on it
-    at equal arc length and face along it. The adversary moves the anchor points, so that a track
-    has sharper turns, and a short one is a crowded one. The score Q is the share of the gates that
-    the drone passes on one lap. Where it does not pass a gate in 10 s, or is lost, the gate is
+    at equal arc length and face along it. The adversary moves the anchor points: turns become
+    sharper, and on a short track gates stand close together. The score Q is the share of the gates
+    that the drone passes on one lap. Where it does not pass a gate in 10 s, or is lost, the gate is
     missed: the drone is set back at rest into the last gate that it passed, and the race goes on to
-    the gate after the missed one. Hitting a frame knocks the drone about, but is not itself a miss.
-    The drone is a rigid body in PyBullet;
-    templates, ranges and spacing are our own, since the paper's were never published. The seed
-    fixes light and background, and moves the start by up to 0.3 m along x and y, and 5 degrees.
+    the gate after the missed one. Hitting a frame is not a miss. The drone is a rigid body in
+    PyBullet; templates, ranges and spacing are our own, since the paper's were never published. The
+    seed fixes light and background, and moves the start by up to 0.3 m along x and y, and 5
+    degrees.
 
     ## Action Space
     `Box(-1, 1, (2 anchors,), float32)`: the displacements of the anchor points along x and y, the
@@ -35,9 +35,9 @@ class UAVEnv(AdversaryEnv):
     | 4 | 8 | 15 |
     | 5 | 10 | 13 |
 
-    For every mu all frames are at least 0.9 m apart: where they would not be, which is so for one
-    uniform mu in twenty, all displacements are reduced by one share until they are. `parameters` in
-    `info` are the displacements asked for; the track has `kept` times these.
+    For every mu all frames are at least 0.9 m apart. Where they would not be, as for one uniform mu
+    in twenty, all displacements are reduced by the same share until they are. `parameters` in
+    `info` are the displacements before that; the track has `kept` times these.
 
     ## Observation Space
     `Box(-1, 1, (2 anchors + 2,), float32)`: last mu, last score, share of the steps left; zeros
@@ -71,7 +71,7 @@ class UAVEnv(AdversaryEnv):
     - v0: initial version.
     """
 
-    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+    metadata: dict[str, Any] = {**AdversaryEnv.metadata, "render_fps": REPLAY_HZ}  # noqa: RUF012
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class UAVEnv(AdversaryEnv):
 class UAVVectorEnv(AdversaryVectorEnv):
     """`UAVEnv` in a batch: all drones of all worlds race in lockstep."""
 
-    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": FILM_HZ}  # noqa: RUF012
+    metadata: dict[str, Any] = {**AdversaryVectorEnv.metadata, "render_fps": REPLAY_HZ}  # noqa: RUF012
 
     def __init__(
         self,

@@ -1,23 +1,18 @@
-"""Courses for a person to look at: what the drone's camera sees, and the track from above."""
+"""Pictures of a rollout for people: the drone's camera image, and the track from above."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from sada_gym.application import Frame, validate_world
+from sada_gym.application import Frame
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.races import FILM_HZ, POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Rollout, Start
 from sada_gym.envs.uav.world.drone import headings
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
-from sada_gym.envs.uav.world.track import line
-
-if TYPE_CHECKING:
-    from sada_gym.envs.uav.application import UAVApplication
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _BAR = 26
@@ -39,118 +34,73 @@ _AHEAD: Colour = (107, 114, 128)
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Film:
-    """A race as it was flown.
+def summary(rollout: Rollout) -> Frame:
+    """The camera's picture where the first gate is missed (or half-way), beside the track."""
+    step, moment = summary_moment(rollout)
+    passed = int((rollout.endings[-1] == Ending.PASSED).sum())
+    pair = _pair(rollout, step, rollout.endings[-1], flown_ways(rollout, len(rollout.states)))
+    text = (
+        f"{rollout.name}: {passed} of {len(rollout.start.gates)} gates passed in "
+        f"{rollout.times_s[-1]:.1f} s   {moment}"
+    )
+    return np.asarray(_under(pair, text))
 
-    Attributes:
-        name: Of the track.
-        start: What the race was made of.
-        line: (m, 2) the track's line.
-        states: (k, 13) of the drone before every decision, and at the end.
-        endings: (k, g) what had become of each gate by then.
-        times_s: (k,).
-    """
 
-    name: str
-    start: Start
-    line: Array
-    states: Array
-    endings: npt.NDArray[np.int8]
-    times_s: Array
-
-    @classmethod
-    def of(cls, application: UAVApplication, mu: npt.ArrayLike, seed: int) -> Film:
-        """Fly the race of one mu, (d,), and keep all decisions."""
-        row, seed = validate_world(application.parameters, mu, seed)
-        races = application.races(row, [seed])
-        states, endings, times = [], [], []
-
-        def watch(races: Races) -> None:
-            states.append(races.states[0].copy())
-            endings.append(races.endings[0].copy())
-            times.append(float(races.time_s[0]))
-
-        application.fly(races, watch)
-        watch(races)
-        races.close()
-        return cls(
-            name=f"{application.anchors} anchors",
-            start=races.starts[0],
-            line=line(application.template.displaced(row)[0]),
-            states=np.array(states),
-            endings=np.array(endings),
-            times_s=np.array(times),
-        )
-
-    @property
-    def score(self) -> float:
-        """The share of gates passed."""
-        return float((self.endings[-1] == Ending.PASSED).mean())
-
-    def summary(self) -> Frame:
-        """The camera's picture where the first gate is missed (or half-way), beside the track."""
-        step, said = self._moment()
-        passed = int((self.endings[-1] == Ending.PASSED).sum())
-        pair = self._pair(step, self.endings[-1], self._ways(len(self.states)))
+def frames(rollout: Rollout) -> list[Frame]:
+    """`REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
+    drawn: list[Frame] = []
+    last = len(rollout.states) - 1
+    for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:
+        state, endings = rollout.states[step], rollout.endings[step]
+        passed = int((endings == Ending.PASSED).sum())
+        missed = int((endings > Ending.PASSED).sum())
+        ahead = len(endings) - passed - missed
+        goal = f"to gate {passed + missed + 1}" if ahead else "over"
         text = (
-            f"{self.name}: {passed} of {len(self.start.gates)} gates passed in "
-            f"{self.times_s[-1]:.1f} s   {said}"
+            f"{rollout.name}   {rollout.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
+            f"m/s   {passed} passed   {missed} missed   {goal}"
         )
-        return np.asarray(_under(pair, text))
+        pair = _pair(rollout, step, endings, flown_ways(rollout, step + 1))
+        drawn.append(np.asarray(_under(pair, text)))
+    return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
-    def frames(self) -> list[Frame]:
-        """`FILM_HZ` pictures a second: what the camera sees, beside the track."""
-        shots: list[Frame] = []
-        last = len(self.states) - 1
-        for step in [*range(0, last, POLICY_HZ // FILM_HZ), last]:
-            state, endings = self.states[step], self.endings[step]
-            passed = int((endings == Ending.PASSED).sum())
-            missed = int((endings > Ending.PASSED).sum())
-            ahead = len(endings) - passed - missed
-            said = f"to gate {passed + missed + 1}" if ahead else "over"
-            text = (
-                f"{self.name}   {self.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
-                f"m/s   {passed} passed   {missed} missed   {said}"
-            )
-            pair = self._pair(step, endings, self._ways(step + 1))
-            shots.append(np.asarray(_under(pair, text)))
-        return shots + shots[-1:] * (FILM_HZ - 1)  # a second to read how it ended
 
-    def _moment(self) -> tuple[int, str]:
-        """The decision that the summary shows, and what to say of it."""
-        missed = self.endings > Ending.PASSED
-        if not missed.any():
-            return len(self.states) // 2, "seen: half-way"
-        late = int(missed.any(axis=1).argmax())
-        gate = int(missed[late].argmax())
-        since = int((self.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
-        since = min(since, late - 1)  # both may have ended between two decisions
-        flown = self.states[since:late]
-        centre, heading = self.start.gates[gate, :3], self.start.gates[gate, 3]
-        to_gate = centre - flown[:, :3]
-        before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
-        far = np.abs(np.sqrt((to_gate**2).sum(axis=1)) - _SEEN_FROM_M)
-        of = camera()
-        places = np.concatenate([of.project(state, centre[None]) for state in flown])
-        off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
-        in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
-        step = since + int(np.lexsort((far, ~in_view, ~before))[0])
-        return step, f"seen: on the way to gate {gate + 1}"
+def summary_moment(rollout: Rollout) -> tuple[int, str]:
+    """The decision that the summary shows, and what to say of it."""
+    missed = rollout.endings > Ending.PASSED
+    if not missed.any():
+        return len(rollout.states) // 2, "seen: half-way"
+    late = int(missed.any(axis=1).argmax())
+    gate = int(missed[late].argmax())
+    since = int((rollout.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
+    since = min(since, late - 1)  # both may have ended between two decisions
+    flown = rollout.states[since:late]
+    centre, heading = rollout.start.gates[gate, :3], rollout.start.gates[gate, 3]
+    to_gate = centre - flown[:, :3]
+    before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
+    far = np.abs(np.sqrt((to_gate**2).sum(axis=1)) - _SEEN_FROM_M)
+    of = camera()
+    places = np.concatenate([of.project(state, centre[None]) for state in flown])
+    off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
+    in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
+    step = since + int(np.lexsort((far, ~in_view, ~before))[0])
+    return step, f"seen: on the way to gate {gate + 1}"
 
-    def _ways(self, until: int) -> tuple[Array, ...]:
-        """The ways flown, apart where the drone was set back."""
-        missed = (self.endings[:until] > Ending.PASSED).sum(axis=1)
-        cuts = np.flatnonzero(np.diff(missed)) + 1
-        return tuple(np.split(self.states[:until, :2], cuts))
 
-    def _pair(
-        self, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
-    ) -> Image.Image:
-        state = self.states[step]
-        drone = np.array([*state[:2], headings(state[None])[0]])
-        plan = Plan(self.start.gates, self.line).picture(endings, ways, drone)
-        return _beside(Image.fromarray(view(self.start, state)), plan)
+def flown_ways(rollout: Rollout, until: int) -> tuple[Array, ...]:
+    """The ways flown, apart where the drone was set back."""
+    missed = (rollout.endings[:until] > Ending.PASSED).sum(axis=1)
+    cuts = np.flatnonzero(np.diff(missed)) + 1
+    return tuple(np.split(rollout.states[:until, :2], cuts))
+
+
+def _pair(
+    rollout: Rollout, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
+) -> Image.Image:
+    state = rollout.states[step]
+    drone = np.array([*state[:2], headings(state[None])[0]])
+    plan = Plan(rollout.start.gates, rollout.line).picture(endings, ways, drone)
+    return _beside(Image.fromarray(view(rollout.start, state)), plan)
 
 
 def view(start: Start, state: Array) -> Frame:

@@ -12,9 +12,8 @@ from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.task import TaskEnv, TaskVectorEnv
-from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.course import Course
-from sada_gym.envs.uav.races import GATES_AHEAD, POLICY_HZ, Ending, Observation, Races, Start
+from sada_gym.envs.uav.episodes import GATES_AHEAD, POLICY_HZ, Ending, Observation, Races, Start
 from sada_gym.envs.uav.world.track import GATES
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.5, 2.0, -5.0, -0.5
@@ -33,8 +32,8 @@ class RacingTaskEnv(TaskEnv):
 
     ## Description
     The drone is a rigid body in PyBullet with a flight controller at 240 Hz; the pilot decides at
-    20 Hz. It is told where the next two gates are: this is no task of seeing. A gate is passed when
-    the drone crosses its opening, in its direction and in the gates' order. Frames are solid.
+    20 Hz. It gets the places of the next two gates, and no image. A gate is passed when the drone
+    crosses its opening, in its direction and in the gates' order. Frames are solid.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`: wanted velocity to where the drone heads, to its left and up, 1 is
@@ -64,7 +63,7 @@ class RacingTaskEnv(TaskEnv):
 
     ## Arguments
     - `course=Course()`: what tracks and starts are drawn from.
-    - `render_mode=None`: `"rgb_array"` gives the picture of the drone's camera.
+    - `render_mode=None`: `"rgb_array"` gives the image of the drone's camera.
 
     ## Version History
     - v0: initial version.
@@ -73,7 +72,7 @@ class RacingTaskEnv(TaskEnv):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
 
     def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        super().__init__(_Lessons(course, 1), render_mode=render_mode)
+        super().__init__(_Episodes(course, 1), render_mode=render_mode)
 
 
 class RacingTaskVectorEnv(TaskVectorEnv):
@@ -82,7 +81,7 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     Args:
         course: What tracks and starts are drawn from.
         num_envs: Number of drones.
-        render_mode: `"rgb_array"` gives the picture of each drone's camera.
+        render_mode: `"rgb_array"` gives the image of each drone's camera.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -93,12 +92,12 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     def __init__(
         self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
-        lessons = _Lessons(course, num_envs)
-        super().__init__(lessons, num_envs=num_envs, render_mode=render_mode)
+        episodes = _Episodes(course, num_envs)
+        super().__init__(episodes, num_envs=num_envs, render_mode=render_mode)
 
 
-class _Lessons:
-    """Races of a course, with what each step is worth: for scalar and vector alike."""
+class _Episodes:
+    """Races of a course and their rewards: `TaskEpisodes`."""
 
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
@@ -110,7 +109,7 @@ class _Lessons:
         self._races: Races | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the races, which live in the process that began them: a copy is to be reset."""
+        """Leave out the races, which live in the process that began them: a copy needs a reset."""
         return {**self.__dict__, "_races": None, "_waiting": {}}
 
     @property
@@ -121,7 +120,7 @@ class _Lessons:
         return self._races
 
     def start(self, i: int, rng: np.random.Generator) -> None:
-        """Let drone i set off on a new track."""
+        """Let drone i start on a new track."""
         start = self._course.draw(rng)
         if self._races is not None:
             self._races.begin(i, start)
@@ -131,9 +130,9 @@ class _Lessons:
             self._races = Races([self._waiting[k] for k in range(self._count)])
 
     def step(self, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-        """Fly, and give what it was worth, (n,)."""
+        """Fly, and give the rewards, (n,)."""
         races = self.races
-        if np.logical_or(*self.over()).any():
+        if np.logical_or(*self.ended()).any():
             raise ResetNeeded("Expected reset() before step(): a race has ended.")
         everyone = np.arange(len(races))
         gate = races.next_gate.copy()
@@ -143,23 +142,23 @@ class _Lessons:
         ended = races.endings[everyone, gate]
         passed, missed = ended == Ending.PASSED, ended > Ending.PASSED
         nearer = np.where(passed, before, before - self._distances(gate))
-        worth: npt.NDArray[np.float64] = (
+        reward: npt.NDArray[np.float64] = (
             PROGRESS_REWARD_PER_M * np.where(missed, 0.0, nearer)
             + GATE_REWARD * passed
             + MISS_REWARD * missed
             + TOUCH_REWARD * (races.touched & ~touched).any(axis=1)
         )
-        return worth
+        return reward
 
-    def over(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Which races have ended, and for which time is up."""
+    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Which races are terminated, and which truncated: out of time."""
         endings = self.races.endings
         late = (endings == Ending.LATE).any(axis=1)
         done = (endings == Ending.LOST).any(axis=1) | (endings[:, -1] == Ending.PASSED)
         return done, late
 
     def info(self, i: int) -> dict[str, Any]:
-        """How far drone i came."""
+        """How far drone i has come."""
         passed = int((self.races.endings[i] == Ending.PASSED).sum())
         return {
             "gates_passed": passed,
@@ -168,13 +167,12 @@ class _Lessons:
         }
 
     def observe(self, which: npt.NDArray[np.intp]) -> Observation:
-        """What some of the pilots are told."""
+        """Observations of some of the pilots."""
         return self.races.observe(which)
 
-    def look(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-        """Draw what some of the cameras see."""
-        looks = [self.races.starts[i].seed for i in which.tolist()]
-        return camera().draw(self.races.gates[which], self.races.states[which], looks)
+    def render(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+        """Images of some of the cameras."""
+        return self.races.render(which)
 
     def close(self) -> None:
         """Free the drones' worlds."""

@@ -1,14 +1,24 @@
 """A user's own CAD files: types, orientation, and every way in which a folder can be wrong."""
 
 import json
+import os
+import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from sada_gym.envs.detection.shapes import DIAGONAL, Material, benchmark_shapes, fingerprint
+from sada_gym.envs.detection.shapes import (
+    DIAGONAL,
+    Material,
+    benchmark_shapes,
+    fingerprint,
+    mesh_file,
+)
 from sada_gym.envs.detection.shapes.cad import load_folder
+from sada_gym.errors import UserError
 
 SIZE = np.array([1.0, 2.0, 3.0])
 """Of the test box along its file's x, y and z."""
@@ -148,6 +158,197 @@ def test_bad_meshes_are_named_or_left_out(tmp_path: Path, name: str, content: by
     with pytest.warns(UserWarning, match=name):
         shapes = load_folder(tmp_path, skip_unreadable=True)
     assert [shape.name for shape in shapes["car"]] == ["car/good.obj"]
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+PLY = """ply
+format {} 1.0
+comment façade
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+"""
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
+FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+
+
+def _without_encoding_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("chardet", "charset_normalizer"):
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def _stl(text: str) -> bytes:
+    solid = trimesh.exchange.stl.export_stl_ascii(trimesh.Trimesh(CORNERS, FACES))
+    return solid.replace("solid", f"solid {text}", 1).encode("latin-1")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", ("# façade\nmtllib a.mtl\no Brücke\n" + TETRAHEDRON).encode("latin-1")),
+        ("b.obj", ("\ufeff" + TETRAHEDRON).encode("utf-8")),
+        ("c.obj", TETRAHEDRON.encode("utf-16")),
+        ("d.obj", ("# façade\n" + TETRAHEDRON).encode("utf-8")),
+        (
+            "e.ply",
+            (
+                PLY.format("ascii")
+                + "".join("{} {} {}\n".format(*corner) for corner in CORNERS)
+                + "".join("3 {} {} {}\n".format(*face) for face in FACES)
+            ).encode("latin-1"),
+        ),
+        (
+            "f.ply",
+            PLY.format("binary_little_endian").encode("latin-1")
+            + CORNERS.tobytes()
+            + b"".join(b"\x03" + face.astype("<i4").tobytes() for face in FACES),
+        ),
+        ("g.stl", _stl("façade")),
+        (
+            "h.stl",
+            "façade".encode("latin-1").ljust(80)
+            + trimesh.exchange.stl.export_stl(trimesh.Trimesh(CORNERS, FACES))[80:],
+        ),
+    ],
+)
+def test_comments_may_be_in_any_encoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: bytes
+) -> None:
+    """Trimesh reads what is not UTF-8 by a package that need not be installed."""
+    _without_encoding_packages(monkeypatch)
+    (tmp_path / "car").mkdir()
+    (tmp_path / "car" / name).write_bytes(content)
+    (tmp_path / "car" / "a.mtl").write_bytes("# façade\nnewmtl Lack\n".encode("latin-1"))
+    (shape,) = load_folder(tmp_path)["car"]
+    assert len(shape.faces) == 4
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", ["1e10", "1e38", "1e155", "1e300", "-1.7e308"])
+def test_coordinates_that_overflow_are_a_sentence(tmp_path: Path, value: str) -> None:
+    (tmp_path / "car").mkdir()
+    file = tmp_path / "car" / "far.obj"
+    file.write_text(TETRAHEDRON.replace("v 1 0 0", f"v {value} 0 0"))
+    with pytest.raises(UserError, match=r"far\.obj, got coordinates up to .*: scale it down"):
+        load_folder(tmp_path)
+
+
+def test_large_coordinates_are_loaded(tmp_path: Path) -> None:
+    _write(tmp_path, extents=SIZE * 1e8)
+    np.testing.assert_allclose(_extent(tmp_path), [3, 1, 2], rtol=1e-5)
+
+
+def test_too_many_faces_are_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_file, "MAX_FACES", 11)
+    _write(tmp_path)
+    with pytest.raises(UserError, match=r"got 12 faces, where at most 11 .*Decimate modifier"):
+        load_folder(tmp_path)
+
+
+def _glb(buffer: dict, nodes: list[dict] | None = None, vertices: int = 4) -> bytes:
+    body = CORNERS.tobytes() + FACES.astype("<u2").tobytes()
+    content = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": nodes or [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": vertices, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 24},
+        ],
+        "buffers": [{"byteLength": 72, **buffer}],
+    }
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if "uri" not in buffer:
+        chunks += struct.pack("<II", len(body), 0x004E4942) + body
+    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+
+
+def test_a_file_reads_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Buffers, materials and pictures that a file names are never opened, wherever they lie."""
+    outside = tmp_path / "outside.bin"
+    outside.write_bytes(CORNERS.tobytes() + FACES.astype("<u2").tobytes())
+    folder = tmp_path / "cad" / "car"
+    folder.mkdir(parents=True)
+    opened: list[str] = []
+
+    def note(self: Path, *arguments: object) -> bytes:
+        opened.append(self.name)
+        with open(self, "rb") as file:
+            return file.read()
+
+    monkeypatch.setattr(Path, "read_bytes", note)
+    monkeypatch.setattr(
+        trimesh.resolvers.FilePathResolver, "get", lambda self, name: opened.append(name)
+    )
+    for name, uri in (("a", "../../outside.bin"), ("b", str(outside)), ("c", outside.as_uri())):
+        (folder / f"{name}.glb").write_bytes(_glb({"uri": uri}))
+    (folder / "good.obj").write_text(f"mtllib ../../outside.bin\nmtllib {outside}\n" + TETRAHEDRON)
+    with pytest.warns(UserWarning, match="Left out"):
+        (shape,) = load_folder(tmp_path / "cad", skip_unreadable=True)["car"]
+    assert shape.name == "car/good.obj"
+    assert opened == ["a.glb", "b.glb", "c.glb", "good.obj"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("vertices.ply", PLY.replace("vertex 4", "vertex 1000000000000").format("ascii").encode()),
+        (
+            "vertices-binary.ply",
+            PLY.replace("4", "999999999999").format("binary_little_endian").encode() + bytes(99),
+        ),
+        ("faces.stl", bytes(80) + struct.pack("<I", 2**32 - 1) + bytes(50)),
+        ("vertices.glb", _glb({}, vertices=2**40)),
+        ("loop.glb", _glb({}, [{"children": [1]}, {"children": [0], "mesh": 0}])),
+        (
+            "nested.glb",
+            b"glTF" + struct.pack("<IIII", 2, 99_020, 99_000, 0x4E4F534A) + b"[" * 99_000,
+        ),
+    ],
+)
+def test_bombs_are_harmless(tmp_path: Path, name: str, content: bytes) -> None:
+    """Small files that announce more than any memory holds, or never end."""
+    (tmp_path / "car").mkdir()
+    (tmp_path / "car" / name).write_bytes(content)
+    with pytest.raises(UserError, match=rf"{name}, got "):
+        load_folder(tmp_path)
+
+
+def test_a_mesh_in_many_places_is_counted_before_it_is_laid_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A few hundred kilobytes that would become 100 million faces."""
+    monkeypatch.setattr(mesh_file, "MAX_FACES", 3_999)
+    monkeypatch.setattr(trimesh.Scene, "dump", None)
+    (tmp_path / "car").mkdir()
+    nodes = [{"children": list(range(1, 1_001))}, *[{"mesh": 0}] * 1_000]
+    (tmp_path / "car" / "copies.glb").write_bytes(_glb({}, nodes))
+    with pytest.raises(UserError, match=r"got 4,000 faces, where at most 3,999"):
+        load_folder(tmp_path)
+
+
+def test_what_is_no_file_is_a_sentence(tmp_path: Path) -> None:
+    """A FIFO would be waited for, and /dev/zero has no end."""
+    (tmp_path / "car").mkdir()
+    os.mkfifo(tmp_path / "car" / "pipe.obj")
+    with pytest.raises(UserError, match=r"pipe\.obj, got something that is no file"):
+        load_folder(tmp_path)
+    (tmp_path / "car" / "pipe.obj").unlink()
+    (tmp_path / "car" / "zero.obj").symlink_to("/dev/zero")
+    with pytest.raises(UserError, match=r"zero\.obj, got something that is no file"):
+        load_folder(tmp_path)
 
 
 def test_bad_folders_are_explained(tmp_path: Path) -> None:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from safetensors.torch import save_file
 
 import sada_gym  # noqa: F401
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection.application import TILE
-from sada_gym.envs.detection.scene import Rendering
+from sada_gym.envs.detection.agent.network import Detector
+from sada_gym.envs.detection.detector import MAX_TILE, TILE
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.oracle import Oracle
 
@@ -54,9 +55,10 @@ def test_score_is_the_highest_confidence_in_the_class():
 
 def test_torchvisions_convention_is_kept_towards_the_detector():
     model = Constant([], [], [])
-    DetectionApplication("car", agent=model, labels={"car": 3}).evaluate(MU[:3], SEEDS[:3])
+    application = DetectionApplication("car", agent=model, labels={"car": 3}, tile=5)
+    application.evaluate(MU[:3], SEEDS[:3])
     (images,) = model.shown
-    assert len(images) == TILE
+    assert len(images) == 5
     assert all(image.shape == (3, 128, 128) and image.dtype == torch.float32 for image in images)
     assert all(image.min() >= 0 and image.max() <= 1 for image in images)
     assert images[0].max() > 0.2
@@ -177,17 +179,89 @@ def test_a_detector_in_training_mode_is_refused():
         DetectionApplication("car", agent=Constant([], [], []).train(), labels={"car": 1})
 
 
-def test_another_renderer_is_used_and_named():
-    class Grey:
-        def render(self, scene, image_size):
-            image = np.full((image_size, image_size, 3), 128, np.uint8)
-            return Rendering(image, np.zeros((image_size, image_size), bool), None)
+@pytest.mark.parametrize(
+    ("tile", "one_step", "batch_of_12"),
+    [(None, [1], [1] * 12), (5, [5], [5, 5, 5]), (12, [12], [12]), (np.int64(14), [14], [14])],
+)
+def test_a_users_model_is_shown_its_own_tile(tile, one_step, batch_of_12):
+    """By default one image a call: a tile of 14 made a scalar step 14 times as dear."""
+    model = Constant([], [], [])
+    env = gym.make("SADA-Detection-v0", agent=model, labels={"car": 3}, tile=tile)
+    env.reset(seed=0)
+    env.step(MU[0])
+    assert [len(images) for images in model.shown] == one_step
+    model.shown.clear()
+    env.unwrapped.application.evaluate(MU, SEEDS)
+    assert [len(images) for images in model.shown] == batch_of_12
+    model.shown.clear()
+    envs = gym.make_vec("SADA-Detection-v0", num_envs=12, agent=model, labels={"car": 3}, tile=tile)
+    envs.reset(seed=0)
+    envs.step(MU)
+    assert [len(images) for images in model.shown] == batch_of_12
 
-    application = DetectionApplication("car", renderer=Grey())
-    (info,) = application.evaluate(MU[:1], SEEDS[:1]).infos
-    np.testing.assert_array_equal(info["box"], np.zeros(4))
-    assert application.settings["renderer"] == "Grey"
-    assert CAR.settings["renderer"] == "TinyRenderer"
+
+def test_the_shipped_architecture_keeps_its_tile(tmp_path):
+    file = tmp_path / "mine.safetensors"
+    save_file(CAR.agent.state_dict(), file)
+    for agent in ("photographer", file, CAR.agent):
+        application = DetectionApplication("car", agent=agent)
+        assert application.tile == TILE
+        assert application.settings == {
+            "object_class": "car",
+            "label": 7,
+            "image_size": 128,
+            "renderer": "TinyRenderer",
+        }
+        assert application.fingerprint == CAR.fingerprint
+
+
+def test_a_tile_belongs_to_what_a_score_depends_on():
+    model, labels = Constant([], [], []), {"car": 3}
+    alone, four, shipped = (
+        DetectionApplication("car", agent=model, labels=labels, tile=tile) for tile in (None, 4, 14)
+    )
+    assert (alone.settings["tile"], four.settings["tile"]) == (1, 4)
+    assert "tile" not in shipped.settings
+    assert DetectionApplication("car", tile=1).settings["tile"] == 1
+
+
+@pytest.mark.parametrize("tile", [0, -1, True, 10**9, MAX_TILE + 1, 2.0, "4"])
+def test_a_bad_tile_is_refused(tile):
+    with pytest.raises(ValueError, match=rf"tile, .*an int from 1 to 1024, got {tile!r}\."):
+        DetectionApplication("car", tile=tile)
+
+
+def _with(value, name):
+    model = Detector(CLASSES).eval()
+    with torch.no_grad():
+        model.get_parameter(name).view(-1)[3] = value
+    return model
+
+
+class Masked(Constant):
+    """Holds infinity where attention masks do."""
+
+    def __init__(self, value):
+        super().__init__([], [], [])
+        self.register_buffer("mask", torch.tensor([0.0, value]))
+        self.register_buffer("count", torch.tensor([1]))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_model_whose_weights_are_no_numbers_is_refused(value):
+    """It finds nothing, so that every world would fool it."""
+    with pytest.raises(ValueError, match=r"finite numbers, got Detector with NaN or inf.*fine\.0"):
+        DetectionApplication("car", agent=_with(value, "fine.0.0.weight"))
+    with pytest.raises(ValueError, match=r"NaN or infinity in head\.bias"):
+        DetectionApplication(
+            "car", agent=_with(value, "head.bias").forward, labels={"car": 7}, agent_id="mine"
+        )
+
+
+def test_a_buffer_may_be_infinite_but_not_nan():
+    DetectionApplication("car", agent=Masked(-float("inf")), labels={"car": 3})
+    with pytest.raises(ValueError, match="NaN or infinity in mask"):
+        DetectionApplication("car", agent=Masked(float("nan")), labels={"car": 3})
 
 
 def test_unknown_classes_and_labels_are_refused(cad_folder):
@@ -204,7 +278,7 @@ def test_unknown_classes_and_labels_are_refused(cad_folder):
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (lambda images: [], f"Expected {TILE} dictionaries from the detector, got 0"),
+        (lambda images: [], "Expected 1 dictionaries from the detector, got 0"),
         (lambda images: [{"boxes": 1}] * len(images), "labels, scores from the detector"),
         (
             lambda images: [detections([[0, 0, 9, 9]], [1, 2], [0.1, 0.2])] * len(images),
@@ -217,6 +291,10 @@ def test_unknown_classes_and_labels_are_refused(cad_folder):
         (
             lambda images: [detections([[0, 0, 9, 9]], [1], [7.0])] * len(images),
             r"scores in \[0, 1\] from the detector",
+        ),
+        (
+            lambda images: [detections([[0, 0, 9, float("inf")]], [1], [0.5])] * len(images),
+            r"boxes of finite numbers from the detector",
         ),
     ],
 )

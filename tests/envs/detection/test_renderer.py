@@ -4,11 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 
 from sada_gym.envs.detection.backdrop import random_backdrop
-from sada_gym.envs.detection.renderers.tinyrenderer import VISUALS, TinyRenderer, shared_renderer
-from sada_gym.envs.detection.scene import Scene, centre_of, view_of
+from sada_gym.envs.detection.renderers import default_renderer, tinyrenderer
+from sada_gym.envs.detection.renderers.tinyrenderer import VISUALS, TinyRenderer
+from sada_gym.envs.detection.scene import Scene, camera_of, centre_of
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, generate
+from sada_gym.envs.detection.shapes.assembly import assemble
+from sada_gym.envs.detection.shapes.kit import Part
 
 
 def scene(shape, seed=3, **changes):
@@ -26,7 +30,7 @@ def scene(shape, seed=3, **changes):
 
 
 def render(*arguments, size=128, **changes):
-    return shared_renderer().render(scene(*arguments, **changes), size)
+    return default_renderer().render(scene(*arguments, **changes), size)
 
 
 CAR = benchmark_shapes("car")[0]
@@ -68,22 +72,22 @@ def box_shape(size, materials=0):
 def test_the_box_is_the_projection_of_the_shape(azimuth, aim):
     cuboid = box_shape((3.0, 1.6, 1.2))
     this = scene(cuboid, camera_azimuth_deg=azimuth, aim=aim)
-    view = view_of(this)
-    seen = (cuboid.vertices - view.eye) @ view.axes.T
-    plane = seen[:, :2] / (-seen[:, 2:] * view.tangent) - np.array(aim)
+    camera = camera_of(this)
+    seen = (cuboid.vertices - camera.eye) @ camera.axes.T
+    plane = seen[:, :2] / (-seen[:, 2:] * camera.tangent) - np.array(aim)
     expected = np.concatenate(
         [((plane * [1, -1]).min(0) + 1) * 64, ((plane * [1, -1]).max(0) + 1) * 64]
     )
-    found = shared_renderer().render(this, 128).box
+    found = default_renderer().render(this, 128).box
     np.testing.assert_allclose(found, expected, atol=0.75)
 
 
 def test_front_side_and_mirror_image():
     """Azimuth 0 sees the front (+x); a positive azimuth moves the camera to the object's left."""
-    view = view_of(scene(CAR, camera_azimuth_deg=0.0, camera_pitch_deg=0.0))
-    np.testing.assert_allclose(view.eye, np.add(centre_of(scene(CAR)), [9, 0, 0]), atol=1e-9)
-    view = view_of(scene(CAR, camera_azimuth_deg=90.0, camera_pitch_deg=0.0))
-    np.testing.assert_allclose(view.eye, np.add(centre_of(scene(CAR)), [0, 9, 0]), atol=1e-9)
+    camera = camera_of(scene(CAR, camera_azimuth_deg=0.0, camera_pitch_deg=0.0))
+    np.testing.assert_allclose(camera.eye, np.add(centre_of(scene(CAR)), [9, 0, 0]), atol=1e-9)
+    camera = camera_of(scene(CAR, camera_azimuth_deg=90.0, camera_pitch_deg=0.0))
+    np.testing.assert_allclose(camera.eye, np.add(centre_of(scene(CAR)), [0, 9, 0]), atol=1e-9)
 
 
 def test_the_mask_lies_in_the_box_and_the_object_out_of_it_leaves_the_place_alone():
@@ -139,6 +143,44 @@ def test_many_shapes_do_not_pile_up():
     for seed in range(VISUALS + 3):
         renderer.render(scene(generate("bottle", seed)), 32)
     np.testing.assert_array_equal(renderer.render(scene(CAR), 32).image, before)
+
+
+def test_a_batch_equals_its_scenes_one_by_one():
+    shapes = [CAR, None, benchmark_shapes("boat")[0], benchmark_shapes("car")[1], CAR]
+    scenes = [scene(shape, seed) for seed, shape in enumerate(shapes)]
+    batch = default_renderer().render_batch(scenes, 64)
+    for one, found in zip(scenes, batch, strict=True):
+        np.testing.assert_array_equal(default_renderer().render(one, 64).image, found.image)
+    assert default_renderer().render_batch([], 64) == []
+
+
+def test_a_shape_in_pieces_gives_the_same_bytes(monkeypatch):
+    """PyBullet takes 131,072 corners at a time: larger shapes become several bodies."""
+    whole = [render(shape) for shape in benchmark_shapes("bicycle")[:3]]
+    monkeypatch.setattr(tinyrenderer, "CORNERS", 3 * 100)
+    renderer = TinyRenderer()
+    for shape, expected in zip(benchmark_shapes("bicycle"), whole, strict=False):
+        assert len(shape.faces) > 200
+        found = renderer.render(scene(shape), 128)
+        np.testing.assert_array_equal(found.image, expected.image)
+        np.testing.assert_array_equal(found.box, expected.box)
+    renderer.close()
+
+
+def test_a_large_shape_is_rendered_and_freed(monkeypatch):
+    """82,000 faces raised SystemError; a large shape after many small ones crashed PyBullet."""
+    monkeypatch.setattr(tinyrenderer, "FACES", 50_000)
+    ball = trimesh.creation.icosphere(6)
+    assert len(ball.faces) == 81_920
+    large = assemble("test/ball", "ball", [Part(ball)])
+    renderer = TinyRenderer()
+    first = renderer.render(scene(CAR), 64)
+    found = renderer.render(scene(large), 64)
+    side = 5 / np.sqrt(3) / 2 / (9 * np.tan(np.radians(21))) * 32
+    np.testing.assert_allclose(found.box, [32 - side, 32 - side, 32 + side, 32 + side], atol=1.5)
+    np.testing.assert_array_equal(renderer.render(scene(CAR), 64).image, first.image)
+    np.testing.assert_array_equal(renderer.render(scene(large), 64).image, found.image)
+    renderer.close()
 
 
 @pytest.mark.parametrize("size", [32, 96, 256])

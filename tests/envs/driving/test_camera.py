@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.driving.camera import kernels
+from sada_gym.envs.driving.camera.casting import MOST_HITS, cast
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING, TREE
 from sada_gym.envs.driving.course import Course
@@ -105,8 +105,8 @@ def test_a_ray_meets_a_wall_at_its_distance_and_place():
     i = int(np.flatnonzero(objects[:, 0] == BUILDING)[0])
     centre, axis, half = objects[i, 1:3], objects[i, 3:5], objects[i, 5]
     start = centre + (half + 1.0) * axis
-    hits = np.zeros((kernels.MOST_HITS, 4))
-    count = kernels.cast(*start, *-axis, 50.0, of.world, hits)
+    hits = np.zeros((MOST_HITS, 4))
+    count = cast(*start, *-axis, 50.0, of.world, hits)
     assert count >= 1
     assert hits[0].tolist() == pytest.approx([1.0, i, 0.0, 1.0], abs=1e-9)
 
@@ -114,16 +114,16 @@ def test_a_ray_meets_a_wall_at_its_distance_and_place():
 def test_hits_come_nearest_first_and_each_object_once():
     of = camera("benchmark")
     rng = np.random.default_rng(0)
-    hits = np.zeros((kernels.MOST_HITS, 4))
+    hits = np.zeros((MOST_HITS, 4))
     most = 0
     for _ in range(200):
         x, y = rng.uniform([0, 0], [330, 240])
         angle = rng.uniform(0, 2 * np.pi)
-        count = kernels.cast(x, y, np.cos(angle), np.sin(angle), 160.0, of.world, hits)
+        count = cast(x, y, np.cos(angle), np.sin(angle), 160.0, of.world, hits)
         assert (np.diff(hits[:count, 0]) >= 0).all()
         assert len(set(hits[:count, 1])) == count
         most = max(most, count)
-    assert most == kernels.MOST_HITS
+    assert most == MOST_HITS
 
 
 def test_nothing_stands_on_a_road():

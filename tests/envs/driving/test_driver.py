@@ -24,7 +24,7 @@ from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.drives import Drives
+from sada_gym.envs.driving.episodes import Drives
 from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
 from sada_gym.sb3 import SB3VecEnv
 
@@ -106,7 +106,7 @@ def test_frames_are_stacked_as_in_training():
     rng = np.random.default_rng(4)
     env = DrivingTaskEnv()
     env.reset(seed=4)
-    drives = env._lessons.drives
+    drives = env._episodes.drives
     driver.start(1)
     for _ in range(4):
         action = np.array([[rng.uniform(-0.2, 0.2), 0.7]], np.float32)
@@ -181,7 +181,7 @@ def test_a_driver_sees_what_its_wrappers_showed_it_in_training(wrappers):
     theirs = [env.reset()]
     alone = DrivingTaskEnv()
     alone.reset(seed=4)
-    drives, (driver, _) = alone._lessons.drives, recorded(model)
+    drives, (driver, _) = alone._episodes.drives, recorded(model)
     driver.start(1)
     for _ in range(5):
         action = driver.act(drives, np.zeros(1, np.intp))
@@ -305,9 +305,9 @@ def test_no_finite_number_from_a_driver_names_step_and_route(given):
 
 def test_nan_in_the_weights_of_a_real_policy_names_step_and_route():
     model = new_model(0)
-    with torch.no_grad():
-        model.policy.action_net.weight[0, 0] = torch.nan
     application = DrivingApplication("one_curve", agent=model)
+    with torch.no_grad():  # only now: an application refuses such weights
+        model.policy.action_net.weight[0, 0] = torch.nan
     with pytest.raises(ValueError, match=r"finite actions from PPO.*step 0 of the route A1 B1 B0"):
         application.evaluate([[0.0, 0.0, 0.0]], [0])
 

@@ -7,14 +7,22 @@ import pytest
 import torch
 
 from sada_gym import agents
+from sada_gym.agents.training import Reinforcement
 from sada_gym.envs.driving.agent import evaluate, train, weights
 from sada_gym.envs.driving.agent.driver import Driver
 from sada_gym.envs.driving.agent.evaluate import TaskFigures, measure, table
-from sada_gym.envs.driving.agent.recipe import RECIPES, Imitation, Reinforcement
+from sada_gym.envs.driving.agent.recipe import RECIPES
 
-SHORT = Imitation(cars=4, rounds=2, steps=16, epochs=1, last_epochs=1, batch=8)
-SHORTER = Reinforcement(
-    begins_as=None, cars=2, steps=32, value_steps=0, rollout=8, batch=8, epochs=1
+SHORT = replace(RECIPES["cil"], lockstep=4, rounds=2, steps=16, epochs=1, last_epochs=1, batch=8)
+SHORTER = replace(
+    RECIPES["ppo"],
+    begins_as=None,
+    lockstep=2,
+    steps=32,
+    value_steps=0,
+    rollout=8,
+    batch=8,
+    epochs=1,
 )
 
 
@@ -86,7 +94,7 @@ def test_the_script_never_writes_into_the_package_unasked(monkeypatch, capsys):
 def test_a_card_names_command_file_and_figures(tmp_path):
     weights = tmp_path / "cil.safetensors"
     weights.write_bytes(b"weights")
-    train.write_card(tmp_path / "cil.md", "cil", 3, 12.4, weights, "| task |")
+    train.write_card(weights, RECIPES["cil"], 3, 12.4, "| task |")
     text = (tmp_path / "cil.md").read_text()
     for part in ("train cil --seed 3 --out", "12 minutes", "evaluate cil --seed 1003", "| task |"):
         assert part in text

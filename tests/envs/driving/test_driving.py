@@ -3,9 +3,9 @@ import pytest
 
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.drives import POLICY_HZ, Drives, Start
 from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
-from sada_gym.envs.driving.pictures import Film
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Start
+from sada_gym.envs.driving.pictures import frames as frames_of
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
@@ -43,7 +43,7 @@ def test_golden_frames():
         [114.76, 114.70, 111.43],
         [96.55, 82.75, 76.61],
     ]
-    pictures = drives.look(np.arange(len(NAMES)))
+    pictures = drives.render(np.arange(len(NAMES)))
     np.testing.assert_allclose(pictures.mean(axis=(1, 2)), means, atol=0.05)
 
 
@@ -65,7 +65,7 @@ def test_the_weather_is_one_of_six_by_equal_parts_of_the_axis(application):
 def test_the_seed_is_the_rains(application):
     def seen(weather, seed):
         drives = application.drives(np.array([[0, 0, weather]], np.float32), [seed])
-        return drives.look(np.zeros(1, np.intp))
+        return drives.render(np.zeros(1, np.intp))
 
     for weather, differs in zip(np.linspace(-0.9, 0.9, 6), (0, 0, 1, 0, 0, 1), strict=True):
         assert bool((seen(weather, 1) != seen(weather, 2)).any()) == differs
@@ -75,9 +75,9 @@ def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
     counts = []
     drive = DrivingApplication.drive
 
-    def counted(self, drives, watch=None):
+    def counted(self, drives, on_step=None):
         counts.append(len(drives))
-        drive(self, drives, watch)
+        drive(self, drives, on_step)
 
     monkeypatch.setattr(DrivingApplication, "drive", counted)
     wet = [0.0, 0.0, 0.9]
@@ -90,17 +90,17 @@ def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
         np.testing.assert_array_equal(alone.infos[0]["progress"], outcomes.infos[i]["progress"])
 
 
-def test_a_film_shows_every_step_and_how_each_drive_ended(application):
-    film = Film.of(application, MU[2], 7)
+def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
+    rollout = application.rollout(MU[2], 7)
     info = application.evaluate([MU[2]], [7]).infos[0]
-    assert film.score == info["score"]
-    assert [ending.name.lower() for ending in film.endings] == info["endings"]
-    frames = film.frames()
+    assert rollout.score == info["score"]
+    assert [ending.name.lower() for ending in rollout.endings] == info["endings"]
+    frames = frames_of(rollout)
     assert DrivingEnv.metadata["render_fps"] == DrivingVectorEnv.metadata["render_fps"] == POLICY_HZ
-    steps = sum(len(trace) for trace in film.traces)
-    assert len(frames) == steps + 4 * len(film.traces)  # a second's stay at each end
+    steps = sum(len(states) for states in rollout.states)
+    assert len(frames) == steps + 4 * len(rollout.states)  # a second's stay at each end
     assert len({frame.shape for frame in frames}) == 1
-    first, last = frames[0].astype(int), frames[len(film.traces[0]) - 1].astype(int)
+    first, last = frames[0].astype(int), frames[len(rollout.states[0]) - 1].astype(int)
     red = (last[..., 0] > 200) & (last[..., 1] < 60) & (last[..., 2] < 60)
     assert red.sum() > 20  # the cross where it left its lane
     assert (np.abs(first - last).max(axis=2) > 30).mean() > 0.2

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.driving.agent.expert import Expert
+from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.drives import LANE_TOLERANCE_M, Drives, Ending
+from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M, Drives, Ending
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 
@@ -13,8 +13,8 @@ def test_good_driving_is_rewarded_and_leaving_the_lane_is_not():
     env.reset(seed=1)
     rewards, over = [], False
     while not over:
-        drives = env._lessons.drives
-        action = Expert().act(drives, np.zeros(1, np.intp))[0]
+        drives = env._episodes.drives
+        action = PrivilegedDriver().act(drives, np.zeros(1, np.intp))[0]
         _, reward, over, _, info = env.step(action.astype(np.float32))
         rewards.append(reward)
     assert info["is_success"]
@@ -38,7 +38,7 @@ def test_who_stands_still_is_too_late():
         assert not terminated
         assert reward == 0.0
         steps += 1
-    length = env._lessons.drives.starts[0].route.length_m
+    length = env._episodes.drives.starts[0].route.length_m
     assert steps == int(np.ceil(length / (10 / 3.6) * 5))
     assert info["progress_m"] == 0.0
 
@@ -48,7 +48,7 @@ def test_the_expert_arrives_everywhere():
         course = Course(layout, lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
         rng = np.random.default_rng(0)
         drives = Drives(camera(layout), [course.draw(rng) for _ in range(60)])
-        expert, furthest = Expert(), 0.0
+        expert, furthest = PrivilegedDriver(), 0.0
         while len(which := drives.under_way()):
             drives.step(which, expert.act(drives, which))
             furthest = max(furthest, np.abs(drives.lateral_m).max())

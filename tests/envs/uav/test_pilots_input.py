@@ -7,11 +7,10 @@ from torch import nn
 
 from sada_gym import agents
 from sada_gym.agents.policy import TILE
-from sada_gym.envs.uav.agent.network import WaypointNetwork
-from sada_gym.envs.uav.agent.privileged import Reference
-from sada_gym.envs.uav.agent.reinforcement import new_model
+from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.races import POLICY_HZ
+from sada_gym.envs.uav.episodes import POLICY_HZ
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.track import GATES
 
@@ -29,8 +28,8 @@ def race(agent, mu):
     return UAVApplication(3, agent=agent).evaluate(mu, list(range(len(mu))))
 
 
-def assert_all_lost(agent, decisions=0):
-    outcome = race(agent, np.zeros((2, 6)))
+def assert_all_lost(application, decisions=0):
+    outcome = application.evaluate(np.zeros((2, 6)), [0, 1])
     assert outcome.score.tolist() == [0, 0]
     assert {e for info in outcome.infos for e in info["endings"]} == {"lost"}
     # within a decision each, not after a flight out of the world
@@ -102,14 +101,24 @@ def test_a_model_that_gives_no_finite_number_misses_every_gate(given):
         def predict(self, observation, *, deterministic):
             return np.tile(np.array([0.5, given, 0.0, 0.0], np.float32), (TILE, 1)), None
 
-    assert_all_lost(Endless())
+    assert_all_lost(UAVApplication(3, agent=Endless()))
 
 
 def test_so_does_one_of_sb3s():
     model = new_model(0)
-    with torch.no_grad():
+    application = UAVApplication(3, agent=model)
+    with torch.no_grad():  # only now: an application refuses such weights
         model.policy.action_net.bias[0] = torch.nan
-    assert_all_lost(model)
+    assert_all_lost(application)
+
+
+def test_what_only_reads_like_torchs_refusal_is_the_models_own_error():
+    class Worded(Own):
+        def predict(self, observation, *, deterministic):
+            raise ValueError("Expected the budget to satisfy the constraint Real()")
+
+    with pytest.raises(ValueError, match="Expected the budget"):
+        UAVApplication(3, agent=Worded())
 
 
 def test_so_does_a_network_that_says_infinity_in_full_flight():
@@ -125,7 +134,7 @@ def test_so_does_a_network_that_says_infinity_in_full_flight():
 
     network = Late()
     network.load_state_dict(agents.load_pilot("waypoint-pid").state_dict())
-    assert_all_lost(network, decisions=10)
+    assert_all_lost(UAVApplication(3, agent=network), decisions=10)
 
 
 class Anonymous:
@@ -135,7 +144,7 @@ class Anonymous:
         pass
 
     def act(self, races, which):
-        return Reference().act(races, which)
+        return PrivilegedPilot().act(races, which)
 
 
 @pytest.mark.parametrize(
@@ -156,5 +165,5 @@ def test_what_can_fly_is_taken():
     class Finer(WaypointNetwork):
         pass
 
-    for agent in (Finer(), Own(), Reference()):
+    for agent in (Finer(), Own(), PrivilegedPilot()):
         assert UAVApplication(3, agent=agent).agent is agent

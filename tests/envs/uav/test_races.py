@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import Reference
-from sada_gym.envs.uav.course import Course, set_off
-from sada_gym.envs.uav.races import GATE_LIMIT_S, POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.course import Course, benchmark_starts
+from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, Ending, Races, Start
 from sada_gym.envs.uav.world.drone import upright
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.world.templates import TEMPLATES
@@ -167,8 +167,8 @@ def test_a_drone_that_is_lost_leaves_the_others_alone():
 
 def test_after_a_miss_the_race_goes_on_to_the_gate_after():
     anchors = TEMPLATES[3].displaced(np.zeros((1, 6)))
-    races = Races(set_off(Tracks(anchors), [0]))
-    pilot = Reference(8.0)
+    races = Races(benchmark_starts(Tracks(anchors), [0]))
+    pilot = PrivilegedPilot(8.0)
     while len(which := races.under_way()):
         asleep = races.next_gate[0] == 4
         races.step(which, np.zeros((1, 4)) if asleep else pilot.act(races, which))
@@ -181,7 +181,7 @@ class Clumsy:
     """A pilot in a hurry, which touches frames and misses gates."""
 
     def act(self, races, which):
-        return Reference(14.0).act(races, which)
+        return PrivilegedPilot(14.0).act(races, which)
 
 
 def outcome(starts):
@@ -198,7 +198,9 @@ def starts(count):
     for i in range(count):
         anchors = (3, 4, 5)[i % 3]
         mu = rng.uniform(-1, 1, (1, 2 * anchors))
-        made += set_off(Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))])
+        made += benchmark_starts(
+            Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))]
+        )
     return made
 
 
@@ -242,14 +244,14 @@ def test_gates_before_the_first_count_as_passed():
 
 def test_seeds_move_the_start_a_little_and_fix_the_look():
     tracks = Tracks(TEMPLATES[4].displaced(np.zeros((50, 8))))
-    made = set_off(tracks, range(50))
+    made = benchmark_starts(tracks, range(50))
     off = np.array([start.place for start in made]) - tracks.starts
     assert np.abs(off[:, :2]).max() <= 0.3
     assert np.abs(off[:, 2]).max() == 0
     assert np.abs(np.rad2deg(off[:, 3])).max() <= 5
     assert np.unique(off[:, 0]).size == 50
     assert [start.seed for start in made] == list(range(50))
-    np.testing.assert_array_equal(made[7].place, set_off(tracks, range(50))[7].place)
+    np.testing.assert_array_equal(made[7].place, benchmark_starts(tracks, range(50))[7].place)
 
 
 def test_a_course_begins_before_any_gate():

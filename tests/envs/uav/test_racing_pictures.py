@@ -3,11 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
-from sada_gym.envs.uav.pictures import VIEW_COLUMNS, VIEW_ROWS, Film, Plan
-from sada_gym.envs.uav.races import FILM_HZ, Ending
+from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending
+from sada_gym.envs.uav.pictures import (
+    VIEW_COLUMNS,
+    VIEW_ROWS,
+    Plan,
+    flown_ways,
+    summary,
+    summary_moment,
+)
 from sada_gym.envs.uav.world.track import GATES
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
@@ -15,7 +22,7 @@ BLIND = (3, 6)
 MU = np.zeros(8)
 
 
-class Blinking(Reference):
+class Blinking(PrivilegedPilot):
     """Sees some gates only from near by."""
 
     def act(self, races, which):
@@ -33,7 +40,7 @@ def painted(picture, colour):
 @pytest.fixture(scope="module")
 def flown():
     """A race that passes all gates."""
-    return Film.of(UAVApplication(4, agent=Reference(8.0)), MU, 5)
+    return UAVApplication(4, agent=PrivilegedPilot(8.0)).rollout(MU, 5)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +50,7 @@ def application():
 
 @pytest.fixture(scope="module")
 def failed(application):
-    return Film.of(application, MU, 5)
+    return application.rollout(MU, 5)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +58,7 @@ def replay(application):
     return application.replay(MU, 5)
 
 
-def test_a_film_scores_as_the_evaluation_does(application, failed):
+def test_a_rollout_scores_as_the_evaluation_does(application, failed):
     outcome = application.evaluate(MU[None], [5])
     assert failed.score == outcome.score[0] == 1 - len(BLIND) / GATES
     assert failed.times_s[-1] == outcome.infos[0]["time_s"]
@@ -59,37 +66,37 @@ def test_a_film_scores_as_the_evaluation_does(application, failed):
 
 def test_a_flown_race_is_green(flown):
     assert flown.score == 1
-    assert painted(flown.summary(), GREEN) > 50 * GATES
-    assert painted(flown.summary(), RED) == 0
+    assert painted(summary(flown), GREEN) > 50 * GATES
+    assert painted(summary(flown), RED) == 0
 
 
 def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score
-    assert len(frames) == -(-(len(failed.states) - 1) // 2) + FILM_HZ  # the end stays a second
-    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == FILM_HZ
+    assert len(frames) == -(-(len(failed.states) - 1) // 2) + REPLAY_HZ  # the end stays a second
+    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == REPLAY_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
     assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
     assert painted(frames[-1], RED) > 50
 
 
 def test_frames_have_one_even_shape(flown, failed, replay):
-    shapes = {frame.shape for frame in [*replay[0], flown.summary(), failed.summary()]}
+    shapes = {frame.shape for frame in [*replay[0], summary(flown), summary(failed)]}
     (shape,) = shapes
     assert shape[0] % 2 == shape[1] % 2 == 0  # video encoders want that
 
 
 def test_the_summary_looks_before_the_first_gate_missed(application, failed):
-    step, said = failed._moment()
-    assert said == f"seen: on the way to gate {BLIND[0] + 1}"
+    step, text = summary_moment(failed)
+    assert text == f"seen: on the way to gate {BLIND[0] + 1}"
     assert failed.endings[step, BLIND[0]] == Ending.AHEAD
     assert failed.endings[step, BLIND[0] - 1] == Ending.PASSED
-    assert painted(failed.summary(), RED) > 50
-    np.testing.assert_array_equal(application.render(MU, 5), failed.summary())
+    assert painted(summary(failed), RED) > 50
+    np.testing.assert_array_equal(application.render(MU, 5), summary(failed))
 
 
 def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed):
-    step, _ = failed._moment()
+    step, _ = summary_moment(failed)
     x, y, _, heading = failed.start.gates[BLIND[0]]
     since = np.flatnonzero(failed.endings[:, BLIND[0] - 1] == Ending.PASSED)[0]
     beyond = failed.states[[step]].copy()
@@ -98,20 +105,20 @@ def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed)
     states = np.concatenate([failed.states[: step + 1], np.repeat(beyond, 40, axis=0)])
     endings = np.concatenate([failed.endings[: step + 1], np.repeat(failed.endings[[step]], 40, 0)])
     endings[late, BLIND[0]] = Ending.LATE
-    film = replace(failed, states=states, endings=endings, times_s=np.arange(late + 1.0))
-    shown, _ = film._moment()
+    rollout = replace(failed, states=states, endings=endings, times_s=np.arange(late + 1.0))
+    shown, _ = summary_moment(rollout)
     assert since <= shown <= step
 
 
 def test_two_gates_may_end_between_two_decisions(failed):
     endings = np.zeros((3, GATES), np.int8)
     endings[2, :2] = Ending.PASSED, Ending.LOST
-    film = replace(failed, states=failed.states[:3], endings=endings, times_s=failed.times_s[:3])
-    assert film._moment() == (1, "seen: on the way to gate 2")
+    rollout = replace(failed, states=failed.states[:3], endings=endings, times_s=failed.times_s[:3])
+    assert summary_moment(rollout) == (1, "seen: on the way to gate 2")
 
 
 def test_the_way_is_cut_where_the_drone_was_set_back(failed):
-    ways = failed._ways(len(failed.states))
+    ways = flown_ways(failed, len(failed.states))
     assert len(ways) == 1 + len(BLIND)
     assert sum(len(way) for way in ways) == len(failed.states)
     for way in ways:

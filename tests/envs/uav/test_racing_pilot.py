@@ -6,10 +6,9 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
-from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
-from sada_gym.envs.uav.agent.pilot import TaskPilot, WaypointPilot, pilot
-from sada_gym.envs.uav.agent.privileged import Reference
-from sada_gym.envs.uav.agent.reinforcement import new_model
+from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
+from sada_gym.envs.uav.agent.pilot import TaskPilot, WaypointPilot, as_pilot
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
 from sada_gym.sb3 import SB3VecEnv
@@ -26,10 +25,10 @@ def race(agent, mu, seeds=None):
 
 
 def test_what_flies_an_agent(model):
-    assert isinstance(pilot(new_network(0)), WaypointPilot)
-    assert isinstance(pilot(model), TaskPilot)
-    reference = Reference()
-    assert pilot(reference) is reference
+    assert isinstance(as_pilot(new_network(0)), WaypointPilot)
+    assert isinstance(as_pilot(model), TaskPilot)
+    reference = PrivilegedPilot()
+    assert as_pilot(reference) is reference
 
 
 def said(outcome):
@@ -63,11 +62,12 @@ def test_a_race_does_not_depend_on_the_others_in_the_batch(agent, count):
 @pytest.mark.parametrize("kind", ["network", "model"])
 def test_a_pilot_without_numbers_misses_every_gate(kind):
     agent = new_network(0) if kind == "network" else new_model(0)
+    application = UAVApplication(3, agent=agent)
     broken = agent if kind == "network" else agent.policy
-    with torch.no_grad():
+    with torch.no_grad():  # only now: an application refuses such weights
         for weights in broken.parameters():
             weights.fill_(np.nan)
-    outcome = race(agent, np.zeros((3, 6)))
+    outcome = application.evaluate(np.zeros((3, 6)), [0, 1, 2])
     assert outcome.score.tolist() == [0, 0, 0]
     assert {e for info in outcome.infos for e in info["endings"]} == {"lost"}
 
@@ -85,8 +85,8 @@ def test_another_tasks_model_is_refused(model):
 
 
 def test_fingerprints_tell_weights_apart(model):
-    assert pilot(model).fingerprint == pilot(new_model(0)).fingerprint
-    assert pilot(model).fingerprint != pilot(new_model(1)).fingerprint
+    assert as_pilot(model).fingerprint == as_pilot(new_model(0)).fingerprint
+    assert as_pilot(model).fingerprint != as_pilot(new_model(1)).fingerprint
 
 
 def test_answers_of_another_shape_are_refused(model):
@@ -94,7 +94,7 @@ def test_answers_of_another_shape_are_refused(model):
         def forward(self, pictures, felt):
             return super().forward(pictures, felt)[:, :5]
 
-    class Lame(Reference):
+    class Lame(PrivilegedPilot):
         def act(self, races, which):
             return super().act(races, which)[:, :3]
 

@@ -8,10 +8,10 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
-from sada_gym.envs.uav.agent.privileged import Reference
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
-from sada_gym.envs.uav.races import Ending
+from sada_gym.envs.uav.episodes import Ending
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.track import GATES
 from sada_gym.testing.purity import assert_pure, draw_worlds
@@ -19,7 +19,7 @@ from sada_gym.testing.rules import check_outcomes
 
 
 def application(anchors=3, speed_m_s=9.5):
-    return UAVApplication(anchors, agent=Reference(speed_m_s))
+    return UAVApplication(anchors, agent=PrivilegedPilot(speed_m_s))
 
 
 def test_scores_are_pure():
@@ -38,17 +38,17 @@ def test_more_races_than_fly_at_a_time_are_the_same():
 def test_the_environments_keep_gymnasiums_and_sb3s_rules(anchors):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(UAVEnv(anchors, agent=Reference()), skip_render_check=True)
-        check_env_sb3(UAVEnv(anchors, agent=Reference()))
+        check_env(UAVEnv(anchors, agent=PrivilegedPilot()), skip_render_check=True)
+        check_env_sb3(UAVEnv(anchors, agent=PrivilegedPilot()))
 
 
 def test_the_batch_equals_the_scalar_environments():
-    batch = UAVVectorEnv(4, agent=Reference(13.0), num_envs=3)
+    batch = UAVVectorEnv(4, agent=PrivilegedPilot(13.0), num_envs=3)
     batch.reset(seed=5)
     mu = draw_worlds(batch.application, 3, 0)[0]
     _, rewards, *_ = batch.step(mu)
     for i in range(3):
-        env = UAVEnv(4, agent=Reference(13.0))
+        env = UAVEnv(4, agent=PrivilegedPilot(13.0))
         env.reset(seed=5 + i)
         assert env.step(mu[i])[1] == rewards[i]
 
@@ -96,12 +96,12 @@ def test_golden_races(anchors):
 
 
 def test_the_reference_says_which_tracks_can_be_flown():
-    slow = UAVApplication(3, agent=Reference(2.0))
+    slow = UAVApplication(3, agent=PrivilegedPilot(2.0))
     mu = draw_worlds(slow, 4, 0)[0]
     assert (slow.reference_score(mu) > slow.fooling_threshold).all()
     np.testing.assert_array_equal(
         slow.reference_score(mu, [5, 6, 7, 8]),
-        UAVApplication(3, agent=Reference()).evaluate(mu, [5, 6, 7, 8]).score,
+        UAVApplication(3, agent=PrivilegedPilot()).evaluate(mu, [5, 6, 7, 8]).score,
     )
 
 
@@ -115,7 +115,7 @@ class Diverging:
 
     def act(self, races, which):
         self.steps += 1
-        actions = Reference().act(races, which)
+        actions = PrivilegedPilot().act(races, which)
         return actions * np.nan if self.steps > 60 else actions
 
 
@@ -127,7 +127,7 @@ def test_a_pilot_that_diverges_misses_what_is_left():
     assert outcomes.fooled.all()
 
 
-def test_watchers_see_every_decision():
+def test_on_step_is_called_before_every_decision():
     flown = application(3)
     races = flown.races(np.zeros((2, 6), np.float32), [0, 1])
     seen = []
@@ -147,15 +147,20 @@ def test_an_application_can_be_sent_to_another_process():
 
 def test_settings_and_fingerprint_name_what_a_score_belongs_to():
     assert application(5).settings == {"anchors": 5}
-    assert UAVApplication(3, agent=Reference(), agent_id="mine").fingerprint == "mine"
-    assert UAVApplication(3, agent=Reference(), agent_id="mine").agent_name == "mine"
-    assert Reference(9.0).fingerprint != Reference(10.0).fingerprint
+    named = [
+        UAVApplication(3, agent=PrivilegedPilot(speed), agent_id=name).fingerprint
+        for speed, name in [(9.0, "mine"), (9.0, "mine"), (10.0, "mine"), (9.0, "other")]
+    ]
+    assert named[0] == named[1]
+    assert len(set(named)) == 3
+    assert UAVApplication(3, agent=PrivilegedPilot(), agent_id="mine").agent_name == "mine"
+    assert PrivilegedPilot(9.0).fingerprint != PrivilegedPilot(10.0).fingerprint
 
 
 @pytest.mark.parametrize("anchors", [2, 6, "3", 3.0, [3], True])
 def test_other_numbers_of_anchors_are_refused(anchors):
     with pytest.raises(ValueError, match="Expected anchors among 3, 4, 5, got"):
-        UAVApplication(anchors, agent=Reference())
+        UAVApplication(anchors, agent=PrivilegedPilot())
 
 
 class Stranger:

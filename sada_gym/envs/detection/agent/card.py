@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import asdict
 from pathlib import Path
 
+from sada_gym.agents.training import ModelCard
 from sada_gym.envs.detection.agent.evaluate import Figures, table
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.agent.recipe import Recipe
@@ -23,30 +22,20 @@ def write_card(
     figures: Figures,
 ) -> None:
     """Write a model card: how it was trained, what it scores, and its file's SHA-256."""
-    settings = "\n".join(f"| {key} | {value} |" for key, value in asdict(recipe).items())
-    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-    path.write_text(
-        f"""# {name}
-
-A single-stage detector of 12 classes ({sum(v.numel() for v in Detector(CLASSES).parameters()):,}
+    parameters = sum(v.numel() for v in Detector(CLASSES).parameters())
+    ModelCard(
+        name=name,
+        description=f"""A single-stage detector of 12 classes ({parameters:,}
 parameters, `sada_gym/envs/detection/agent/network.py`), trained from our own renders of
-procedural shapes that are not the benchmark's. It has never seen a photograph.
-
-- Command: `python -m sada_gym.envs.detection.agent.train {name} --seed {seed}`
-- Training: {minutes:.0f} minutes in one thread, rendering included; the last weights, none chosen.
-- File: `{weights.name}`, SHA-256 `{digest}`
-
-| setting | value |
-| --- | --- |
-{settings}
-
-Measured by `python -m sada_gym.envs.detection.agent.evaluate {name} --seed {seed + 1_000}`:
+procedural shapes that are not the benchmark's. It has never seen a photograph.""",
+        command=f"python -m sada_gym.envs.detection.agent.train {name} --seed {seed}",
+        training=f"{minutes:.0f} minutes in one thread, rendering included",
+        recipe=recipe,
+        measured=f"""Measured by
+`python -m sada_gym.envs.detection.agent.evaluate {name} --seed {seed + 1_000}`:
 {figures.frames} views of the prior a class on shapes that training never saw;
 {figures.samples:,} uniform mu a class on the benchmark's shapes, fooled where Q <= 0.3.
 Expected calibration error on the prior: {figures.calibration_error:.3f}. No confidence was
-rescaled, and no weights were chosen by a fooling rate.
-
-{table(figures)}
-""",
-        encoding="utf-8",
-    )
+rescaled, and no weights were chosen by a fooling rate.""",
+        figures=table(figures),
+    ).write(path, weights)

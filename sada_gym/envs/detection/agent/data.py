@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.agent.prior import photograph, survey
-from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
-from sada_gym.envs.detection.scene import Renderer, Scene
+from sada_gym.envs.detection.renderers import Renderer, default_renderer
+from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes.catalogue import CLASSES, TRAINING_SEED, generate
 from sada_gym.envs.detection.shapes.model import Shape
 
@@ -19,6 +19,9 @@ TRAINING_SHAPES = range(TRAINING_SEED, TRAINING_SEED + 120)
 
 VALIDATION_SHAPES = range(TRAINING_SEED + 1_000, TRAINING_SEED + 1_040)
 """Shape seeds, of each class, that training never sees; the benchmark's lie below TRAINING_SEED."""
+
+RENDERED_AT_ONCE = 64
+"""Scenes handed to the renderer in one call: masks and pictures of a whole set fill the memory."""
 
 Sampler = Callable[[Shape | None, np.random.Generator], Scene]
 
@@ -39,7 +42,13 @@ class LabelledFrames:
 
 
 def training_frames(
-    per_class: int, *, survey_share: float, empty_share: float, image_size: int, seed: int
+    per_class: int,
+    *,
+    survey_share: float,
+    empty_share: float,
+    image_size: int,
+    seed: int,
+    renderer: Renderer | None = None,
 ) -> LabelledFrames:
     """Render the training set.
 
@@ -49,23 +58,28 @@ def training_frames(
         empty_share: Empty places, as a share of all frames with an object.
         image_size: Pixels a side.
         seed: Fixes the set.
+        renderer: By default the process's TinyRenderer.
     """
 
     def mixed(shape: Shape | None, rng: np.random.Generator) -> Scene:
         return (survey if rng.uniform() < survey_share else photograph)(shape, rng)
 
     empty = round(per_class * len(CLASSES) * empty_share)
-    return _render(
-        _requests(per_class, TRAINING_SHAPES, empty), mixed, image_size, np.random.default_rng(seed)
-    )
+    requests = _requests(per_class, TRAINING_SHAPES, empty)
+    return _render(requests, mixed, image_size, np.random.default_rng(seed), renderer)
 
 
 def validation_frames(
-    per_class: int, sampler: Sampler, *, image_size: int, seed: int
+    per_class: int,
+    sampler: Sampler,
+    *,
+    image_size: int,
+    seed: int,
+    renderer: Renderer | None = None,
 ) -> LabelledFrames:
-    """Render frames of shapes that training never sees, from a sampler's views."""
+    """Render frames of shapes that training never sees, in a sampler's scenes."""
     requests = _requests(per_class, VALIDATION_SHAPES, 0)
-    return _render(requests, sampler, image_size, np.random.default_rng(seed))
+    return _render(requests, sampler, image_size, np.random.default_rng(seed), renderer)
 
 
 def _requests(per_class: int, seeds: Sequence[int], empty: int) -> list[tuple[Shape | None, int]]:
@@ -83,16 +97,19 @@ def _render(
     sampler: Sampler,
     image_size: int,
     rng: np.random.Generator,
+    renderer: Renderer | None,
 ) -> LabelledFrames:
-    renderer: Renderer = shared_renderer()
+    chosen = default_renderer() if renderer is None else renderer
     images = np.empty((len(requests), image_size, image_size, 3), dtype=np.uint8)
     boxes = np.zeros((len(requests), 4), dtype=np.float32)
     labels = np.zeros(len(requests), dtype=np.int64)
-    for i, (shape, label) in enumerate(requests):
-        rendering = renderer.render(sampler(shape, rng), image_size)
-        images[i] = rendering.image
-        if rendering.box is not None:
-            boxes[i], labels[i] = rendering.box, label
+    for start in range(0, len(requests), RENDERED_AT_ONCE):
+        rows = range(start, min(start + RENDERED_AT_ONCE, len(requests)))
+        scenes = [replace(sampler(requests[i][0], rng), seed=i) for i in rows]
+        for i, rendering in zip(rows, chosen.render_batch(scenes, image_size), strict=True):
+            images[i] = rendering.image
+            if rendering.box is not None:
+                boxes[i], labels[i] = rendering.box, requests[i][1]
     return LabelledFrames(images, boxes, labels)
 
 

@@ -7,14 +7,10 @@ reaches from there: CenterNet (Zhou et al. 2019) with the box regression of FCOS
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-
-from sada_gym.agents.weights import load_weights
 
 STRIDE = 8
 """Pixels per cell of the heat map."""
@@ -57,9 +53,6 @@ class Detector(nn.Module):
         floor: Detections with a lower score are dropped.
     """
 
-    # where the class stood when the published results were made: fingerprints hold this name
-    fingerprint_name: ClassVar[str] = "sada_gym.agents.detector.model.Detector"
-
     def __init__(self, classes: Sequence[str], *, top: int = 10, floor: float = 0.05) -> None:
         super().__init__()
         self.labels = {name: i + 1 for i, name in enumerate(classes)}
@@ -74,6 +67,15 @@ class Detector(nn.Module):
         self.neck = Block(48, 64)
         self.head = nn.Conv2d(64, len(classes) + 4, 1)
         nn.init.constant_(self.head.bias[: len(classes)], -4.0)  # type: ignore[index]
+
+    @property
+    def fingerprint_name(self) -> str:
+        """What a fingerprint holds beside the weights: the class, settings other than usual ones.
+
+        The class's name is from where it stood when the published results were made.
+        """
+        settings = "" if (self.top, self.floor) == (10, 0.05) else f" {self.top} {self.floor}"
+        return f"sada_gym.agents.detector.model.Detector{settings}"
 
     def maps(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Raw maps of a batch (b, 3, H, W): class logits (b, k, h, w) and log reach (b, 4, h, w).
@@ -140,14 +142,3 @@ def iou(a: Tensor, b: Tensor) -> Tensor:
     shared = (high - low).clamp(min=0).prod(-1)
     whole = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)
     return shared / (whole - shared).clamp(min=1e-9)
-
-
-def load(path: Path, classes: Sequence[str]) -> Detector:
-    """Read a trained detector from safetensors, frozen and ready to detect.
-
-    Raises:
-        ValueError: If the file does not hold this network's weights.
-    """
-    model = Detector(classes)
-    load_weights(model, path, f"the weights of the {len(classes)}-class Detector")
-    return model.eval().requires_grad_(False)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 from torch.nn import functional
 
@@ -22,6 +21,7 @@ from sada_gym.envs.detection.agent.data import LabelledFrames, batches, training
 from sada_gym.envs.detection.agent.evaluate import measure
 from sada_gym.envs.detection.agent.network import STRIDE, Detector, boxes_at
 from sada_gym.envs.detection.agent.recipe import RECIPES, Recipe
+from sada_gym.envs.detection.agent.weights import save
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
 
@@ -112,12 +112,6 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     hull = torch.maximum(a[..., 2:], b[..., 2:]) - torch.minimum(a[..., :2], b[..., :2])
     area = hull.prod(-1)
     return shared / union.clamp(min=1e-9) - (area - union) / area.clamp(min=1e-9)
-
-
-def save(model: Detector, path: Path) -> None:
-    """Write the weights as safetensors."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    save_file({name: value.contiguous() for name, value in model.state_dict().items()}, path)
 
 
 def main() -> None:

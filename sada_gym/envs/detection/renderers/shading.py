@@ -4,25 +4,18 @@ TinyRenderer says which part of the object a sub-pixel shows (normal, material, 
 kernels light it, cast its shadow, and draw ground, buildings and sky behind it. Scalar loops
 compiled by numba without fast-math, so that equal scenes give equal bytes. Vectors are tuples of
 three floats, which the compiler keeps in registers. Light is linear RGB.
-
-All kernels and their constants stand in this one file, because numba's cache notices changes in a
-kernel's own file only: with a second file, an upgrade could go on with stale machine code.
 """
 
 from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.compiled import inlined, kernel
 from sada_gym.envs.detection.backdrop import Triple
 from sada_gym.envs.detection.renderers.gbuffer import Array, Camera, GBuffer, Lamp, Place
-
-# divisions as NumPy does them: Python's check for zero costs a branch each
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
-_part = nb.njit(inline="always", error_model="numpy")
 
 SUPERSAMPLING = 2
 """Sub-pixels per pixel and axis on the object."""
@@ -40,12 +33,12 @@ def tone_table() -> npt.NDArray[np.uint8]:
     return np.round(level).astype(np.uint8)
 
 
-@_part
+@inlined
 def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@_part
+@inlined
 def _blend(a: Triple, b: Triple, share: float) -> Triple:
     return (
         a[0] + share * (b[0] - a[0]),
@@ -54,14 +47,14 @@ def _blend(a: Triple, b: Triple, share: float) -> Triple:
     )
 
 
-@_part
+@inlined
 def _square(value: float, times: int) -> float:
     for _ in range(times):
         value *= value
     return value
 
 
-@_part
+@inlined
 def _ray(camera: Camera, x: float, y: float) -> Triple:
     """Direction through image-plane point (right, up), at distance 1 along the viewing axis."""
     return (
@@ -71,13 +64,13 @@ def _ray(camera: Camera, x: float, y: float) -> Triple:
     )
 
 
-@_part
+@inlined
 def _unit(a: Triple) -> Triple:
     scale = 1 / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
     return (a[0] * scale, a[1] * scale, a[2] * scale)
 
 
-@_part
+@inlined
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Share of the light that reaches a point: bilinear look-up in the light's depth view."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
@@ -99,12 +92,12 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     return lit
 
 
-@_part
+@inlined
 def _sky(height: float, place: Place) -> Triple:
     return _blend(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
 
 
-@_part
+@inlined
 def _noise(tile: Array, u: float, v: float) -> float:
     size = tile.shape[0]  # a power of two: & wraps
     fu, fv = math.floor(u), math.floor(v)
@@ -116,7 +109,7 @@ def _noise(tile: Array, u: float, v: float) -> float:
     return above * (1 - dv) + below * dv
 
 
-@_part
+@inlined
 def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
     """Pattern of the ground at (x, y); lines thinner than a pixel's footprint fade."""
     u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
@@ -145,7 +138,7 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
     return _blend(colour, place.joint, line)
 
 
-@_part
+@inlined
 def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float]:
     """Where a ray enters and leaves the slab low..high of one axis."""
     if abs(ray) < 1e-12:
@@ -154,7 +147,7 @@ def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float
     return (a, b) if a < b else (b, a)
 
 
-@_part
+@inlined
 def _building(
     eye: Triple, ray: Triple, reach: float, toward: Triple, place: Place
 ) -> tuple[float, Triple]:
@@ -193,7 +186,7 @@ def _building(
     )
 
 
-@_part
+@inlined
 def _ground(
     eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
 ) -> Triple:
@@ -221,7 +214,7 @@ def _ground(
     )
 
 
-@_part
+@inlined
 def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place) -> Triple:
     """Light along a ray that misses the object."""
     reach = FAR_AWAY
@@ -238,7 +231,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
     return _blend(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
 
 
-@_part
+@inlined
 def _normal(u: int, v: int) -> Triple:
     """Unit normal from its octahedral code of two bytes."""
     x, y = u / 127.5 - 1.0, v / 127.5 - 1.0
@@ -248,7 +241,7 @@ def _normal(u: int, v: int) -> Triple:
     return _unit((x, y, z))
 
 
-@_part
+@inlined
 def _surface(
     normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
 ) -> Triple:
@@ -292,14 +285,14 @@ def _surface(
     )
 
 
-@_part
+@inlined
 def _glare(toward: float) -> float:
     """Veil that the light lays over the picture when the camera looks towards it."""
     veil = _square(max(0.0, toward), 3)
     return 0.12 * veil + 0.3 * _square(veil, 5)
 
 
-@_part
+@inlined
 def _object(
     camera: Camera,
     x: float,
@@ -332,7 +325,7 @@ def _object(
     return (colour[0] + veil * SUN[0], colour[1] + veil * SUN[1], colour[2] + veil * SUN[2])
 
 
-@_kernel
+@kernel
 def compose(
     image: Array,
     coverage: Array,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-import os
-import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,8 @@ import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.envs.detection.backdrop import Backdrop, Triple
-from sada_gym.envs.detection.renderers.encoding import code_texture, encode
+from sada_gym.envs.detection.renderers.base import DEFAULT, Renderer, Rendering
+from sada_gym.envs.detection.renderers.encoding import Mesh, code_texture, encode
 from sada_gym.envs.detection.renderers.gbuffer import (
     Camera,
     GBuffer,
@@ -26,15 +26,15 @@ from sada_gym.envs.detection.renderers.gbuffer import (
 )
 from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, compose, tone_table
 from sada_gym.envs.detection.scene import (
-    Rendering,
+    Pinhole,
     Scene,
-    View,
     axes_facing,
+    camera_of,
     centre_of,
     light_of,
-    view_of,
 )
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.errors import UserError
 
 NEAR, FAR = 2.0, 32.0
 AMBIENT = 0.2
@@ -42,7 +42,11 @@ LIGHT_SIZE = 64
 LIGHT_HALF = 2.7
 LIGHT_DISTANCE = 30.0
 VISUALS = 64
-"""Shapes kept in PyBullet, 0.3 MB each; one of them is a body at a time."""
+"""Shapes kept in PyBullet, 0.3 MB each; one of them is drawn at a time."""
+FACES = 400_000
+"""Faces kept in PyBullet, in all of these shapes; 2,500 of the benchmark's largest shape."""
+CORNERS = 3 * 43_690
+"""Corners in one of PyBullet's visual shapes: it takes 131,072; larger shapes become several."""
 
 Matrix = npt.NDArray[np.float64]
 
@@ -53,43 +57,69 @@ def shared_renderer() -> TinyRenderer:
     return TinyRenderer()
 
 
-class TinyRenderer:
+class TinyRenderer(Renderer):
     """Renders scenes with a PyBullet client of its own. One shape is loaded at a time."""
 
+    _client: int
+
     def __init__(self) -> None:
-        self._bullet = _import_pybullet()
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._texture = self._load_texture()
+        from sada_gym.envs.bullet import pybullet
+
+        self._bullet = pybullet
+        self._connect()
         self._rows = (_Rows(), _Rows(), _Rows())
-        self._visuals: dict[Shape, int] = {}
+        self._visuals: dict[Shape, list[int]] = {}
         self._shape: Shape | None = None
-        self._body = -1
+        self._bodies: list[int] = []
         self._lock = threading.Lock()
         self._noise = noise_tile()
         self._tone = tone_table()
 
-    def render(self, scene: Scene, image_size: int) -> Rendering:
-        """Draw a scene as a square image of `image_size` pixels."""
-        view, centre, toward = view_of(scene), centre_of(scene), light_of(scene)
+    @property
+    def identity(self) -> str:
+        """Its name; its version is the environment's, since it is what the benchmark sees with."""
+        return DEFAULT
+
+    def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
+        """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
+        renderings: dict[int, Rendering] = {}
+        # sorted, so that a shape is loaded once
+        for i in sorted(range(len(scenes)), key=lambda i: scenes[i].shape_name):
+            renderings[i] = self._render(scenes[i], image_size)
+        return [renderings[i] for i in range(len(scenes))]
+
+    def close(self) -> None:
+        """Free PyBullet's memory; nothing can be rendered afterwards."""
+        with self._lock:
+            if self._client >= 0:
+                self._bullet.disconnect(physicsClientId=self._client)
+            self._client = -1
+            self._visuals.clear()
+            self._shape = None
+
+    def _render(self, scene: Scene, image_size: int) -> Rendering:
+        camera, centre, toward = camera_of(scene), centre_of(scene), light_of(scene)
         light_axes = axes_facing(toward)
         with self._lock:
-            g = self._object(scene.shape, view, image_size)
+            if self._client < 0:
+                raise UserError("Expected an open renderer, got one that was closed. Make another.")
+            g = self._object(scene.shape, camera, image_size)
             light_depth = self._light_depth(scene.shape, centre, light_axes)
         image = np.empty((image_size, image_size, 3), dtype=np.uint8)
         coverage = np.empty((image_size, image_size), dtype=np.uint8)
         compose(
             image,
             coverage,
-            _camera(view, image_size),
+            _kernel_camera(camera, image_size),
             _lamp(centre, toward, light_axes, light_depth),
-            self._place(scene.backdrop, view),
+            self._place(scene.backdrop, camera),
             g,
             painted(scene.colour),
             self._tone,
         )
         return Rendering(image, coverage > SUPERSAMPLING, _box(g))
 
-    def _place(self, backdrop: Backdrop, view: View) -> Place:
+    def _place(self, backdrop: Backdrop, camera: Pinhole) -> Place:
         ambient = AMBIENT * (np.array(backdrop.horizon) + np.array(backdrop.zenith))
         return Place(
             backdrop.ground,
@@ -102,11 +132,11 @@ class TinyRenderer:
             backdrop.horizon,
             backdrop.zenith,
             _triple(ambient),
-            _buildings_in_sight(backdrop.buildings, view),
+            _buildings_in_sight(backdrop.buildings, camera),
             self._noise,
         )
 
-    def _object(self, shape: Shape | None, view: View, image_size: int) -> GBuffer:
+    def _object(self, shape: Shape | None, camera: Pinhole, image_size: int) -> GBuffer:
         """Rasterise the object in the window of the image that it can touch."""
         empty = GBuffer(
             0,
@@ -118,22 +148,22 @@ class TinyRenderer:
         if shape is None:
             return empty
         self._load(shape)
-        low, high = _window(shape, view, image_size)
+        low, high = _window(shape, camera, image_size)
         if (high <= low).any():
             return empty
         width, height = (int(n) for n in SUPERSAMPLING * (high - low))
         # TinyRenderer samples a pixel at its lower right corner: shift by half a sub-pixel
-        offset = np.array(view.offset) + 1 / (SUPERSAMPLING * image_size)
+        offset = np.array(camera.offset) + 1 / (SUPERSAMPLING * image_size)
         corner = np.array([low[0], image_size - high[1]])
         opposite = np.array([high[0], image_size - low[1]])
         projection = _frustum(
             2 * corner / image_size - 1 + offset,
             2 * opposite / image_size - 1 + offset,
-            view.tangent,
+            camera.tangent,
             NEAR,
             FAR,
         )
-        colour, raw, seen = self._picture(width, height, view.matrix, projection)
+        colour, raw, seen = self._picture(width, height, camera.matrix, projection)
         depth = FAR * NEAR / (FAR - (FAR - NEAR) * raw.astype(np.float64))
         return GBuffer(int(low[0]), int(low[1]), colour, depth, seen)
 
@@ -142,23 +172,25 @@ class TinyRenderer:
         if shape is None:
             return np.full((2, 2), -np.inf)
         self._load(shape)
-        view = View(
+        camera = Pinhole(
             centre + LIGHT_DISTANCE * axes[2], axes, LIGHT_HALF / LIGHT_DISTANCE, (0.0, 0.0)
         )
         near, far = LIGHT_DISTANCE - 4.0, LIGHT_DISTANCE + 4.0
-        projection = _frustum(np.array([-1.0, -1.0]), np.array([1.0, 1.0]), view.tangent, near, far)
-        _, raw, seen = self._picture(LIGHT_SIZE, LIGHT_SIZE, view.matrix, projection)
+        projection = _frustum(
+            np.array([-1.0, -1.0]), np.array([1.0, 1.0]), camera.tangent, near, far
+        )
+        _, raw, seen = self._picture(LIGHT_SIZE, LIGHT_SIZE, camera.matrix, projection)
         depth = far * near / (far - (far - near) * raw.astype(np.float64))
         return np.where(seen, LIGHT_DISTANCE - depth, -np.inf)
 
     def _picture(
-        self, width: int, height: int, view: Matrix, projection: Matrix
+        self, width: int, height: int, pose: Matrix, projection: Matrix
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         bullet = self._bullet
         _, _, colour, depth, bodies = bullet.getCameraImage(
             width,
             height,
-            view.T.ravel().tolist(),
+            pose.T.ravel().tolist(),
             projection.T.ravel().tolist(),
             lightDirection=(0, 0, 1),
             lightColor=(1, 1, 1),
@@ -179,24 +211,44 @@ class TinyRenderer:
     def _load(self, shape: Shape) -> None:
         if shape is self._shape:
             return
-        bullet, client = self._bullet, self._client
-        if self._shape is not None:
-            bullet.removeBody(self._body, physicsClientId=client)
-            self._shape = None
-        if shape not in self._visuals and len(self._visuals) == VISUALS:
-            bullet.resetSimulation(physicsClientId=client)  # nothing less frees a visual shape
+        bullet = self._bullet
+        for body in self._bodies:
+            bullet.removeBody(body, physicsClientId=self._client)
+        self._shape, self._bodies = None, []
+        if shape not in self._visuals and self._is_full(shape):
+            # nothing less frees a visual shape: after resetSimulation, larger ones crash PyBullet
+            bullet.disconnect(physicsClientId=self._client)
             self._visuals.clear()
-            self._texture = self._load_texture()
+            self._connect()
         if shape not in self._visuals:
-            self._visuals[shape] = self._create_visual(shape)
-        self._body = bullet.createMultiBody(0, -1, self._visuals[shape], physicsClientId=client)
-        bullet.changeVisualShape(
-            self._body, -1, textureUniqueId=self._texture, physicsClientId=client
-        )
+            self._visuals[shape] = self._create_visuals(shape)
+        for visual in self._visuals[shape]:
+            body = bullet.createMultiBody(0, -1, visual, physicsClientId=self._client)
+            self._bodies.append(body)
+            bullet.changeVisualShape(
+                body, -1, textureUniqueId=self._texture, physicsClientId=self._client
+            )
         self._shape = shape
 
-    def _create_visual(self, shape: Shape) -> int:
+    def _connect(self) -> None:
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._texture = self._load_texture()
+
+    def _is_full(self, shape: Shape) -> bool:
+        faces = sum(len(known.faces) for known in self._visuals) + len(shape.faces)
+        return bool(self._visuals) and (len(self._visuals) == VISUALS or faces > FACES)
+
+    def _create_visuals(self, shape: Shape) -> list[int]:
         mesh = encode(shape)
+        parts = [slice(start, start + CORNERS) for start in range(0, len(mesh.corners), CORNERS)]
+        return [
+            self._create_visual(
+                Mesh(mesh.corners[part], mesh.texture[part], mesh.normals[part]), shape
+            )
+            for part in parts
+        ]
+
+    def _create_visual(self, mesh: Mesh, shape: Shape) -> int:
         corners = self._rows[0].fill(mesh.corners)
         codes = self._rows[1].fill(mesh.texture)
         normals = self._rows[2].fill(mesh.normals)
@@ -222,10 +274,10 @@ class TinyRenderer:
             return int(self._bullet.loadTexture(str(path), physicsClientId=self._client))
 
 
-def _camera(view: View, image_size: int) -> Camera:
-    right, up, back = map(_triple, view.axes)
-    step = 2 * view.tangent / image_size
-    return Camera(_triple(view.eye), right, up, back, step, view.offset)
+def _kernel_camera(camera: Pinhole, image_size: int) -> Camera:
+    right, up, back = map(_triple, camera.axes)
+    step = 2 * camera.tangent / image_size
+    return Camera(_triple(camera.eye), right, up, back, step, camera.offset)
 
 
 def _lamp(centre: Matrix, toward: Matrix, axes: Matrix, depth: Matrix) -> Lamp:
@@ -245,11 +297,11 @@ def _frustum(low: Matrix, high: Matrix, tangent: float, near: float, far: float)
 
 
 def _window(
-    shape: Shape, view: View, image_size: int
+    shape: Shape, camera: Pinhole, image_size: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """The pixels that the shape's bounding box can touch: first and last + 1 (column, row)."""
-    seen = (shape.corners - view.eye) @ view.axes.T
-    plane = seen[:, :2] / (-seen[:, 2:] * view.tangent) - np.array(view.offset)
+    seen = (shape.corners - camera.eye) @ camera.axes.T
+    plane = seen[:, :2] / (-seen[:, 2:] * camera.tangent) - np.array(camera.offset)
     columns = (plane[:, 0] + 1) / 2 * image_size
     rows = (1 - plane[:, 1]) / 2 * image_size
     first = np.floor([columns.min(), rows.min()]).astype(np.int64) - 1
@@ -257,17 +309,17 @@ def _window(
     return first.clip(0, image_size), last.clip(0, image_size)
 
 
-def _buildings_in_sight(buildings: Matrix, view: View) -> Matrix:
+def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:
     """The buildings that can stand in the frame: the kernel's inner loop is over these."""
     reach = np.hypot(buildings[:, 2], buildings[:, 3])
-    offset = buildings[:, :2] - view.eye[:2]
-    ahead = -view.axes[2, :2]
+    offset = buildings[:, :2] - camera.eye[:2]
+    ahead = -camera.axes[2, :2]
     norm = np.hypot(ahead[0], ahead[1])
     ahead = ahead / norm
     along = offset @ ahead
     across = np.abs(offset @ np.array([ahead[1], -ahead[0]]))
-    # steep views widen the frame's edge on the ground: divide by the pitch's cosine
-    half = view.tangent * (1 + abs(view.offset[0])) / norm
+    # steep cameras widen the frame's edge on the ground: divide by the pitch's cosine
+    half = camera.tangent * (1 + abs(camera.offset[0])) / norm
     in_sight: Matrix = buildings[(along > -reach) & (across < along * half + reach * (1 + half))]
     return in_sight
 
@@ -285,20 +337,6 @@ def _box(g: GBuffer) -> npt.NDArray[np.float64] | None:
 def _triple(vector: npt.NDArray[np.float64]) -> Triple:
     x, y, z = vector.tolist()
     return x, y, z
-
-
-def _import_pybullet() -> Any:
-    """Import PyBullet without the line that it prints to standard error on loading."""
-    sys.stderr.flush()
-    with open(os.devnull, "wb") as nowhere:
-        kept = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            import pybullet
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-    return pybullet
 
 
 class _Rows:

@@ -11,17 +11,14 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from typing_extensions import Self
 
 from sada_gym.envs.detection.shapes.assembly import assemble
 from sada_gym.envs.detection.shapes.kit import Part
+from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError
-
-MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
-"""File types that are read."""
 
 _COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
 
@@ -80,7 +77,8 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
     Files are found at any depth below a class's folder, as ShapeNet nests them. Each becomes one
     shape: a scene's meshes are merged in their places, windings made outward, the whole turned by
     the folder's `Orientation`, centred, grounded and scaled as `Shape` says. All faces are
-    `Material.PAINT`. Triangles cost rendering time: up to some 2,000 a file are best.
+    `Material.PAINT`. Triangles cost rendering time: up to some 2,000 a file are best, and 500,000
+    are the most.
 
     Args:
         path: Such as `cad/`, holding `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and
@@ -92,7 +90,8 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
     Raises:
         ValueError: If the folder is missing, has no class, a class has no mesh, a file has an
-            unknown type or, unless `skip_unreadable`, cannot be read or is empty or not finite.
+            unknown type or, unless `skip_unreadable`, cannot be read or is empty, too large or not
+            finite.
     """
     root, folders = Path(path), _class_folders(Path(path))
     rotation = _orientation(root / "shapes.json").rotation()
@@ -142,11 +141,8 @@ def _load_class(
     for file in _mesh_files(folder):
         name = file.relative_to(root).as_posix()
         try:
-            mesh = _read(file)
-            mesh.vertices = mesh.vertices @ rotation.T
-            shape = assemble(name, folder.name, [Part(mesh)])
-            shapes.append(replace(shape, double_sided=True))
-        except ValueError as error:
+            shapes.append(_load_shape(file, name, folder.name, rotation))
+        except UserError as error:
             mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
             message = (
                 f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
@@ -160,6 +156,18 @@ def _load_class(
             f"one of {', '.join(MESH_SUFFIXES)} or remove the folder."
         )
     return tuple(shapes)
+
+
+def _load_shape(
+    file: Path, name: str, object_class: str, rotation: npt.NDArray[np.float64]
+) -> Shape:
+    mesh = read_mesh(file)
+    mesh.vertices = mesh.vertices @ rotation.T
+    try:
+        shape = assemble(name, object_class, [Part(mesh)])
+    except UserError as error:  # all else was checked on reading
+        raise UserError("faces without area") from error
+    return replace(shape, double_sided=True)
 
 
 def _mesh_files(folder: Path) -> list[Path]:
@@ -176,31 +184,6 @@ def _mesh_files(folder: Path) -> list[Path]:
                 "convert or remove it."
             )
     return files
-
-
-def _read(file: Path) -> trimesh.Trimesh:
-    """Reads a file as one mesh with consistent windings; whatever is wrong is a `ValueError`."""
-    try:
-        scene = trimesh.load_scene(file, process=False, skip_materials=True)
-        solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]
-    # Trimesh's readers raise whatever the broken bytes lead them to.
-    except Exception as error:
-        raise UserError(f"a file that cannot be read ({error or type(error).__name__})") from error
-    vertices = [np.asarray(solid.vertices, float) for solid in solids]
-    if not sum(len(solid.faces) for solid in solids):
-        raise UserError("no faces")
-    if not all(np.isfinite(points).all() for points in vertices):
-        raise UserError("NaN or infinite coordinates")
-    starts = np.cumsum([0] + [len(points) for points in vertices[:-1]])
-    faces = np.concatenate(
-        [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
-    )
-    if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
-        raise UserError("faces that point at missing vertices")
-    mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
-    return mesh
 
 
 def _orientation(file: Path) -> Orientation:

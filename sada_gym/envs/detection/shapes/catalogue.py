@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import re
 from typing import Protocol, cast
 
 import numpy as np
@@ -35,6 +36,8 @@ TRAINING_SEED = 1_000
 _BENCHMARK_COUNT = dict.fromkeys(CLASSES, 8) | dict.fromkeys(
     ("aeroplane", "boat", "car", "chair"), 9
 )
+
+_NAME = re.compile(r"(?P<object_class>[a-z]+)/[a-z_]+-(?P<seed>[0-9]{1,9})")
 
 
 class _Generator(Protocol):
@@ -83,6 +86,15 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
     """
     _check(object_class)
     return tuple(generate(object_class, seed) for seed in range(_BENCHMARK_COUNT[object_class]))
+
+
+def find_shape(name: str) -> Shape | None:
+    """Gives the shape of `generate` that has a name, such as `car/saloon-0`; None if none has."""
+    found = _NAME.fullmatch(name)
+    if found is None or found["object_class"] not in CLASSES:
+        return None
+    shape = generate(found["object_class"], int(found["seed"]))
+    return shape if shape.name == name else None
 
 
 def styles(object_class: str) -> tuple[str, ...]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from sada_gym.envs.detection.plain import check_keys
 
 DIAGONAL = 5.0
 """Length of every shape's bounding-box diagonal in scene units."""
@@ -60,3 +64,31 @@ class Shape:
         """The bounding box's corners, (8, 3)."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+
+    def equals(self, other: Shape) -> bool:
+        """Whether another shape has the same name, class and mesh."""
+        return self is other or all(
+            np.array_equal(value, getattr(other, name)) for name, value in self.to_dict().items()
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The shape by the names of its attributes, the mesh in arrays."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Shape:
+        """The shape that `to_dict` gave; the mesh may stand in arrays or in lists.
+
+        Raises:
+            UserError: If a key is missing or unknown.
+        """
+        check_keys("a shape", plain, [field.name for field in fields(cls)])
+        return cls(
+            name=str(plain["name"]),
+            object_class=str(plain["object_class"]),
+            vertices=np.ascontiguousarray(plain["vertices"], np.float32),
+            normals=np.ascontiguousarray(plain["normals"], np.float32),
+            faces=np.ascontiguousarray(plain["faces"], np.int32),
+            materials=np.ascontiguousarray(plain["materials"], np.uint8),
+            double_sided=bool(plain["double_sided"]),
+        )

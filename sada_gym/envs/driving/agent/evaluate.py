@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.agents.wrappers import Acting
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.drives import Drives, Ending, Start
+from sada_gym.envs.driving.episodes import Drives, Ending, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, TASKS
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
 from sada_gym.measures.rates import wilson_interval
@@ -46,7 +46,7 @@ class TaskFigures:
 
 
 def measure(
-    driver: Acting, *, seed: int, starts: int = 10, samples: int = 500
+    driver: Predictor, *, seed: int, starts: int = 10, samples: int = 500
 ) -> dict[str, TaskFigures]:
     """Measure a driver on every task.
 
@@ -61,13 +61,13 @@ def measure(
     for task in TASKS:
         application = DrivingApplication(task, agent=driver)
         rng = np.random.default_rng(seed)
-        seen = _arrivals(application, range(TRAINING_WEATHERS), starts, rng)
+        known = _arrivals(application, range(TRAINING_WEATHERS), starts, rng)
         unseen = _arrivals(application, range(TRAINING_WEATHERS, len(NAMES)), starts, rng)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
         outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
         figures[task] = TaskFigures(
-            runs=seen.size,
-            arrived=int(seen.sum()),
+            runs=known.size,
+            arrived=int(known.sum()),
             unseen_runs=unseen.size,
             unseen_arrived=int(unseen.sum()),
             samples=samples,

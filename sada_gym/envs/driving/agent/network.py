@@ -7,7 +7,8 @@ others' are zero, so that the linear action layer behind it is one head a comman
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import torch
 from gymnasium import spaces
@@ -16,7 +17,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.determinism import generators_kept
+from sada_gym.agents.training import ShippedPolicy, new_ppo
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
@@ -46,6 +47,7 @@ class ConditionalExtractor(BaseFeaturesExtractor):
         )
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, *image.shape)).shape[1]  # type: ignore[misc]
+        # attributes are the weights' names in files: `seen` is the image's layer
         self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
         self.speed = nn.Sequential(nn.Linear(1, 16), nn.ReLU())
         self.branches = nn.ModuleList(
@@ -54,15 +56,30 @@ class ConditionalExtractor(BaseFeaturesExtractor):
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         """Give the features (n, commands * BRANCH_FEATURES)."""
-        seen = self.seen(self.convolutions(observations["image"]))
-        joint = torch.cat([seen, self.speed(observations["speed"])], dim=1)
+        image = self.seen(self.convolutions(observations["image"]))
+        joint = torch.cat([image, self.speed(observations["speed"])], dim=1)
         command = observations["command"]
-        told = [branch(joint) * command[:, i : i + 1] for i, branch in enumerate(self.branches)]
-        return torch.cat(told, dim=1)
+        features = [branch(joint) * command[:, i : i + 1] for i, branch in enumerate(self.branches)]
+        return torch.cat(features, dim=1)
 
 
 def _block(inputs: int, outputs: int, *, kernel: int, stride: int) -> list[nn.Module]:
     return [nn.Conv2d(inputs, outputs, kernel, stride=stride), nn.ReLU()]
+
+
+class DriverPolicy(ShippedPolicy):
+    """The command's branch of features, a linear layer, and a small value network."""
+
+    # the class whose name fingerprints held when the published results were made
+    fingerprint_name: ClassVar[str] = (
+        "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
+    )
+    settings: ClassVar[Mapping[str, Any]] = {
+        "net_arch": {"pi": [], "vf": [64]},
+        "ortho_init": False,
+        "log_std_init": _LOG_NOISE,
+        "features_extractor_class": ConditionalExtractor,
+    }
 
 
 def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
@@ -73,17 +90,4 @@ def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
         env: What it will be trained on; by default one task.
         **options: Others of PPO.
     """
-    with generators_kept():
-        return PPO(
-            "MultiInputPolicy",
-            env or DrivingTaskEnv(),
-            policy_kwargs={
-                "features_extractor_class": ConditionalExtractor,
-                "net_arch": {"pi": [], "vf": [64]},
-                "ortho_init": False,
-                "log_std_init": _LOG_NOISE,
-            },
-            seed=seed,
-            device="cpu",
-            **options,
-        )
+    return new_ppo(DriverPolicy, env or DrivingTaskEnv(), seed, **options)

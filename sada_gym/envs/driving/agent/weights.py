@@ -7,9 +7,14 @@ from typing import Any
 
 from stable_baselines3 import PPO
 
-from sada_gym.agents.weights import load_weights, save_weights
+from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
 from sada_gym.envs.driving.agent.network import BRANCH_FEATURES, ConditionalExtractor, new_model
 from sada_gym.envs.driving.task import OBSERVATION_SPACE
+
+_MEND = (
+    "Write such a file by python -m sada_gym.envs.driving.agent.train, or, for a driver of your "
+    "own, pass the model as agent=model."
+)
 
 
 def save(driver: PPO, path: Path) -> None:
@@ -21,10 +26,10 @@ def load(path: Path) -> PPO:
     """Read a driver's weights.
 
     Raises:
-        UserError: If the file holds no weights of a driver.
+        FileError: If the file holds no weights of a driver.
     """
     model = new_model(0)
-    load_weights(model.policy, path, "the weights of a driver", _architecture())
+    load_weights(model.policy, WeightsFile(path, "the weights of a driver", _MEND), _architecture())
     # as SB3 loads a model: with an environment its pictures would be transposed by that one's
     # wrapper, into another order in memory, for which convolutions give other last bits
     model.env = None

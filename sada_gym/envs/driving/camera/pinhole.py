@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from sada_gym.envs.driving.camera import kernels
+from sada_gym.envs.driving.camera.casting import sunlit
+from sada_gym.envs.driving.camera.drawing import draw_all
 from sada_gym.envs.driving.camera.ground import Ground, paint
+from sada_gym.envs.driving.camera.pixel_world import World, tone_table
 from sada_gym.envs.driving.camera.scenery import CELL_M, Scenery, furnish
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import WEATHERS
@@ -109,7 +111,7 @@ class Camera:
             (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), lens.rows, lens.columns, 3), np.uint8)
-        kernels.draw_all(
+        draw_all(
             pictures,
             np.lexsort(tuple(poses[:, :2].T // _NEAR_M)),
             rays,
@@ -136,7 +138,7 @@ class Camera:
 
     def _shade(self, sun: tuple[float, float, float]) -> npt.NDArray[np.uint8]:
         shade = np.empty(tuple(self.ground.shape[_SHADE_LEVEL]), np.uint8)
-        kernels.sunlit(shade, *sun, self.world)
+        sunlit(shade, *sun, self.world)
         soft: npt.NDArray[np.uint8] = gaussian_filter(shade, 0.6)
         return soft
 
@@ -147,7 +149,7 @@ def camera(layout_name: str) -> Camera:
     return Camera(layout_name)
 
 
-def _world(ground: Ground, scenery: Scenery) -> kernels.World:
+def _world(ground: Ground, scenery: Scenery) -> World:
     clouds = gaussian_filter(np.random.default_rng(1).normal(size=(256, 256)), 2.0, mode="wrap")
     clouds += (
         0.35
@@ -156,7 +158,7 @@ def _world(ground: Ground, scenery: Scenery) -> kernels.World:
         / 0.4
     )
     ranks = clouds.ravel().argsort().argsort().reshape(clouds.shape)
-    return kernels.World(
+    return World(
         texels=ground.texels,
         offset=ground.offset,
         shape=ground.shape,
@@ -168,6 +170,6 @@ def _world(ground: Ground, scenery: Scenery) -> kernels.World:
         cell_m=CELL_M,
         origin=ground.origin,
         clouds=(ranks / ranks.size).astype(np.float32),
-        tone=kernels.tone_table(),
+        tone=tone_table(),
         shade_texel_m=ground.texel_m * 2**_SHADE_LEVEL,
     )

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
+
+from sada_gym.compiled import kernel
 
 LENGTH_M = 5.0
 WIDTH_M = 2.0
@@ -24,10 +25,8 @@ _BACK, _AHEAD = 6, 14
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_kernel
+@kernel
 def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, steps: int) -> None:
     """Move cars, as highway-env's `Vehicle.step` does; brakes stop a car and do not reverse it.
 
@@ -53,7 +52,7 @@ def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, step
         states[i, 0], states[i, 1], states[i, 2], states[i, 3] = x, y, heading, speed
 
 
-@_kernel
+@kernel
 def locate(
     states: Array, points: Array, heading: Array, first: Indices, last: Indices, at: Indices
 ) -> tuple[Array, Array]:

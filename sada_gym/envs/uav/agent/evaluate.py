@@ -52,14 +52,14 @@ class TrackFigures:
 
 
 def measure(
-    pilot: PilotLike, *, seed: int, looks: int = 32, mild: int = 100, samples: int = 400
+    pilot: PilotLike, *, seed: int, starts: int = 32, mild: int = 100, samples: int = 400
 ) -> dict[int, TrackFigures]:
     """Measure a pilot on the tracks of every number of anchor points.
 
     Args:
         pilot: A perception network, or an SB3 model.
-        seed: Fixes mu and looks.
-        looks: Seeds with which the template is flown.
+        seed: Fixes mu, starts, light and background.
+        starts: Seeds with which the template is flown.
         mild: Mild tracks.
         samples: Uniform mu.
     """
@@ -74,7 +74,7 @@ def measure(
             score = application.evaluate(mu, seeds).score  # noqa: B023
             return count * GATES, round(float(score.sum()) * GATES)
 
-        template, on_mild = passed(0.0, looks), passed(MILD.spread, mild)
+        template, on_mild = passed(0.0, starts), passed(MILD.spread, mild)
         mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
         worlds = rng.integers(2**31, size=samples).tolist()
         outcomes = application.evaluate(mu, worlds)

@@ -1,21 +1,28 @@
-"""The perception network: from a picture and the drone's own motion to where the next gate is."""
+"""The pilots' networks: one that sees where the next gate is, and one that chooses actions."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
+from sada_gym.agents.training import ShippedPolicy, new_ppo
 from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
+from sada_gym.envs.uav.task import RacingTaskEnv
 
+_LOG_NOISE = -1.0
+"""Of the actions that PPO begins with: 0.37; with SB3's own, 1, few drones reach a gate."""
 MOTIONS = 9
-"""What the drone feels: which way is up, its velocity, its turning."""
+"""Numbers of the drone's own motion: which way is up, its velocity, its turning."""
 
 
 class WaypointNetwork(nn.Module):
-    """Four convolutions over the picture, joined with the motion; all in the drone's own frame.
+    """Four convolutions over the image, joined with the motion; all in the drone's own frame.
 
     The frame is x ahead, y to the left, z up, as the drone leans.
     """
@@ -34,6 +41,7 @@ class WaypointNetwork(nn.Module):
         )
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, 3, ROWS, COLUMNS)).shape[1]
+        # attributes are the weights' names in files: layers of the image and of the motion
         self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
         self.felt = nn.Sequential(nn.Linear(MOTIONS, 32), nn.ReLU())
         self.head = nn.Sequential(nn.Linear(160, 64), nn.ReLU(), nn.Linear(64, 6))
@@ -43,13 +51,13 @@ class WaypointNetwork(nn.Module):
 
         Args:
             light: (n, 3, rows, columns) in [0, 1].
-            motion: (n, 9) of `motion`.
+            motion: (n, 9), see `drone_frame.motion`.
 
         Returns:
             (n, 6): the opening's centre in 10 m, and the direction in which to pass it.
         """
-        seen = self.seen(self.convolutions(light - 0.5))
-        joint = torch.cat([seen, self.felt(motion)], dim=1)
+        image = self.seen(self.convolutions(light - 0.5))
+        joint = torch.cat([image, self.felt(motion)], dim=1)
         answer: Tensor = self.head(joint)
         return answer
 
@@ -64,6 +72,30 @@ def new_network(seed: int) -> WaypointNetwork:
 def light(pictures: Tensor) -> Tensor:
     """Turn bytes (n, rows, columns, 3) into what the network takes."""
     return pictures.permute(0, 3, 1, 2).to(torch.float32) / 255
+
+
+class PilotPolicy(ShippedPolicy):
+    """Two layers of 64 units for the actions, and for the value."""
+
+    # the class whose name fingerprints held when the published results were made
+    fingerprint_name: ClassVar[str] = (
+        "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
+    )
+    settings: ClassVar[Mapping[str, Any]] = {
+        "net_arch": {"pi": [64, 64], "vf": [64, 64]},
+        "log_std_init": _LOG_NOISE,
+    }
+
+
+def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
+    """Make an untrained pilot that chooses actions, a PPO.
+
+    Args:
+        seed: Fixes the weights.
+        env: What it will be trained on; by default one task.
+        **options: Others of PPO.
+    """
+    return new_ppo(PilotPolicy, env or RacingTaskEnv(), seed, **options)
 
 
 def _block(inputs: int, outputs: int, *, kernel: int) -> list[nn.Module]:

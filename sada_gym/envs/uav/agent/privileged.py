@@ -1,6 +1,6 @@
-"""The privileged pilot: the guidance, told the truth about the next gate.
+"""The privileged pilot, which knows where the next gate is and flies there by the guidance.
 
-It shows that a track can be flown, and teaches the pilots that see.
+It shows that a track can be flown, and is the expert that the perception network imitates.
 """
 
 from __future__ import annotations
@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.uav.races import Races
+from sada_gym.envs.uav.episodes import Races
 from sada_gym.envs.uav.world.guidance import SPEED_M_S, steer
 
 
-class Reference:
+class PrivilegedPilot:
     """Flies drones through gates whose true poses it knows.
 
     Args:
@@ -21,6 +21,7 @@ class Reference:
 
     def __init__(self, speed_m_s: float = SPEED_M_S) -> None:
         self._speed_m_s = speed_m_s
+        # the name under which stores know it, from when it was called the reference
         self.fingerprint = f"reference at {speed_m_s:g} m/s"
 
     def start(self, count: int) -> None:

@@ -4,31 +4,34 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from safetensors.torch import save_file
 from stable_baselines3 import PPO
 
-from sada_gym.agents.weights import load_weights, read_weights
-from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
-from sada_gym.envs.uav.agent.reinforcement import new_model
+from sada_gym.agents.weights import WeightsFile, load_weights, read_weights, save_weights
+from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
+
+_MEND = (
+    "Write such a file by python -m sada_gym.envs.uav.agent.train, or, for a pilot of your own, "
+    "pass the model as agent=model."
+)
 
 
 def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
     """Write a pilot's weights."""
-    weights = (pilot if isinstance(pilot, WaypointNetwork) else pilot.policy).state_dict()
-    save_file({key: value.contiguous() for key, value in weights.items()}, path)
+    save_weights(pilot if isinstance(pilot, WaypointNetwork) else pilot.policy, path)
 
 
 def load(path: Path) -> WaypointNetwork | PPO:
     """Read a pilot's weights; their names tell which kind it is.
 
     Raises:
-        ValueError: If the file holds no weights of a pilot.
+        FileError: If the file holds no weights of a pilot.
     """
-    weights, _ = read_weights(path, "the weights of a pilot")
+    weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", _MEND))
     if any(key.startswith("convolutions.") for key in weights):
         network = new_network(0)
-        load_weights(network, path, "the weights of a pilot like waypoint-pid")
+        file = WeightsFile(path, "the weights of a pilot like waypoint-pid", _MEND)
+        load_weights(network, file)
         return network.eval()
     model = new_model(0)
-    load_weights(model.policy, path, "the weights of a pilot like ppo")
+    load_weights(model.policy, WeightsFile(path, "the weights of a pilot like ppo", _MEND))
     return model

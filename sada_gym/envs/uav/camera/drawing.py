@@ -3,8 +3,7 @@
 Ground and sky are found by a ray for each pixel; the field's texture is a mip map. The boxes' faces
 are clipped at the near plane, projected, and filled line by line into a depth buffer of twice the
 picture's resolution, since far bars are thinner than a pixel. Scalar loops compiled by numba
-without fast-math, so that equal scenes give equal bytes whatever else is drawn. All kernels stand
-in this one file, because numba's cache notices changes in a kernel's own file only.
+without fast-math, so that equal scenes give equal bytes whatever else is drawn.
 """
 
 from __future__ import annotations
@@ -12,12 +11,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-_kernel = nb.njit(cache=True, nogil=True, error_model="numpy")
-_part = nb.njit(inline="always", error_model="numpy")
+from sada_gym.compiled import inlined, kernel
 
 FINER = 2
 """Samples of the depth buffer along either side of a pixel."""
@@ -83,7 +80,7 @@ class View(NamedTuple):
     shift: Triple
 
 
-@_part
+@inlined
 def _hashed(key: np.uint64) -> np.uint64:
     """SplitMix64's mixing (Steele, Lea, Flood 2014)."""
     key = key + np.uint64(0x9E3779B97F4A7C15)
@@ -92,18 +89,18 @@ def _hashed(key: np.uint64) -> np.uint64:
     return key ^ (key >> np.uint64(31))
 
 
-@_part
+@inlined
 def _uniform(look: np.uint64, number: int) -> float:
     key = _hashed(look * np.uint64(16) + np.uint64(number))
     return float(key >> np.uint64(11)) / 9007199254740992.0
 
 
-@_part
+@inlined
 def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@_part
+@inlined
 def _turned(q: Array, x: float, y: float, z: float) -> Triple:
     """Rotate a vector by a quaternion x, y, z, w."""
     tx = 2 * (q[1] * z - q[2] * y)
@@ -116,7 +113,7 @@ def _turned(q: Array, x: float, y: float, z: float) -> Triple:
     )
 
 
-@_part
+@inlined
 def _view(pose: Array, mount: Array, look: np.uint64) -> View:
     tilt, forward, up = mount[0], mount[1], mount[2]
     q = pose[3:7]
@@ -146,12 +143,12 @@ def _view(pose: Array, mount: Array, look: np.uint64) -> View:
     )
 
 
-@_part
+@inlined
 def _byte(value: float) -> np.uint8:
     return np.uint8(min(max(value, 0.0), 255.0))
 
 
-@_kernel
+@kernel
 def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
     rows, columns = picture.shape[0], picture.shape[1]
     x, y, pz = view.place[0] + view.shift[0], view.place[1] + view.shift[1], view.place[2]
@@ -209,7 +206,7 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
                 picture[row, column, channel] = _byte(sky + cloud * (246.0 - sky))
 
 
-@_kernel
+@kernel
 def _fill(
     corners: Array,
     count: int,
@@ -278,7 +275,7 @@ def _fill(
                 colours[row, column, channel] = _byte(_PAINT[block, channel] * light[channel])
 
 
-@_kernel
+@kernel
 def _clipped(corners: Array, out: Array) -> int:
     """Cut four corners, (4, 3), at the near plane; gives how many `out` (6, 3) holds then."""
     count = 0
@@ -298,7 +295,7 @@ def _clipped(corners: Array, out: Array) -> int:
     return count
 
 
-@_kernel
+@kernel
 def _gate(
     gate: Array,
     bars: Array,
@@ -361,7 +358,7 @@ def _gate(
             _fill(cut, count, plane, seen[long], start, paint, lit, grid, depth, colours, edges)
 
 
-@_kernel
+@kernel
 def draw_all(
     pictures: Bytes,
     gates: Array,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
+from sada_gym.envs.bullet import pybullet
 from sada_gym.envs.uav.world.drone import GRAVITY_M_S2, INERTIA_KG_M2, MASS_KG, SIMULATION_HZ
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
 from sada_gym.errors import UserTypeError

@@ -1,0 +1,1 @@
+"""What several solvers fit: mixtures, Gaussian processes, surrogates, and the GAN."""

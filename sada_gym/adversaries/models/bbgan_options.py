@@ -1,0 +1,92 @@
+"""The options of BBGAN: the paper's setting and ours, as named presets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from sada_gym.adversaries.options import Options, option
+
+
+@dataclass(frozen=True)
+class BBGANOptions(Options):
+    """The options of `bbgan`. The defaults are ours; `PAPER` is the paper's setting.
+
+    Attributes:
+        latent: Dimensions of z.
+        generator: Widths of the generator's hidden layers.
+        discriminator: Widths of the discriminator's hidden layers.
+        transport: Whether the generator moves uniform points (it starts as the uniform
+            distribution, so no region is missed from the outset) or maps z alone.
+        fold: Whether outputs are folded back at the box's faces, which they reach as often as any
+            other place, instead of squashed by tanh, which hardly ever reaches them.
+        features: Random Fourier features of mu that both networks see; 0 for mu alone.
+        frequency: Their scale, divided by d: without them small networks blur what is narrow.
+        initial_sd: Standard deviation of truncated normal weights; 0 for PyTorch's own scale.
+        steps: Training steps.
+        batch: Samples of each kind in an update.
+        discriminator_updates: Discriminator updates a step.
+        generator_updates: Generator updates a step.
+        learning_rate: Adam's.
+        decay: Whether the learning rate falls linearly to 0 over the second half.
+        beta1: Adam's.
+        beta2: Adam's.
+        dropout: In the discriminator: it must not learn a noisy Omega by heart.
+        induced_size: s, the most points of the induced set; 0 for all that fool.
+        rest: How much the points of Omega that do not fool count against the induced set as further
+            fakes: at most this, at most their number over that of S; 0 for not at all.
+        tether: Price of moving a uniform point, times the squared distance: a point that starts in
+            a fooling region stays, and none of the regions is left. Needs `transport`.
+        average: Decay of the running average of both networks' weights; 0 for the last weights.
+        acceptance: The share of samples that the discriminator may refuse: a sample is kept with
+            probability min(1, r / r_a), r its odds of being real, r_a their quantile at this share.
+    """
+
+    latent: int = option(8, 1, 1_024)
+    generator: tuple[int, ...] = option((128, 128), 1, 1_024, most=32)
+    discriminator: tuple[int, ...] = option((256, 256), 1, 1_024, most=32)
+    transport: bool = True
+    fold: bool = True
+    features: int = option(32, 0, 4_096)
+    frequency: float = option(4.0, 0, 1e3)
+    initial_sd: float = option(0.0, 0, 10)
+    steps: int = option(600, 1, 10**7)
+    batch: int = option(128, 1, 16_384)
+    discriminator_updates: int = option(1, 1, 100)
+    generator_updates: int = option(1, 1, 100)
+    learning_rate: float = option(2e-3, 1e-8, 1)
+    decay: bool = True
+    beta1: float = option(0.5, 0, 0.9999)
+    beta2: float = option(0.99, 0, 0.9999)
+    dropout: float = option(0.3, 0, 0.95)
+    induced_size: int = option(0, 0, 10**9)
+    rest: float = option(3.0, 0, 1e6)
+    average: float = option(0.99, 0, 0.99999)
+    tether: float = option(1.0, 0, 1e3)
+    acceptance: float = option(0.9, 0, 0.99)
+
+
+PAPER: dict[str, Any] = {
+    "latent": 17,
+    "generator": (10, 10, 10, 10),
+    "discriminator": (10, 10, 10),
+    "transport": False,
+    "fold": False,
+    "features": 0,
+    "initial_sd": 0.01,
+    "steps": 600,
+    "batch": 64,
+    "discriminator_updates": 1,
+    "generator_updates": 2,
+    "learning_rate": 2e-4,
+    "decay": False,
+    "beta1": 0.5,
+    "beta2": 0.999,
+    "dropout": 0.0,
+    "induced_size": 100,
+    "rest": 0.0,
+    "average": 0.0,
+    "tether": 0.0,
+    "acceptance": 0.0,
+}
+"""The paper's setting, where the paper is silent the authors' code's."""

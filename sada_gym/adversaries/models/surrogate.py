@@ -1,0 +1,126 @@
+"""What `sada` learns: the calibrated probability that a mu fools the agent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.linear_model import LogisticRegression
+from threadpoolctl import threadpool_limits
+
+from sada_gym.adversaries.models.sparse_gp import SparseGP
+from sada_gym.adversaries.omega import Omega
+
+Array = npt.NDArray[np.float64]
+
+_FOLDS = 4
+_LEAST_FOOLING = 20
+
+
+class _Regression(Protocol):
+    """A prediction of the score, and what it would have been without the point itself."""
+
+    held_out: Array
+
+    def __call__(self, x: Array) -> Array: ...
+
+
+class CrossFittedTrees:
+    """Gradient-boosted trees, one ensemble a fold; the prediction is their mean.
+
+    Args:
+        x: (n, d) points.
+        y: (n,) values.
+        rng: Splits the folds and seeds the trees.
+
+    Attributes:
+        held_out: (n,) each point's prediction by the ensemble that did not see it.
+    """
+
+    def __init__(self, x: Array, y: Array, rng: np.random.Generator) -> None:
+        fold = rng.permutation(len(x)) % _FOLDS
+        self.held_out: Array = np.zeros(len(x))
+        self._ensembles = []
+        for left_out in range(_FOLDS):
+            ensemble = HistGradientBoostingRegressor(
+                max_iter=150,
+                learning_rate=0.06,
+                max_leaf_nodes=31,
+                min_samples_leaf=10,
+                l2_regularization=1.0,
+                max_features=0.6,
+                early_stopping=False,
+                random_state=int(rng.integers(2**31)),
+            ).fit(x[fold != left_out], y[fold != left_out])
+            self.held_out[fold == left_out] = ensemble.predict(x[fold == left_out])
+            self._ensembles.append(ensemble)
+
+    def __call__(self, x: Array) -> Array:
+        """Predict the values at x (m, d): (m,)."""
+        mean: Array = np.mean([ensemble.predict(x) for ensemble in self._ensembles], axis=0)
+        return mean
+
+
+MODELS: Mapping[str, Callable[[Array, Array, np.random.Generator], _Regression]] = {
+    "trees": CrossFittedTrees,
+    "process": SparseGP,
+}
+"""What can predict the score, by name."""
+
+
+class Surrogate:
+    """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score.
+
+    Trees find sharp, axis-aligned regions in many dimensions, a Gaussian process smooth ones. A
+    logistic regression of what fooled on both predictions, each made without the point itself,
+    weighs them (stacking, Wolpert 1992) and calibrates them (Platt 1999) on held-out queries.
+
+    Where fewer than 20 queries fool, the threshold is raised to the 20th lowest score, as in the
+    cross-entropy method: the surrogate then leads towards what fools.
+
+    Args:
+        omega: All evaluated points.
+        threshold: The fooling threshold.
+        rng: All randomness.
+        models: Which of `MODELS` take part.
+
+    Attributes:
+        raised: Whether the threshold was raised.
+    """
+
+    def __init__(
+        self,
+        omega: Omega,
+        threshold: float,
+        rng: np.random.Generator,
+        models: Sequence[str] = tuple(MODELS),
+    ) -> None:
+        x = omega.mu.astype(np.float64)
+        least = min(_LEAST_FOOLING, len(omega))
+        level = max(threshold, float(np.partition(omega.score, least - 1)[least - 1]))
+        self.raised = level > threshold
+        fooled = omega.score <= level
+        self._stack: LogisticRegression | None = None
+        if fooled.all():
+            return
+        # more threads would give other last bits
+        with threadpool_limits(1):
+            self._regressions = [MODELS[name](x, omega.score, rng) for name in models]
+            predicted = np.stack([r.held_out for r in self._regressions], axis=1)
+            self._centre, self._scale = predicted.mean(axis=0), predicted.std(axis=0) + 1e-12
+            standard = (predicted - self._centre) / self._scale
+            self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
+
+    def __call__(self, mu: npt.NDArray[np.floating]) -> Array:
+        """Give the probability of fooling at mu (m, d): (m,)."""
+        if self._stack is None or not len(mu):
+            return np.ones(len(mu))
+        x = mu.astype(np.float64)
+        with threadpool_limits(1):
+            predicted = np.stack([r(x) for r in self._regressions], axis=1)
+            standard = (predicted - self._centre) / self._scale
+            probability: Array = self._stack.predict_proba(standard)[:, 1]
+        return probability

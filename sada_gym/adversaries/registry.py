@@ -1,0 +1,140 @@
+"""The table of the adversaries, and how one is made by its name."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from sada_gym.adversaries.base import Adversary
+from sada_gym.errors import UserError, refuse_unknown
+
+_TABLE: dict[str, str] = {
+    "random": "sada_gym.adversaries.random:Random",
+    "archive": "sada_gym.adversaries.archive:Archive",
+    "gaussian": "sada_gym.adversaries.gaussian_mixture:Gaussian",
+    "gmm10": "sada_gym.adversaries.gaussian_mixture:GMM10",
+    "gmm50": "sada_gym.adversaries.gaussian_mixture:GMM50",
+    "svm": "sada_gym.adversaries.svm:SVM",
+    "gp": "sada_gym.adversaries.gp:GP",
+    "bayesian": "sada_gym.adversaries.bayesian:Bayesian",
+    "bbgan": "sada_gym.adversaries.bbgan:BBGAN",
+    "bbgan-boost": "sada_gym.adversaries.bbgan_boost:BoostedBBGAN",
+    "cross-entropy": "sada_gym.adversaries.cross_entropy:CrossEntropy",
+    "smc": "sada_gym.adversaries.smc:SMC",
+    "cma-mae": "sada_gym.adversaries.cma_mae:CMAMAE",
+    "sada": "sada_gym.adversaries.sada:SADA",
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """A row of the table of adversaries.
+
+    Attributes:
+        name: As on the command line.
+        summary: One sentence.
+        presets: The named sets of options.
+        options: The options and their defaults.
+    """
+
+    name: str
+    summary: str
+    presets: tuple[str, ...]
+    options: dict[str, Any]
+
+
+def names() -> list[str]:
+    """List the adversaries' names."""
+    return list(_TABLE)
+
+
+def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) -> Adversary:
+    """Make an adversary by its name.
+
+    Args:
+        name: One of `names()`, or `module:Class` for an adversary of one's own.
+        dimension: d, the number of semantic parameters.
+        seed: Fixes all randomness; None draws one.
+        options: The adversary's own, `preset` among them where it has presets.
+
+    Raises:
+        ValueError: If the name, an option or its value is unknown or bad.
+    """
+    kind = find(name)
+    if "preset" in options and not kind.presets:
+        raise UserError(f"Expected no preset with {name}, which has none; drop it.")
+    refuse_unknown(f"option of {name}", options, list(_options(kind)))
+    return kind(dimension, seed=seed, **options)
+
+
+def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Give all options that `make` would use: those given, the preset's, the defaults.
+
+    Args:
+        name: As of `make`.
+        options: The adversary's own, `preset` among them where it has presets.
+
+    Raises:
+        ValueError: If the name or the preset is unknown.
+    """
+    kind = find(name)
+    chosen = options.get("preset", "default")
+    if kind.presets:
+        refuse_unknown("preset", [chosen], list(kind.presets))
+    return {**_options(kind, chosen), **options}
+
+
+def describe() -> list[Description]:
+    """Describe every adversary. It loads them all, torch included."""
+    rows = []
+    for name in _TABLE:
+        kind = find(name)
+        summary = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+        rows.append(Description(name, summary, tuple(kind.presets), _options(kind)))
+    return rows
+
+
+def find(name: str) -> type[Adversary]:
+    """Import the class of an adversary.
+
+    Args:
+        name: One of `names()`, or `module:Class` for an adversary of one's own.
+
+    Raises:
+        ValueError: If there is no such adversary, or its module cannot be imported.
+    """
+    if ":" not in name:
+        refuse_unknown("adversary", [name], names())
+    path = _TABLE.get(name, name)
+    module, _, attribute = path.partition(":")
+    try:
+        kind = getattr(importlib.import_module(module), attribute)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise UserError(
+            f"Expected an adversary's name or module:Class, got {name!r} ({error}). Install the "
+            "module, or set PYTHONPATH to the folder that holds it."
+        ) from error
+    except (Exception, SystemExit) as error:  # whatever a user's module may raise
+        if path != name:
+            raise  # one of ours: a bug
+        raise UserError(
+            f"Expected to import {module!r} for the adversary {name!r}, but the module raised "
+            f"{type(error).__name__}: {error}. Mend the module."
+        ) from error
+    if not (isinstance(kind, type) and issubclass(kind, Adversary)):
+        raise UserError(f"Expected {name!r} to be a subclass of Adversary, got {kind!r}.")
+    return kind
+
+
+def _options(kind: type[Adversary], preset: str = "default") -> dict[str, Any]:
+    """Give an adversary's options and their defaults: its preset's, and keywords of its own."""
+    options = {
+        p.name: None if p.default is p.empty else p.default
+        for p in inspect.signature(kind).parameters.values()
+        if p.kind is p.KEYWORD_ONLY and p.name != "seed" and (p.name != "preset" or kind.presets)
+    }
+    start = kind.presets[preset] if kind.presets else kind.options_class()
+    return options | {field.name: getattr(start, field.name) for field in fields(start)}

@@ -1,0 +1,73 @@
+"""A TensorBoard log of an adversary's training, where tensorboard is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import MissingExtra
+from sada_gym.files import file_errors
+
+
+class TrainingLog:
+    """Writes losses, and histograms and a scatter plot of samples; without a folder, nothing.
+
+    Args:
+        folder: Where TensorBoard will look; None writes nothing.
+
+    Raises:
+        ModuleNotFoundError: If there is a folder but no tensorboard.
+    """
+
+    def __init__(self, folder: str | Path | None) -> None:
+        self._writer: Any = None
+        self._prefix = ""
+        if folder is None:
+            return
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError as error:
+            raise MissingExtra(
+                "Expected tensorboard for log_dir, but it is not installed. Install it with: "
+                "pip install 'sada-gym[track]'"
+            ) from error
+        with file_errors("write the log to", Path(folder)):
+            self._writer = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]
+
+    def __bool__(self) -> bool:
+        """Tell whether anything is written."""
+        return self._writer is not None
+
+    def start(self, part: str) -> None:
+        """Write what follows under a name of its own: the stages of boosting."""
+        self._prefix = f"{part}/"
+
+    def scalars(self, step: int, values: Mapping[str, float]) -> None:
+        """Write one value a name."""
+        if self._writer is not None:
+            for name, value in values.items():
+                self._writer.add_scalar(self._prefix + name, value, step)
+
+    def samples(self, step: int, mu: npt.NDArray[np.float32]) -> None:
+        """Write mu, (n, d): a histogram a dimension, and the first two dimensions as a scatter."""
+        if self._writer is None:
+            return
+        from matplotlib.figure import Figure
+
+        for i, column in enumerate(mu.T):
+            self._writer.add_histogram(f"{self._prefix}mu/{i}", column, step)
+        figure = Figure(figsize=(4, 4))
+        axes = figure.add_subplot(
+            xlim=(-1.02, 1.02), ylim=(-1.02, 1.02), xlabel="mu 0", ylabel="mu 1"
+        )
+        axes.scatter(mu[:, 0], mu[:, min(1, mu.shape[1] - 1)], s=3)
+        self._writer.add_figure(f"{self._prefix}samples", figure, step)
+
+    def close(self) -> None:
+        """Flush and close the files."""
+        if self._writer is not None:
+            self._writer.close()

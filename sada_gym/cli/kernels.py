@@ -1,0 +1,32 @@
+"""Will this run compile kernels first? Numba does so once, and it takes up to a minute."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+COMPILING = "Compiling kernels for the first run (up to a minute)"
+
+
+def will_compile(package: str = "sada_gym") -> bool:
+    """Whether a loaded module of a package has kernels, and no earlier run has kept one of them."""
+    modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
+    return any(kept and not any(kept) for kept in (list(_kept(name)) for name in modules))
+
+
+def _kept(name: str) -> Iterator[bool]:
+    """For each kernel of a module that is to be kept on disk: whether it is."""
+    if "numba" not in sys.modules:
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    for member in list(vars(sys.modules[name]).values()):
+        if not isinstance(member, Dispatcher) or member.__module__ != name:
+            continue
+        kernel: Any = member
+        folder, code = kernel.stats.cache_path, kernel.py_func.__code__
+        if folder is not None:
+            index = f"*.{kernel.py_func.__qualname__}-{code.co_firstlineno}.*.nbi"
+            yield any(Path(folder).glob(index))

@@ -1,0 +1,32 @@
+"""Detectors in files: weights alone, as safetensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
+from sada_gym.envs.detection.agent.network import Detector
+from sada_gym.envs.detection.shapes.catalogue import CLASSES
+
+_MEND = (
+    "Write such a file by python -m sada_gym.envs.detection.agent.train, or, for a detector of "
+    "your own, pass the model as agent=model."
+)
+
+
+def save(detector: Detector, path: Path) -> None:
+    """Write a detector's weights."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_weights(detector, path)
+
+
+def load(path: Path) -> Detector:
+    """Read a trained detector, frozen and ready to detect.
+
+    Raises:
+        FileError: If the file does not hold this network's weights.
+    """
+    model = Detector(CLASSES)
+    content = f"the weights of the {len(CLASSES)}-class Detector"
+    load_weights(model, WeightsFile(path, content, _MEND))
+    return model.eval().requires_grad_(False)

@@ -1,0 +1,135 @@
+"""What every renderer offers: scenes in, pictures out, and an identity for evaluation stores."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.detection.scene import Scene
+from sada_gym.errors import UserError
+
+DEFAULT = "TinyRenderer"
+"""What stores and published results call the default renderer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """A picture of a scene and what is known of the object in it.
+
+    Attributes:
+        image: (size, size, 3) uint8, RGB.
+        mask: (size, size) bool, pixels mostly covered by the object.
+        box: (4,) float64, x0 y0 x1 y1 in pixels; None where no object is in sight.
+    """
+
+    image: npt.NDArray[np.uint8]
+    mask: npt.NDArray[np.bool_]
+    box: npt.NDArray[np.float64] | None
+
+
+class Renderer(ABC):
+    """Makes pictures of scenes; subclass it for a renderer of your own.
+
+    A renderer is pure: the same scene and size give the same bytes, whatever else is in the batch,
+    in any process. One that draws random numbers seeds them with `Scene.seed`.
+
+    Whoever makes a renderer closes it; an application never closes one that it was given.
+    """
+
+    @property
+    def identity(self) -> str | None:
+        """All that a picture depends on besides the scene: a name, the version, the settings.
+
+        Any text does, such as JSON; evaluation stores hold its hash. With None, the default, a
+        store is refused, because it could not tell this renderer's scores from another's.
+        """
+        return None
+
+    @abstractmethod
+    def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
+        """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
+
+    def render(self, scene: Scene, image_size: int) -> Rendering:
+        """Make the picture of one scene."""
+        return self.render_batch([scene], image_size)[0]
+
+    def close(self) -> None:  # noqa: B027 - most renderers hold nothing
+        """Free what the renderer holds; calling it twice is fine."""
+
+
+def checked_renderer(renderer: Any) -> Renderer:
+    """Give a user's renderer back.
+
+    Raises:
+        UserError: If it is no `Renderer`, or its identity is no text.
+    """
+    if not isinstance(renderer, Renderer):
+        raise UserError(
+            f"Expected a renderer that is a sada_gym.envs.detection.renderers.Renderer, got "
+            f"{renderer!r}. Subclass Renderer and implement render_batch."
+        )
+    identity = renderer.identity
+    if identity is not None and not (isinstance(identity, str) and identity):
+        raise UserError(
+            f"Expected the identity of {type(renderer).__name__} to be a text, or None, got "
+            f"{identity!r}. Write down its version and settings, such as with json.dumps."
+        )
+    return renderer
+
+
+def stored_name(renderer: Renderer | None) -> str:
+    """What stores call a renderer: its class and its identity's SHA-256; the default's plain name.
+
+    Args:
+        renderer: None is the default renderer.
+    """
+    if renderer is None:
+        return DEFAULT
+    from sada_gym.envs.detection.renderers.tinyrenderer import TinyRenderer
+
+    name = type(renderer).__name__
+    if type(renderer) is TinyRenderer:
+        return DEFAULT
+    if renderer.identity is None:
+        return name
+    return f"{name}-{hashlib.sha256(renderer.identity.encode()).hexdigest()}"
+
+
+def checked_renderings(
+    renderings: Any, renderer: Renderer, count: int, image_size: int
+) -> list[Rendering]:
+    """Give what `render_batch` returned back.
+
+    Raises:
+        UserError: If it is not one `Rendering` a scene with arrays of the shapes that it names.
+    """
+    name = f"{type(renderer).__name__}.render_batch"
+    if not isinstance(renderings, Sequence) or len(renderings) != count:
+        got = f"{len(renderings)} items" if isinstance(renderings, Sequence) else f"{renderings!r}"
+        raise UserError(f"Expected {count} renderings from {name}, one a scene, got {got}.")
+    square = (image_size, image_size)
+    for rendering in renderings:
+        if not isinstance(rendering, Rendering):
+            raise UserError(f"Expected Rendering objects from {name}, got {rendering!r}.")
+        for what, array, shape, dtype in (
+            ("image", rendering.image, (*square, 3), np.dtype(np.uint8)),
+            ("mask", rendering.mask, square, np.dtype(np.bool_)),
+        ):
+            if np.shape(array) != shape or getattr(array, "dtype", None) != dtype:
+                raise UserError(
+                    f"Expected an {what} of shape {shape} and dtype {dtype} from {name}, got shape "
+                    f"{np.shape(array)} and dtype {getattr(array, 'dtype', None)}."
+                )
+        box = rendering.box
+        if box is not None and (np.shape(box) != (4,) or not np.isfinite(box).all()):
+            raise UserError(
+                f"Expected a box of four finite numbers, x0 y0 x1 y1, or None from {name}, got "
+                f"{box!r}."
+            )
+    return list(renderings)

@@ -1,0 +1,118 @@
+"""One CAD file as one mesh: read from memory alone, so that a file can name no other one."""
+
+from __future__ import annotations
+
+import codecs
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from sada_gym.errors import UserError
+
+MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+"""File types that are read."""
+
+MAX_FACES = 500_000
+"""Faces of one file. So many take some 10 seconds to load, and a third of a second a picture."""
+
+MAX_COORDINATE = 1e9
+"""Vertices within 1e-8 are merged; from 1e10 on numbers are coarser than that."""
+
+MAX_BYTES = 2**30
+"""Size of one file, which is read into memory."""
+
+
+def read_mesh(file: Path) -> trimesh.Trimesh:
+    """Reads a file as one mesh with consistent windings.
+
+    Raises:
+        UserError: If it can't be read, or holds no faces, too many, or coordinates that are not
+            finite or too large; the message says what the file holds.
+    """
+    try:
+        return _read(file)
+    except UserError:
+        raise
+    # Trimesh raises whatever the broken bytes lead it to.
+    except Exception as error:
+        raise UserError(f"a file that cannot be read ({error or type(error).__name__})") from error
+
+
+def _read(file: Path) -> trimesh.Trimesh:
+    if not file.is_file():
+        raise UserError("something that is no file")
+    if file.stat().st_size > MAX_BYTES:
+        raise UserError(f"a file of more than {MAX_BYTES // 2**20:,} MB")
+    suffix = file.suffix.lower()
+    scene = trimesh.load_scene(
+        BytesIO(_as_utf8(file.read_bytes(), suffix)),
+        file_type=suffix[1:],
+        process=False,
+        skip_materials=True,
+    )
+    _check_faces(scene)
+    solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]
+    vertices = [np.asarray(solid.vertices, float) for solid in solids]
+    if not all(np.isfinite(points).all() for points in vertices):
+        raise UserError("NaN or infinite coordinates")
+    largest = max(float(np.abs(points).max(initial=0)) for points in vertices)
+    if largest > MAX_COORDINATE:
+        raise UserError(
+            f"coordinates up to {largest:.3g}, where at most {MAX_COORDINATE:.0e} is exact enough: "
+            "scale it down"
+        )
+    starts = np.cumsum([0] + [len(points) for points in vertices[:-1]])
+    faces = np.concatenate(
+        [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
+    )
+    if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
+        raise UserError("faces that point at missing vertices")
+    mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
+    return mesh
+
+
+def _check_faces(scene: trimesh.Scene) -> None:
+    """Count the faces before they are laid out: a small file may show one mesh a million times."""
+    counts = {
+        name: len(geometry.faces)
+        for name, geometry in scene.geometry.items()
+        if isinstance(geometry, trimesh.Trimesh)
+    }
+    places = scene.graph.geometry_nodes.items()
+    faces = sum(counts.get(name, 0) * len(nodes) for name, nodes in places)
+    if not faces:
+        raise UserError("no faces")
+    if faces > MAX_FACES:
+        raise UserError(
+            f"{faces:,} faces, where at most {MAX_FACES:,} are rendered in good time: reduce them, "
+            "such as with Blender's Decimate modifier"
+        )
+
+
+def _as_utf8(content: bytes, suffix: str) -> bytes:
+    """A file with its text in UTF-8: comments and names may stand in another encoding.
+
+    For other encodings trimesh wants a package that need not be installed.
+    """
+    if suffix == ".glb":
+        content[20 : 20 + int.from_bytes(content[12:16], "little")].decode()  # or it is no GLB
+        return content
+    if suffix == ".ply":
+        header, end, body = content.partition(b"end_header")
+        return _recoded(header) + end + body
+    if suffix == ".stl" and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
+        return content  # binary
+    return _recoded(content)
+
+
+def _recoded(text: bytes) -> bytes:
+    if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return text.decode("utf-16").encode()
+    try:
+        return text.decode("utf-8-sig").encode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1").encode()

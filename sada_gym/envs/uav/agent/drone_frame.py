@@ -1,0 +1,112 @@
+"""The drone's own frame, in which the perception network is given motion and answers waypoints."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.compiled import kernel
+
+UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
+"""Of the drone's own motion."""
+REACH_M = 10.0
+"""The unit of the network's waypoints."""
+
+Floats = npt.NDArray[np.float64]
+
+
+def motion(poses: Floats) -> npt.NDArray[np.float32]:
+    """Drones' motion, (n, 9): up, velocity in 10 m/s and turning in 5 rad/s, in their own frame.
+
+    Args:
+        poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
+    """
+    motions = np.empty((len(poses), 9), np.float32)
+    _to_motion(poses, motions)
+    return motions
+
+
+def in_level(poses: Floats, answers: npt.NDArray[np.float32]) -> Floats:
+    """Turn the network's answers (n, 6) into waypoints (n, 4) as `guidance` has them."""
+    waypoints = np.empty((len(poses), 4))
+    _to_level(poses, answers.astype(np.float64), waypoints)
+    return waypoints
+
+
+def in_drone(poses: Floats, waypoints: Floats) -> npt.NDArray[np.float32]:
+    """Turn waypoints (n, 4) into what the network should answer, (n, 6)."""
+    answers = np.empty((len(poses), 6), np.float32)
+    _to_drone(poses, waypoints, answers)
+    return answers
+
+
+@kernel
+def _axes(q: Floats, axes: Floats) -> None:
+    """The drone's axes in the world, one a row, of a quaternion x, y, z, w."""
+    x, y, z, w = q
+    axes[0] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
+    axes[1] = 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
+    axes[2] = 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
+
+
+@kernel
+def _along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
+    along: float = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
+    return along
+
+
+@kernel
+def _to_motion(poses: Floats, motions: npt.NDArray[np.float32]) -> None:
+    axes = np.empty((3, 3))
+    for i in range(len(poses)):
+        _axes(poses[i, 3:7], axes)
+        speed, turn = poses[i, 7:10], poses[i, 10:13]
+        for k in range(3):
+            motions[i, k] = axes[k, 2]
+            motions[i, 3 + k] = _along(axes, k, speed[0], speed[1], speed[2]) / UNIT_M_S
+            motions[i, 6 + k] = _along(axes, k, turn[0], turn[1], turn[2]) / UNIT_RAD_S
+
+
+@kernel
+def _level(axes: Floats) -> None:
+    """The axes of the level frame, x to the drone's heading, in place of the drone's own."""
+    size = math.hypot(axes[0, 0], axes[0, 1])
+    cos, sin = (axes[0, 0] / size, axes[0, 1] / size) if size > 0 else (1.0, 0.0)
+    axes[0], axes[1], axes[2] = (cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)
+
+
+@kernel
+def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
+    own, level = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(poses)):
+        _axes(poses[i, 3:7], own)
+        level[:] = own
+        _level(level)
+        x, y = 0.0, 0.0
+        waypoints[i] = 0.0
+        for k in range(3):
+            for m in range(3):
+                part = _along(level, m, own[k, 0], own[k, 1], own[k, 2])
+                waypoints[i, m] += REACH_M * part * answers[i, k]
+                x += part * answers[i, 3 + k] if m == 0 else 0.0
+                y += part * answers[i, 3 + k] if m == 1 else 0.0
+        waypoints[i, 3] = math.atan2(y, x)
+
+
+@kernel
+def _to_drone(poses: Floats, waypoints: Floats, answers: npt.NDArray[np.float32]) -> None:
+    own, level = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(poses)):
+        _axes(poses[i, 3:7], own)
+        level[:] = own
+        _level(level)
+        cos, sin = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])
+        for k in range(3):
+            x = _along(own, k, level[0, 0], level[0, 1], level[0, 2])
+            y = _along(own, k, level[1, 0], level[1, 1], level[1, 2])
+            up = own[k, 2]
+            off = x * waypoints[i, 0] + y * waypoints[i, 1] + up * waypoints[i, 2]
+            answers[i, k] = off / REACH_M
+            answers[i, 3 + k] = x * cos + y * sin

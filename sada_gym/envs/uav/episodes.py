@@ -1,0 +1,319 @@
+"""Races in lockstep, the episodes of UAV racing: drones, the gates they pass, those they miss.
+
+A gate is passed when the drone crosses its opening, in the gate's direction and in the gates'
+order. A gate is missed when that takes longer than `GATE_LIMIT_S`, or when the drone is lost: on
+its back on the ground, out of the world, or with an action that is not a finite number. Then the
+drone is set back at rest into the last gate that it passed, and the race goes on to the gate after
+the missed one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.uav.camera.pinhole import Pictures, camera
+from sada_gym.envs.uav.world.drone import (
+    GRAVITY_M_S2,
+    MASS_KG,
+    SIMULATION_HZ,
+    control,
+    heading_of,
+    upright,
+)
+from sada_gym.envs.uav.world.guidance import waypoints
+from sada_gym.envs.uav.world.physics import SLOTS, World
+from sada_gym.envs.uav.world.referee import (
+    felt,
+    frames_near,
+    judge,
+    lost_ones,
+    orders,
+    seen,
+)
+from sada_gym.errors import UserError
+
+POLICY_HZ = 20
+REPLAY_HZ = 10
+"""Frames of a replay a second: one for every second decision."""
+GATE_LIMIT_S = 10.0
+GATES_AHEAD = 2
+"""The number of gates in an observation."""
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Observation = dict[str, npt.NDArray[Any]]
+"""`gates` (n, 10) and `motion` (n, 9), float32 in [-1, 1]."""
+
+_SUBSTEPS = SIMULATION_HZ // POLICY_HZ
+_GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
+
+
+class Ending(IntEnum):
+    """What became of a gate."""
+
+    AHEAD = 0
+    PASSED = 1
+    LATE = 2
+    LOST = 3
+
+
+@dataclass(frozen=True)
+class Start:
+    """How one race begins.
+
+    Attributes:
+        gates: (g, 4) x, y, z and heading of each.
+        place: x, y, z and heading of the drone.
+        seed: Fixes light and background.
+        velocity: The drone's, in the world, in m/s.
+        first: The first gate to pass; those before it count as passed.
+    """
+
+    gates: Array
+    place: tuple[float, float, float, float]
+    seed: int = 0
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    first: int = 0
+
+    @property
+    def state(self) -> Array:
+        """The drone's first state, (13,)."""
+        state = upright(self.place[:3], self.place[3])
+        state[7:10] = self.velocity
+        return state
+
+
+class Races:
+    """Drones that race in lockstep, each as if it were alone.
+
+    Args:
+        starts: One a race; all have the same number of gates.
+
+    Attributes:
+        starts: How each race began.
+        gates: (n, g, 4) x, y, z and heading.
+        states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
+        next_gate: (n,) intp, the gate to pass next; g where a race is over.
+        endings: (n, g) int8, of `Ending`.
+        touched: (n, g) bool, where a drone touched anything on its way to a gate.
+        steps: (n,) int64, decisions taken.
+        time_s: (n,) flown.
+    """
+
+    def __init__(self, starts: Sequence[Start]) -> None:
+        count, gates = len(starts), len(starts[0].gates)
+        self.starts: list[Start] = [*starts]
+        self.gates = np.empty((count, gates, 4))
+        self.states = np.empty((count, 13))
+        self.next_gate = np.zeros(count, np.intp)
+        self.endings = np.zeros((count, gates), np.int8)
+        self.touched = np.zeros((count, gates), np.bool_)
+        self.steps = np.zeros(count, np.int64)
+        self.time_s = np.zeros(count)
+        self._since = np.zeros(count, np.int64)
+        self._headings = np.empty(count)
+        self._rotors = np.empty((count, 4))
+        self._worlds = [World() for _ in range(-(-count // SLOTS))]
+        for i, start in enumerate(starts):
+            self.begin(i, start)
+
+    def __len__(self) -> int:
+        """Number of races."""
+        return len(self.starts)
+
+    @property
+    def score(self) -> Array:
+        """The share of gates passed, (n,)."""
+        share: Array = (self.endings == Ending.PASSED).mean(axis=1)
+        return share
+
+    def begin(self, i: int, start: Start) -> None:
+        """Begin another race in place i."""
+        self.starts[i] = start
+        self.gates[i] = start.gates
+        self.next_gate[i] = start.first
+        self.endings[i] = Ending.AHEAD
+        self.endings[i, : start.first] = Ending.PASSED
+        self.touched[i] = False
+        self.steps[i], self.time_s[i], self._since[i] = 0, 0.0, 0
+        world, slot = divmod(i, SLOTS)
+        self._worlds[world].fill(slot, start.state)
+        self.place(i, start.state)
+
+    def place(self, i: int, state: Array) -> None:
+        """Set drone i to a state (13,), its rotors as if it hovered."""
+        self.states[i] = state
+        self._headings[i] = heading_of(*state[3:7])
+        self._rotors[i] = MASS_KG * GRAVITY_M_S2 / 4
+        world, slot = divmod(i, SLOTS)
+        self._worlds[world].place(slot, state)
+
+    def under_way(self) -> Indices:
+        """Which races are not over."""
+        return np.flatnonzero(self.next_gate < self.gates.shape[1])
+
+    def waypoints(self, which: Indices, ahead: int = 0) -> Array:
+        """The true waypoints of some drones, (n, 4): see `guidance`.
+
+        Args:
+            which: (n,) those.
+            ahead: 0 for the next gate, 1 for the one after it; after the last comes the first.
+        """
+        gate = (self.next_gate[which] + ahead) % self.gates.shape[1]
+        return waypoints(self.gates[which, gate], self.states[which])
+
+    def observe(self, which: Indices) -> Observation:
+        """Observations of some of the pilots, see `RacingTaskEnv`."""
+        ahead = [seen(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
+        return {
+            "gates": np.concatenate(ahead, axis=1),
+            "motion": felt(self.states[which]),
+        }
+
+    def render(self, which: Indices) -> Pictures:
+        """Images of some of the drones' cameras."""
+        seeds = [self.starts[i].seed for i in which.tolist()]
+        return camera().draw(self.gates[which], self.states[which], seeds)
+
+    def step(self, which: Indices, actions: Array) -> None:
+        """Let some drones fly for a decision's time.
+
+        Args:
+            which: (n,) those; their races must not be over.
+            actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone whose action is not finite is
+                lost.
+
+        Raises:
+            UserError: If the actions are of another shape.
+        """
+        actions = np.array(actions, np.float64)
+        if actions.shape != (len(which), 4):
+            raise UserError(
+                f"Expected actions of shape {(len(which), 4)}, one for each of the drones under "
+                f"way, got {actions.shape}."
+            )
+        # no such number may reach PyBullet, where the others are
+        lost = ~np.isfinite(actions).all(axis=1) | lost_ones(self.states[which])
+        self.steps[which] += 1
+        for i in which[lost].tolist():
+            self._miss(i, Ending.LOST)
+        actions[lost] = 0.0
+        actions = np.clip(actions, -1.0, 1.0)
+        flying = self.next_gate[which] < self.gates.shape[1]
+        self._fly(which[flying], actions[flying])
+        self._miss_lost_and_late(which[flying])
+        for i in which[self.next_gate[which] == self.gates.shape[1]].tolist():
+            # it would fall to the ground, and cost the others time there
+            self._worlds[i // SLOTS].clear(i % SLOTS)
+
+    def close(self) -> None:
+        """Free the worlds; doing it again is fine."""
+        for world in self._worlds:
+            world.close()
+
+    def _fly(self, which: Indices, actions: Array) -> None:
+        """Let drones fly, world by world."""
+        for number, world in enumerate(self._worlds):
+            here = which // SLOTS == number
+            if here.any():
+                self._fly_in(world, which[here], actions[here])
+
+    def _fly_in(self, world: World, which: Indices, actions: Array) -> None:
+        slots = (which % SLOTS).tolist()
+        states, gates = self.states[which], self.gates[which]
+        near = frames_near(gates, states)
+        for row, slot in enumerate(slots):
+            world.surround(slot, gates[row], near[row].tolist())
+        commands, headings = orders(actions, states, self._headings[which])
+        rotors, wrenches = self._rotors[which], np.empty((len(which), 6))
+        next_gate, endings = self.next_gate[which], self.endings[which]
+        touched, time_s = self.touched[which], self.time_s[which]
+        since = self._since[which]
+        for _ in range(_SUBSTEPS):
+            control(states, commands, headings, rotors, wrenches)
+            after = world.push(slots, states, wrenches)
+            judge(states, after, wrenches, gates, next_gate, endings, touched, time_s, since)
+            states = after
+        self.states[which], self._headings[which] = states, headings
+        self._rotors[which] = rotors
+        self.next_gate[which], self.endings[which] = next_gate, endings
+        self.touched[which], self.time_s[which] = touched, time_s
+        self._since[which] = since
+
+    def _miss_lost_and_late(self, which: Indices) -> None:
+        """Set back the drones that are lost or late."""
+        lost = lost_ones(self.states[which])
+        late = self._since[which] >= _GATE_LIMIT
+        for i, astray in zip(which[lost | late].tolist(), lost[lost | late], strict=True):
+            if self.next_gate[i] < self.gates.shape[1]:
+                self._miss(i, Ending.LOST if astray else Ending.LATE)
+
+    def _miss(self, i: int, how: Ending) -> None:
+        """Set a drone back where it came from; the race goes on without the gate it missed."""
+        self.endings[i, self.next_gate[i]] = how
+        self.next_gate[i] += 1
+        self._since[i] = 0
+        passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
+        last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
+        self.place(i, upright(last[:3], last[3]))
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A race as it was flown, decision by decision.
+
+    Attributes:
+        name: Of the track.
+        line: (m, 2) the track's line.
+        start: How the race began.
+        states: (k, 13) of the drone before every decision, and at the end.
+        endings: (k, g) what had become of each gate by then.
+        times_s: (k,).
+    """
+
+    name: str
+    line: Array
+    start: Start
+    states: Array
+    endings: npt.NDArray[np.int8]
+    times_s: Array
+
+    @property
+    def score(self) -> float:
+        """The share of gates passed."""
+        return float((self.endings[-1] == Ending.PASSED).mean())
+
+
+OnStep = Callable[[Races], None]
+"""What is called before every decision."""
+
+
+def record(
+    races: Races, run: Callable[[Races, OnStep], None], *, name: str, line: Array
+) -> Rollout:
+    """Let a drone fly its race to the end, and keep every decision.
+
+    Args:
+        races: One race.
+        run: Lets it fly, and calls what it is given before every decision.
+        name: Of the track.
+        line: (m, 2) the track's line.
+    """
+    states, endings, times = [], [], []
+
+    def keep(races: Races) -> None:
+        states.append(races.states[0].copy())
+        endings.append(races.endings[0].copy())
+        times.append(float(races.time_s[0]))
+
+    run(races, keep)
+    keep(races)
+    return Rollout(
+        name, line, races.starts[0], np.array(states), np.array(endings), np.array(times)
+    )

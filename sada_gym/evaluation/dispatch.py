@@ -1,0 +1,225 @@
+"""Chunks of evaluations on their way to an executor and back, whatever dies on the way."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import WorkerError
+from sada_gym.evaluation.executors import count_workers, engine_errors
+from sada_gym.evaluation.workers import Task, WorkerPool, evaluate_if_known
+from sada_gym.parameters import Mu
+
+MAX_DEATHS = 3
+"""A chunk that is under way while workers die so often is held to be what kills them."""
+
+_AHEAD = 2
+"""Chunks handed out for each worker: one that it is at and one that waits for it.
+
+More would not make it faster, but would cost more memory, and more work at a Ctrl-C.
+"""
+_SMALL_BYTES = 4096
+"""A payload of this size is sent with every chunk."""
+_CHECK_S = 5.0
+_NO_WORKER_S = 300.0
+_DYING_S = 10.0
+
+Scores = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """What is handed over and committed at a time: rows of a call, with their mu and seeds."""
+
+    rows: npt.NDArray[np.intp]
+    mu: Mu
+    seeds: list[int]
+
+
+class Dispatcher:
+    """Hands chunks to an executor, a few for each worker, and takes their scores back.
+
+    Our own processes are started with the first chunk. When one dies, all are replaced, and what
+    they had is done again; other executors replace their workers themselves, or end.
+
+    Args:
+        task: What to evaluate.
+        workers: How many processes to start; of another executor, how many it has where it cannot
+            tell.
+        executor: Another executor; None for our own processes. It is left open.
+    """
+
+    def __init__(self, task: Task, workers: int, executor: Executor | None = None) -> None:
+        self._task = task
+        self._given_workers = workers
+        self._executor = executor
+        self._pool: WorkerPool | None = None
+        self._payloads_to_send = 0
+        self._asked: int | None = None
+        self._asked_at = -_CHECK_S
+
+    @property
+    def workers(self) -> int:
+        """How many workers there are; of a cluster, how many there were within some seconds."""
+        if self._executor is not None and time.monotonic() - self._asked_at > _CHECK_S:
+            self._asked, self._asked_at = count_workers(self._executor), time.monotonic()
+        return self._asked or self._given_workers
+
+    def run(self, chunks: Iterable[Chunk], settle: Callable[[Chunk, Scores], None]) -> None:
+        """Evaluate all chunks.
+
+        Args:
+            chunks: The chunks.
+            settle: Called with each chunk and its scores, in the order in which they come back.
+
+        Raises:
+            WorkerError: If workers die again and again, or a cluster is gone. What has come back
+                is settled then, as it is after any other error.
+        """
+        waiting, deaths = deque(chunks), Counter[Chunk]()
+        running: dict[Future[Scores | None], Chunk] = {}
+        ahead = _AHEAD * self.workers
+        self._payloads_to_send = self.workers
+        try:
+            while waiting or running:
+                try:
+                    self._hand_out(waiting, running, ahead)
+                    self._take_back(waiting, running, settle)
+                except engine_errors() as error:
+                    lost = _taken_back(running, settle)
+                    self._recover(error, lost or [waiting[0]], deaths)
+                    waiting.extendleft(reversed(lost))
+        finally:
+            for future, chunk in running.items():
+                if not future.cancel():
+                    _settle_if_done(future, chunk, settle)
+
+    def _hand_out(
+        self, waiting: deque[Chunk], running: dict[Future[Scores | None], Chunk], ahead: int
+    ) -> None:
+        executor = self._open()
+        while waiting and len(running) < ahead:
+            chunk = waiting[0]
+            try:
+                future = executor.submit(
+                    evaluate_if_known, self._task_to_send(), chunk.mu, chunk.seeds
+                )
+            except BrokenExecutor:
+                raise
+            except RuntimeError as error:
+                raise WorkerError(
+                    f"Expected an open executor, got one that takes no more work ({error}). Keep "
+                    "it open as long as the oracle is used."
+                ) from error
+            running[future] = waiting.popleft()
+
+    def _task_to_send(self) -> Task:
+        """Choose whether the payload goes along: at first once for each worker.
+
+        Our own processes were given it when they started. Others answer None where they lack it.
+        """
+        if self._executor is not None and self._task.size <= _SMALL_BYTES:
+            return self._task
+        if self._executor is not None and self._payloads_to_send > 0:
+            self._payloads_to_send -= 1
+            return self._task
+        return replace(self._task, payload=None)
+
+    def _take_back(
+        self,
+        waiting: deque[Chunk],
+        running: dict[Future[Scores | None], Chunk],
+        settle: Callable[[Chunk, Scores], None],
+    ) -> None:
+        for future in self._wait(running):
+            chunk = running[future]
+            scores = future.result()
+            del running[future]
+            if scores is None:
+                self._payloads_to_send += 1
+                waiting.appendleft(chunk)
+            else:
+                settle(chunk, scores)
+
+    def _wait(self, running: dict[Future[Scores | None], Chunk]) -> Iterable[Future[Scores | None]]:
+        """Wait for the next results; a cluster without any worker would let us wait for ever."""
+        last_seen = time.monotonic()
+        while True:
+            done, _ = wait(running, timeout=_CHECK_S, return_when=FIRST_COMPLETED)
+            if done:
+                return done
+            if self._executor is None or count_workers(self._executor) != 0:
+                last_seen = time.monotonic()
+            elif time.monotonic() - last_seen > _NO_WORKER_S:
+                raise WorkerError(
+                    f"Expected workers in the cluster, but for {_NO_WORKER_S / 60:.0f} minutes "
+                    "there was none. What was evaluated before is kept; start workers and resume "
+                    "the run."
+                )
+
+    def _recover(self, error: BaseException, suspects: list[Chunk], deaths: Counter[Chunk]) -> None:
+        """Replace our own processes after one died; anything else ends here."""
+        if self._executor is not None:
+            raise WorkerError(
+                "The executor lost its workers, or the connection to its scheduler, and gave the "
+                f"evaluations up ({type(error).__name__}). What was evaluated before is kept; "
+                "start it again and resume the run."
+            ) from error
+        hopeless = self._pool is not None and self._pool.failed_to_start
+        self.close(now=True)
+        deaths.update(suspects)
+        if hopeless or max(deaths.values()) >= MAX_DEATHS:
+            raise WorkerError(
+                "A worker process died: out of memory, killed, or the script that started it "
+                "lacks its `if __name__ == '__main__':`. What was evaluated before is kept; run "
+                "again, with fewer workers if memory was short."
+            ) from error
+
+    def _open(self) -> Executor:
+        """Give the executor; our own processes start when the first chunk needs them."""
+        if self._executor is not None:
+            return self._executor
+        if self._pool is None:
+            self._pool = WorkerPool(self._given_workers, self._task)
+        return self._pool.executor
+
+    def close(self, *, now: bool = False) -> None:
+        """Stop our own processes; calling it twice is fine.
+
+        Args:
+            now: Drop what they are at, instead of waiting for it.
+        """
+        if self._pool is not None:
+            self._pool.close(now=now)
+            self._pool = None
+
+
+def _taken_back(
+    running: dict[Future[Scores | None], Chunk], settle: Callable[[Chunk, Scores], None]
+) -> list[Chunk]:
+    """Empty `running` after a death: settle what was done, and give the chunks that were not."""
+    wait(running, timeout=_DYING_S)  # a pool that has lost a process fails all that it holds
+    lost = []
+    while running:
+        future, chunk = running.popitem()
+        if not _settle_if_done(future, chunk, settle):
+            lost.append(chunk)
+    return lost[::-1]
+
+
+def _settle_if_done(
+    future: Future[Scores | None], chunk: Chunk, settle: Callable[[Chunk, Scores], None]
+) -> bool:
+    if not future.done() or future.cancelled() or future.exception() is not None:
+        return False
+    scores = future.result()
+    if scores is None:
+        return False
+    settle(chunk, scores)
+    return True

@@ -1,0 +1,244 @@
+"""An Oracle as a Gymnasium environment: for adversaries that learn by reinforcement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from sada_gym.errors import BudgetExhausted, UserError
+
+Observation = npt.NDArray[np.float32]
+
+
+class Queried(Protocol):
+    """What an environment needs of an oracle (`sada_gym.oracle.Oracle` is one)."""
+
+    @property
+    def dimension(self) -> int:
+        """d, the number of semantic parameters."""
+        ...
+
+    @property
+    def remaining(self) -> int:
+        """Queries left."""
+        ...
+
+    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Score mu (n, d): (n,). Costs n queries."""
+        ...
+
+
+class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
+    """An oracle as an environment: the action is mu, the reward is -Q, a step costs one query.
+
+    ## Description
+    What an adversary may see of an application, for algorithms that learn from environments. Each
+    step is one query of the oracle, counted against its budget. The step that spends the last query
+    ends its episode (`truncated`); any step after that raises `BudgetExhausted`, before anything is
+    evaluated. So a training that asks for too many steps is ended by the exception, with exactly
+    the budget spent, also in the middle of a rollout:
+
+        env = OracleEnv(oracle)
+        model = PPO("MlpPolicy", env, n_steps=100)
+        with suppress(BudgetExhausted):
+            model.learn(oracle.remaining)
+
+    What the algorithm has collected since its last update is lost to it then (`oracle.record` has
+    it), so let the length of a rollout divide the budget.
+
+    ## Action Space
+    `Box(-1, 1, (d,), float32)`: mu.
+
+    ## Observation Space
+    `Box(-1, 1, (d + 2,), float32)`, as of the adversary's environments: the last mu, the last score
+    (clipped to the box), the share of the episode's steps that is left. The first two are 0 where
+    there is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`.
+
+    ## Starting State
+    No proposal yet. The seed of `reset` changes nothing: a query's evaluation seed follows from its
+    number, so that a score of a noisy application cannot be asked for again.
+
+    ## Episode End
+    Terminated after `horizon` proposals, truncated when the budget is spent before that.
+
+    ## Arguments
+    - `oracle`: what is queried. It is left open.
+    - `horizon=1`: proposals in one episode.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(self, oracle: Queried, horizon: int = 1) -> None:
+        self._proposals = _Proposals(oracle, horizon, count=1)
+        self.action_space, self.observation_space = _spaces(oracle.dimension)
+
+    @property
+    def oracle(self) -> Queried:
+        """What is queried."""
+        return self._proposals.oracle
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; it costs no query."""
+        super().reset(seed=seed, options=options)
+        self._proposals.start(0)
+        return self._proposals.observation[0].copy(), {}
+
+    def step(
+        self, action: npt.NDArray[Any]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Query one mu of shape (d,).
+
+        Raises:
+            BudgetExhausted: If no query is left.
+        """
+        shape = np.shape(action)
+        if shape != self.action_space.shape:
+            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
+        score = float(self._proposals.step(np.asarray(action)[None])[0])
+        terminated = bool(self._proposals.over[0])
+        truncated = not terminated and self.oracle.remaining == 0
+        info = {"score": score}
+        return self._proposals.observation[0].copy(), -score, terminated, truncated, info
+
+
+class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+    """Many `OracleEnv` in lockstep: a step is one call of the oracle and keeps its workers busy.
+
+    Where fewer queries are left than there are environments, a step evaluates the first of its mu,
+    as many as are left, and then raises `BudgetExhausted`: the budget is spent to the last query.
+    Episodes begin anew in the step that ends them (`AutoresetMode.SAME_STEP`). For
+    Stable-Baselines3, wrap it in `sada_gym.sb3.SB3VecEnv`.
+
+    Args:
+        oracle: What is queried. It is left open.
+        num_envs: Number of environments, the queries of a step.
+        horizon: Proposals in one episode.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
+        if num_envs < 1:
+            raise UserError(f"Expected num_envs of at least 1, got {num_envs}.")
+        self.num_envs = num_envs
+        self._proposals = _Proposals(oracle, horizon, count=num_envs)
+        self.single_action_space, self.single_observation_space = _spaces(oracle.dimension)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+
+    @property
+    def oracle(self) -> Queried:
+        """What is queried."""
+        return self._proposals.oracle
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,  # noqa: ARG002 - changes nothing
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        for i in np.flatnonzero(mask):
+            self._proposals.start(int(i))
+        return self._proposals.observation.copy(), {}
+
+    def step(
+        self, actions: npt.NDArray[Any]
+    ) -> tuple[
+        Observation,
+        npt.NDArray[np.float64],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Query a batch of mu, (num_envs, d), and begin anew where an episode is over.
+
+        Raises:
+            BudgetExhausted: If fewer queries were left; these are spent then.
+        """
+        shape = np.shape(actions)
+        if shape != self.action_space.shape:
+            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
+        scores = self._proposals.step(actions)
+        terminated = self._proposals.over
+        truncated = ~terminated & (self.oracle.remaining == 0)
+        infos: dict[str, Any] = {}
+        for i in range(self.num_envs):
+            info: dict[str, Any] = {"score": float(scores[i])}
+            if terminated[i] or truncated[i]:
+                last = self._proposals.observation[i].copy()
+                info = {"final_obs": last, "final_info": info}
+                self._proposals.start(i)
+            infos = self._add_info(infos, info, i)
+        return self._proposals.observation.copy(), -scores, terminated, truncated, infos
+
+
+class _Proposals:
+    """The dynamics of n environments in lockstep, for scalar and vector alike.
+
+    Attributes:
+        observation: (n, d + 2) float32; hand out copies.
+    """
+
+    def __init__(self, oracle: Queried, horizon: int, count: int) -> None:
+        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+            raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
+        self.oracle = oracle
+        self.observation = np.zeros((count, oracle.dimension + 2), dtype=np.float32)
+        self._horizon = horizon
+        self._steps_left = np.zeros(count, dtype=np.int64)
+
+    @property
+    def over(self) -> npt.NDArray[np.bool_]:
+        """Where no step is left, or none has begun: (n,) bool."""
+        over: npt.NDArray[np.bool_] = self._steps_left == 0
+        return over
+
+    def start(self, index: int) -> None:
+        """Begin one episode."""
+        self._steps_left[index] = self._horizon
+        self.observation[index] = 0.0
+        self.observation[index, -1] = 1.0
+
+    def step(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Query mu (n, d)."""
+        if self.over.any():
+            raise ResetNeeded("Expected reset() before step(): no episode has a step left.")
+        batch = np.asarray(mu)
+        left = self.oracle.remaining
+        if left < len(batch):
+            if left:
+                self.oracle(batch[:left])
+            raise BudgetExhausted(
+                f"Expected at least {len(batch)} queries to be left for a step, got {left}. The "
+                "budget is spent: catch this around the training, as OracleEnv shows."
+            )
+        scores = self.oracle(batch)
+        self._steps_left -= 1
+        self.observation[:, :-2] = batch
+        self.observation[:, -2] = np.clip(scores, -1.0, 1.0)
+        self.observation[:, -1] = self._steps_left / self._horizon
+        return scores
+
+
+def _spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
+    return (
+        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
+        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
+    )

@@ -1,0 +1,224 @@
+"""What evaluations run on: our own processes, a Dask cluster, or any other executor."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import sys
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import resource_tracker
+from types import TracebackType
+from typing import Any
+
+from typing_extensions import Self
+
+from sada_gym.errors import MissingExtra, UserError
+from sada_gym.evaluation.workers import _inherited_settings
+
+KINDS = ("processes", "dask", "dask:ADDRESS")
+"""What `open_executor` knows."""
+
+_CONNECT_S = 5.0
+_FIRST_WORKER_S = 30.0
+_CLOSE_S = 5.0
+_NANNY = "distributed.nanny.pre-spawn-environ"
+_ENVIRONMENT = ("NUMBA_NUM_THREADS", "PYTHONSAFEPATH")
+"""Set to 1 before a Dask worker starts, beside what Dask sets: one thread each for BLAS."""
+
+_DECISIVE = ("sada-gym", "numpy", "torch")
+"""Packages whose version the workers must share with us, or scores differ."""
+
+
+class OpenExecutor:
+    """An executor that is ready for work, and how many workers it has.
+
+    Attributes:
+        executor: To be given to `Oracle`, `Evaluator` or `attack`; None for our own processes,
+            which they start themselves.
+        workers: How many workers it has, to be given along.
+    """
+
+    def __init__(self, executor: Executor | None, workers: int, *to_close: Any) -> None:
+        self.executor = executor
+        self.workers = workers
+        self._to_close = list(to_close)
+        self._log_level = _dask_log().level
+        if executor is not None:
+            _dask_log().setLevel(logging.CRITICAL)  # we say ourselves what the user must know
+
+    def close(self) -> None:
+        """Leave the cluster; one that was started here ends. Calling it twice is fine."""
+        if not self._to_close:
+            return
+        while self._to_close:
+            try:
+                self._to_close.pop(0).close(timeout=_CLOSE_S)
+            except (OSError, TimeoutError):  # it is gone already
+                continue
+        _dask_log().setLevel(self._log_level)
+
+    def __enter__(self) -> Self:
+        """Give the object itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+
+def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
+    """Open the executor that a name stands for.
+
+    Args:
+        spec: `processes`: our own. `dask`: a Dask cluster on this machine. `dask:ADDRESS`: a
+            cluster that is running, by its scheduler's address, such as
+            `dask:tcp://10.0.0.5:8786`.
+        workers: How many processes to start; a running cluster is asked how many it has.
+
+    Returns:
+        The executor, to be closed or used as a context manager.
+
+    Raises:
+        ValueError: If there is no such executor, or nothing answers at the address.
+        MissingExtra: If Dask is not installed.
+
+    Example:
+        >>> with open_executor("dask", workers=2) as cluster:
+        ...     oracle = Oracle(env_id, budget=100, executor=cluster.executor, workers=2)
+    """
+    if workers < 1:
+        raise UserError(f"Expected workers of at least 1, got {workers}.")
+    kind, _, address = spec.partition(":")
+    if spec == "processes":
+        return OpenExecutor(None, workers)
+    if spec == "dask":
+        return _local_cluster(workers)
+    if kind == "dask" and address:
+        return _running_cluster(address)
+    raise UserError(
+        f"Expected an executor of {', '.join(KINDS)}, got {spec!r}. "
+        "ADDRESS is a scheduler's, such as tcp://10.0.0.5:8786."
+    )
+
+
+def count_workers(executor: Executor) -> int | None:
+    """Ask an executor how many workers it has; None where it cannot tell."""
+    if _is_dask(executor):
+        try:
+            return sum(executor._client.nthreads().values())  # type: ignore[attr-defined]
+        except Exception:  # whatever is wrong with the cluster, its futures will say
+            return None
+    # concurrent.futures and loky alike
+    known = getattr(executor, "_max_workers", None)
+    return known if isinstance(known, int) else None
+
+
+def engine_errors() -> tuple[type[BaseException], ...]:
+    """Tell what the futures of a broken executor raise, which no evaluation raises."""
+    errors: list[type[BaseException]] = [BrokenExecutor, CancelledError]
+    distributed = sys.modules.get("distributed")  # loaded by whoever made such an executor
+    if distributed is not None:
+        errors += [distributed.KilledWorker, distributed.client.ClosedClientError]
+    return tuple(errors)
+
+
+def _is_dask(executor: Executor) -> bool:
+    module = sys.modules.get("distributed.cfexecutor")
+    return module is not None and isinstance(executor, module.ClientExecutor)
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ModuleNotFoundError as error:
+        raise MissingExtra(
+            "Expected the package distributed (Dask) for this executor, but it is not installed. "
+            "Run: pip install sada-gym[cluster]"
+        ) from error
+    return distributed
+
+
+def _local_cluster(workers: int) -> OpenExecutor:
+    distributed = _distributed()
+    import dask
+
+    resource_tracker.ensure_running()  # its own start would unblock SIGINT again
+    # the cluster's thread inherits the blocked SIGINT, and so do all workers that it starts: a
+    # Ctrl-C is the parent's
+    with dask.config.set({f"{_NANNY}.{name}": "1" for name in _ENVIRONMENT}), _inherited_settings():
+        cluster = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=None,  # else Dask stops workers that take more than their share
+            silence_logs=logging.CRITICAL,
+        )
+    client = distributed.Client(cluster, set_as_default=False)
+    return OpenExecutor(client.get_executor(pure=False), workers, client, cluster)
+
+
+def _running_cluster(address: str) -> OpenExecutor:
+    distributed = _distributed()
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except Exception as error:  # Dask raises what it stumbles over: even MemoryError
+        raise UserError(
+            f"Expected a Dask scheduler at {address}, but none answered within {_CONNECT_S:.0f} s "
+            f"({error}). Check the address, that `dask scheduler` is running there, and that no "
+            "firewall is in between."
+        ) from error
+    opened = OpenExecutor(client.get_executor(pure=False), 1, client)
+    try:
+        opened.workers = _ready_workers(client, address)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
+
+
+def _ready_workers(client: Any, address: str) -> int:
+    """Wait for the first worker, and check that all can do our work."""
+    try:
+        client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
+    except TimeoutError as error:
+        raise UserError(
+            f"Expected workers in the cluster at {address}, but there was none within "
+            f"{_FIRST_WORKER_S:.0f} s. Start some: dask worker {address}"
+        ) from error
+    here = _versions()
+    try:
+        found = client.run(_versions)
+    except ModuleNotFoundError as error:
+        raise UserError(
+            f"Expected sada-gym to be installed where the workers of {address} run, but it is not "
+            f"({error}). Install sada-gym {here['sada-gym']} there."
+        ) from error
+    for worker, there in found.items():
+        other = [f"{k} {there[k]} instead of {here[k]}" for k in here if there[k] != here[k]]
+        if other:
+            raise UserError(
+                f"Expected the same versions in the cluster as here, got a worker, {worker}, with "
+                f"{', '.join(other)}. Scores could differ: install the same ones everywhere."
+            )
+    return int(sum(client.nthreads().values()))
+
+
+def _versions() -> dict[str, str]:
+    found = {"Python": ".".join(platform.python_version_tuple()[:2])}
+    for name in _DECISIVE:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "(none)"
+    return found
+
+
+def _dask_log() -> logging.Logger:
+    return logging.getLogger("distributed")

@@ -1,0 +1,55 @@
+"""Whether a sample collapsed: an adversary that knows one fooling world and repeats it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import UserError
+
+LEAST_SAMPLES = 10
+"""Fewer samples say nothing about their spread."""
+
+LEAST_SHARE = 0.05
+"""Samples collapsed where the spread is below this share of uniform's in every dimension."""
+
+_UNIFORM_STD = 1.0 / math.sqrt(3.0)
+
+
+def collapse_flag(mu: npt.ArrayLike) -> str | None:
+    """Say that samples crowd around one point; None where they do not.
+
+    They do where in *every* dimension their standard deviation is below a twentieth of a uniform
+    sample's, 1 / sqrt(3). So they lie in about a box of a twentieth of each side, which holds
+    1/400 of a square and less than 10^-10 of a box in eight dimensions: an attack fooling rate of
+    100 % then tells of one world, not of the ways in which the agent fails.
+
+    Every dimension has to be narrow, not their mean. A fooling set may be narrow where the agent
+    is sensitive, and an adversary that covers it is right to be narrow there; but along what does
+    not matter to the agent it is wide. The twentieth lies below all that a search for the lowest
+    score leaves (`bayesian` in the published results: 0.12 and more of uniform's spread on
+    average), and above what a GAN that collapsed draws (0.0002 to 0.05).
+
+    A sample of a few separate points is not called collapsed: distances between them are wide.
+    `coverage` tells of that where there is a reference set.
+
+    Args:
+        mu: (n, d) samples in [-1, 1].
+
+    Raises:
+        ValueError: If mu is no array of shape (n, d) of finite numbers.
+    """
+    samples = np.asarray(mu, dtype=np.float64)
+    if samples.ndim != 2 or not samples.shape[1] or not np.isfinite(samples).all():
+        raise UserError(f"Expected finite mu of shape (n, d), d >= 1, got {samples.shape}.")
+    if len(samples) < LEAST_SAMPLES:
+        return None
+    widest = float(samples.std(axis=0).max()) / _UNIFORM_STD
+    if widest >= LEAST_SHARE:
+        return None
+    return (
+        "the samples collapsed to nearly one point: in no dimension is their spread above "
+        f"{LEAST_SHARE:.0%} of a uniform sample's, so the fooling rate tells of one world only"
+    ).replace("%", " %")

@@ -1,0 +1,438 @@
+"""The oracle on executors that are not ours: the same scores to the last bit."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy import Toy, paraboloid
+
+from sada_gym.errors import MissingExtra, UserError, WorkerError
+from sada_gym.evaluation import dispatch, executors
+from sada_gym.evaluation.executors import count_workers, open_executor
+from sada_gym.evaluation.workers import Task, evaluate_if_known
+from sada_gym.oracle import Oracle
+
+pytestmark = pytest.mark.timeout(120)
+
+MU = np.random.default_rng(0).uniform(-1, 1, (150, 3)).astype(np.float32)
+ANALYTIC = {"env_kwargs": {"dimension": 3, "noise": 0.2}}
+DETECTION_MU = np.random.default_rng(1).uniform(-1, 1, (12, 8)).astype(np.float32)
+
+
+def scores(problem, mu=MU, **settings):
+    with Oracle(problem, budget=len(mu), **settings) as oracle:
+        return oracle(mu)
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return scores("SADA-Analytic-v0", **ANALYTIC)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    pytest.importorskip("distributed")
+    with open_executor("dask", workers=2) as opened:
+        yield opened
+
+
+def client_of(opened):
+    return opened.executor._client
+
+
+def test_dask_gives_the_same(cluster, expected):
+    assert cluster.workers == count_workers(cluster.executor) == 2
+    found = scores("SADA-Analytic-v0", **ANALYTIC, executor=cluster.executor, chunk_size=7)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.slow  # each worker loads torch and compiles
+def test_dask_gives_the_same_detections(cluster):
+    expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
+    found = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=cluster.executor, chunk_size=5)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_threads_give_the_same_detections():
+    expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
+    with ThreadPoolExecutor(2) as threads:
+        found = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=threads, chunk_size=4)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_one_dask_process_gives_the_same(expected):
+    pytest.importorskip("distributed")
+    with open_executor("dask", workers=1) as opened:
+        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_dasks_threads_give_the_same(expected):
+    distributed = pytest.importorskip("distributed")
+    settings = {"processes": False, "threads_per_worker": 2, "dashboard_address": ":0"}
+    with distributed.Client(n_workers=1, set_as_default=False, **settings) as client:
+        executor = client.get_executor()
+        assert count_workers(executor) == 2
+        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_threads_give_the_same(expected):
+    with ThreadPoolExecutor(3) as threads:
+        assert count_workers(threads) == 3
+        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=threads, chunk_size=4)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_loky_gives_the_same(expected):
+    loky = pytest.importorskip("loky")
+    executor = loky.ProcessPoolExecutor(2)
+    try:
+        assert count_workers(executor) == 2
+        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+    finally:
+        executor.shutdown(kill_workers=True)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_our_own_processes_are_an_executor_by_name(expected):
+    with open_executor("processes", 2) as opened:
+        assert (opened.executor, opened.workers) == (None, 2)
+        found = scores(
+            "SADA-Analytic-v0", **ANALYTIC, executor=opened.executor, workers=opened.workers
+        )
+    np.testing.assert_array_equal(found, expected)
+
+
+# a worker that dies
+
+
+class Killer:
+    """Kill one worker once some chunks have come back."""
+
+    def __init__(self, find_worker, after=2):
+        self.find_worker, self.left = find_worker, after
+
+    def __call__(self, done, total, known):
+        self.left -= 1
+        if self.left == 0:
+            os.kill(self.find_worker(), signal.SIGKILL)
+
+
+def one_process_at_work(log):
+    processes = [int(line.split()[0]) for line in log.read_text().splitlines()]
+    return next(pid for pid in processes if pid != os.getpid())
+
+
+@pytest.mark.parametrize("kind", ["ours", "dask"])
+def test_a_killed_worker_changes_nothing(kind, tmp_path, request):
+    log, store = tmp_path / "log", tmp_path / "run.sqlite"
+    settings = {"workers": 2, "store": store, "chunk_size": 5}
+    if kind == "dask":
+        settings["executor"] = request.getfixturevalue("cluster").executor
+    killer = Killer(lambda: one_process_at_work(log))
+    found = scores(Toy(log=str(log), pause_s=0.005), progress=killer, **settings)
+    assert killer.left <= 0
+    np.testing.assert_array_equal(found, scores(Toy()))
+    # the chunks that were under way are done again, and no other
+    done = len(log.read_text().splitlines())
+    assert len(MU) <= done <= len(MU) + 5 * 2 * dispatch._AHEAD
+
+
+class Deadly:
+    """Score, but kill the process where mu[0] is largest."""
+
+    def __call__(self, mu):
+        if (mu[:, 0] == MU[:, 0].max()).any():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return paraboloid(mu)
+
+
+def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known():
+    settings = {"dimension": 3, "threshold": 0.3, "workers": 2, "chunk_size": 10}
+    done = []
+    with pytest.raises(WorkerError, match="A worker process died"):
+        scores(Deadly(), progress=lambda d, t, k: done.append(d), **settings)
+    assert done[-1] >= 30
+
+
+def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster):
+    settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 10}
+    with pytest.raises(WorkerError, match=r"lost its workers.*\(KilledWorker\).*resume the run"):
+        scores(Deadly(), executor=cluster.executor, **settings)
+    client_of(cluster).wait_for_workers(2, timeout=30)
+
+
+def test_a_broken_loky_ends_with_a_sentence():
+    loky = pytest.importorskip("loky")
+    executor = loky.ProcessPoolExecutor(2)
+    try:
+        with pytest.raises(WorkerError, match="The executor lost its workers"):
+            scores(Deadly(), dimension=3, threshold=0.3, chunk_size=10, executor=executor)
+    finally:
+        executor.shutdown(kill_workers=True)
+
+
+# without its guard, every process that is started would start others
+
+
+def test_a_script_without_its_guard_is_told_of_once(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sada_gym\n"
+        "from sada_gym.oracle import Oracle\n"
+        "Oracle('SADA-Analytic-v0', budget=4, workers=2)([[0.0, 0.0]] * 4)\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    last = done.stderr.strip().splitlines()[-1]
+    assert "WorkerError" in last
+    assert "lacks its `if __name__" in last
+
+
+# a cluster elsewhere
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def remote():
+    """Start a scheduler and a worker by Dask's own commands; give the scheduler and address."""
+    pytest.importorskip("distributed")
+    address = f"tcp://127.0.0.1:{free_port()}"
+    dask = [sys.executable, "-m", "dask"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    port = address.rpartition(":")[2]
+    scheduler = subprocess.Popen(
+        [*dask, "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"], **quiet
+    )
+    worker = subprocess.Popen(
+        [*dask, "worker", address, "--nthreads", "1", "--no-dashboard", "--death-timeout", "30"],
+        env=here,
+        **quiet,
+    )
+    wait_for_port(int(port))
+    yield scheduler, f"dask:{address}"
+    for process in (worker, scheduler):
+        process.terminate()
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def wait_for_port(port):
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+
+
+def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
+    remote, expected, tmp_path
+):
+    scheduler, address = remote
+    store = tmp_path / "run.sqlite"
+    with open_executor(address) as opened:
+        assert opened.workers == 1
+        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+        np.testing.assert_array_equal(found, expected)
+
+        toy, done = Toy(pause_s=0.02), []
+
+        def lose_scheduler(*counts):
+            done.append(counts)
+            if len(done) == 3:
+                scheduler.kill()
+
+        settings = {"store": store, "chunk_size": 5, "executor": opened.executor}
+        with pytest.raises(WorkerError, match=r"connection to its scheduler.*resume the run"):
+            scores(toy, progress=lose_scheduler, **settings)
+    known = []
+    found = scores(toy, store=store, progress=lambda d, t, k: known.append(k))
+    np.testing.assert_array_equal(found, scores(Toy()))
+    assert known[0] >= 15
+
+
+def test_an_unreachable_address_is_told_of_within_seconds():
+    pytest.importorskip("distributed")
+    start = time.monotonic()
+    with pytest.raises(UserError, match=r"Expected a Dask scheduler at tcp://127.0.0.1:\d+, but"):
+        open_executor(f"dask:tcp://127.0.0.1:{free_port()}")
+    assert time.monotonic() - start < 15
+
+
+@pytest.mark.parametrize("address", ["nonsense", "http://127.0.0.1:1", "127.0.0.1:99999"])
+def test_a_bad_address_is_told_of(address, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "_CONNECT_S", 1.0)
+    with pytest.raises(UserError, match=rf"Expected a Dask scheduler at {address}, but none"):
+        open_executor(f"dask:{address}")
+
+
+def test_a_cluster_without_workers_is_told_of(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "_FIRST_WORKER_S", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        pytest.raises(UserError, match=r"Expected workers in the cluster .* dask worker tcp"),
+    ):
+        open_executor(f"dask:{cluster.scheduler_address}")
+
+
+def test_a_cluster_that_loses_all_workers_does_not_wait_for_ever(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(dispatch, "_CHECK_S", 0.1)
+    monkeypatch.setattr(dispatch, "_NO_WORKER_S", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+        pytest.raises(WorkerError, match=r"Expected workers in the cluster.*resume the run"),
+    ):
+        scores("SADA-Analytic-v0", **ANALYTIC, executor=client.get_executor())
+
+
+def test_other_versions_in_the_cluster_are_refused(cluster, monkeypatch):
+    address = client_of(cluster).scheduler.address
+    here = {**executors._versions(), "numpy": "1.2.3"}
+    monkeypatch.setattr(executors, "_versions", Here(here))
+    with pytest.raises(UserError, match=r"Expected the same versions .* instead of 1\.2\.3"):
+        open_executor(f"dask:{address}")
+
+
+class Here:
+    """Answer otherwise in this process alone: elsewhere it is the function again."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def __call__(self):
+        return self.answer
+
+    def __reduce__(self):
+        return getattr, (executors, "_versions")
+
+
+def test_a_missing_package_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtra, match=r"pip install sada-gym\[cluster\]"):
+        open_executor("dask")
+
+
+@pytest.mark.parametrize("spec", ["", "dask:", "threads", "Dask", "processes:2"])
+def test_an_unknown_executor_is_refused(spec):
+    with pytest.raises(UserError, match=r"Expected an executor of processes, dask, dask:ADDRESS"):
+        open_executor(spec)
+
+
+def test_closing_twice_is_fine_and_ends_the_workers():
+    pytest.importorskip("distributed")
+    opened = open_executor("dask", 1)
+    (pid,) = client_of(opened).run(os.getpid).values()
+    opened.close()
+    opened.close()
+    deadline = time.monotonic() + 10
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_an_executor_that_was_closed_is_told_of():
+    threads = ThreadPoolExecutor(1)
+    threads.shutdown()
+    with pytest.raises(WorkerError, match="Expected an open executor"):
+        scores(Toy(), executor=threads)
+
+
+# what is sent
+
+
+class Large:
+    """A function with a megabyte of weights."""
+
+    def __init__(self, seed=0):
+        self.weights = np.random.default_rng(seed).random(130_000)
+
+    def __call__(self, mu):
+        return paraboloid(mu) * self.weights[:1]
+
+
+class Recording(ThreadPoolExecutor):
+    """Note what is handed over, and how much at a time."""
+
+    def __init__(self, workers):
+        super().__init__(workers)
+        self.sizes, self.open, self.most = [], 0, 0
+        self.lock = threading.Lock()
+
+    def submit(self, function, task, *args):
+        self.sizes.append(task.size)
+        future = super().submit(function, task, *args)
+        with self.lock:
+            self.open += 1
+            self.most = max(self.most, self.open)
+        future.add_done_callback(self._done)
+        return future
+
+    def _done(self, _):
+        with self.lock:
+            self.open -= 1
+
+
+def test_a_large_model_is_sent_once_for_each_worker_not_with_every_chunk():
+    problem = Large()
+    with Recording(2) as executor:
+        found = scores(problem, dimension=3, threshold=0.3, executor=executor, chunk_size=1)
+    np.testing.assert_array_equal(found, problem(MU))
+    assert sum(size > 1_000_000 for size in executor.sizes) == 2
+    assert executor.sizes.count(0) == len(MU) - 2
+
+
+def test_a_large_model_reaches_dasks_workers_even_one_that_is_new(cluster):
+    problem = Large()
+    settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 5}
+    pids = client_of(cluster).run(os.getpid)
+    killer = Killer(lambda: next(iter(pids.values())), after=4)
+    found = scores(problem, executor=cluster.executor, progress=killer, **settings)
+    np.testing.assert_array_equal(found, problem(MU))
+
+
+def test_a_process_that_lacks_the_payload_asks_for_it():
+    task = Task.of(Large(seed=1))  # that no other test has sent
+    light = Task(None, task.key)
+    assert evaluate_if_known(light, MU[:2], [0, 1]) is None
+    whole = evaluate_if_known(task, MU[:2], [0, 1])
+    np.testing.assert_array_equal(evaluate_if_known(light, MU[:2], [0, 1]), whole)
+
+
+def test_only_a_few_chunks_are_handed_out_at_a_time():
+    with Recording(2) as executor:
+        scores(Toy(), executor=executor, chunk_size=1)
+    assert len(executor.sizes) == len(MU)
+    assert executor.most <= 2 * dispatch._AHEAD
+
+
+def test_dasks_workers_leave_ctrl_c_to_the_parent(cluster):
+    masks = client_of(cluster).run(blocked_signals)
+    assert all(signal.SIGINT in mask for mask in masks.values())
+
+
+def blocked_signals():
+    return {int(s) for s in signal.pthread_sigmask(signal.SIG_BLOCK, set())}
