@@ -64,9 +64,7 @@ def test_torchrl_draws_seeds_and_steps() -> None:
     assert batch.rollout(2)["next", "reward"].shape[0] == 3
 
 
-def test_rl_zoo_trains_with_its_defaults(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rl_zoo_trains_with_its_defaults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     train = pytest.importorskip("rl_zoo3.train")
     settings = tmp_path / "settings.yml"
     settings.write_text(

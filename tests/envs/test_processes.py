@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 LIMIT_S = 240
-"""A hang fails the test by then; mostly it is the time to compile kernels once on a slow machine."""
+"""A hang fails the test by then. A slow machine needs most of it to compile kernels once."""
 
-PROGRAM = '''
+PROGRAM = """
 import sys
 import gymnasium as gym
 import numpy as np
@@ -61,7 +61,7 @@ def main():
 
 if __name__ == "__main__":
     main()
-'''
+"""
 
 IDS = ("SADA-Detection-Car-v0", "SADA-Driving-Straight-v0", "SADA-UAV-3Anchors-v0")
 CASES = [
@@ -83,7 +83,12 @@ def test_it_works_in_other_processes(
     program.write_text(PROGRAM, encoding="utf-8")
     command = [sys.executable, str(program), env_id, client, method, before]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=LIMIT_S, start_new_session=True, check=False
+        command,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        start_new_session=True,
+        check=False,
     )
     assert done.stdout.strip().endswith("agreed"), done.stdout + done.stderr
 

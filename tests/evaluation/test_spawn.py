@@ -15,7 +15,7 @@ import sada_gym
 ROOT = Path(sada_gym.__file__).parent.parent
 SHADOWS = ("pickle", "selectors", "signal", "socket", "struct", "tempfile")
 
-SCRIPT = '''
+SCRIPT = """
 import os
 import sys
 import numpy as np
@@ -42,7 +42,7 @@ if __name__ == "__main__":
     assert in_fresh_process(seen, home=sada_gym.Application) == (False, True)
     assert "PYTHONSAFEPATH" not in os.environ
     print("done")
-'''
+"""
 
 
 @pytest.fixture
@@ -61,7 +61,13 @@ def run(command: Sequence[str], folder: Path) -> str:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     environment.pop("PYTHONSAFEPATH", None)
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=240, check=False
+        command,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert not list(folder.glob("*.ran"))
@@ -77,9 +83,7 @@ def test_the_command_line_leaves_the_folders_files_alone(hostile: Path, tmp_path
     assert (tmp_path / "out" / "result.json").is_file()
 
 
-def test_a_script_leaves_them_alone_and_finds_its_neighbours(
-    hostile: Path, tmp_path: Path
-) -> None:
+def test_a_script_leaves_them_alone_and_finds_its_neighbours(hostile: Path, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     neighbour = "import numpy as np\n\n\ndef score(mu):\n    return np.full(len(mu), 0.25)\n"
     (tmp_path / "neighbour.py").write_text(neighbour, encoding="utf-8")
@@ -97,6 +101,10 @@ def test_a_variable_that_was_set_stays_set() -> None:
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "yes"}
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.stdout.split() == ["yes", "yes"], done.stderr
