@@ -13,13 +13,12 @@ from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
-MOST_DIMENSIONS, MOST_REGIONS = 1_000, 1_000
-"""More would take long and show nothing new."""
 _AT_ONCE = 2**24
 """Numbers held in memory while distances are computed."""
 
 _GOLDEN = (5**0.5 - 1) / 2
 _IMAGE_SIZE = 128
+_MOST = 1_000  # dimensions and regions: adversaries take no more
 _FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB = (178, 24, 43), (247, 247, 247), (33, 102, 172)
 
 
@@ -49,17 +48,14 @@ class AnalyticApplication(Application):
     def __init__(
         self, *, dimension: int = 2, regions: int = 4, volume: float = 0.1, noise: float = 0.0
     ) -> None:
-        for what, count, most in (
-            ("dimension", dimension, MOST_DIMENSIONS),
-            ("regions", regions, MOST_REGIONS),
-        ):
+        for what, count in (("dimension", dimension), ("regions", regions)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
                 raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
-            if count > most:
-                raise UserError(f"Expected {what} to be an int of at most {most}, got {count}.")
-        for what, number in (("volume", volume), ("noise", noise)):
-            if isinstance(number, bool) or not isinstance(number, int | float):
-                raise UserTypeError(f"Expected {what} from 0 to 1, got {number!r}.")
+            if count > _MOST:
+                raise UserError(f"Expected {what} of at most {_MOST:,}, got {count:,}.")
+        for what, share in (("volume", volume), ("noise", noise)):
+            if not isinstance(share, int | float):
+                raise UserTypeError(f"Expected {what} to be a number, got {share!r}.")
         if not 0.0 < volume < 1.0:
             raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
         if not 0.0 <= noise < 1.0:

@@ -112,26 +112,14 @@ def test_golden_scores() -> None:
         ({"regions": 0}, "Expected regions to be an int of at least 1, got 0"),
         ({"volume": 0.0}, r"Expected volume to be a share within \(0, 1\), got 0.0"),
         ({"volume": float("nan")}, r"Expected volume to be a share within \(0, 1\), got nan"),
+        ({"dimension": 10**6}, "Expected dimension of at most 1,000, got 1,000,000"),
+        ({"regions": 10**9}, "Expected regions of at most 1,000, got 1,000,000,000"),
+        ({"volume": "0.1"}, "Expected volume to be a number, got '0.1'"),
+        ({"noise": None}, "Expected noise to be a number, got None"),
         ({"noise": 1.0}, r"Expected noise to be within \[0, 1\), got 1.0"),
     ],
 )
 def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        AnalyticApplication(**keywords)
-
-
-@pytest.mark.parametrize(
-    ("keywords", "message"),
-    [
-        ({"dimension": 10**6}, "Expected dimension to be an int .* at most 1000, got 1000000"),
-        ({"dimension": 0}, "Expected dimension to be an int of at least 1"),
-        ({"regions": 10**9}, "Expected regions to be an int .* at most 1000, got 1000000000"),
-        ({"volume": "0.1"}, "Expected volume from 0 to 1, got '0.1'"),
-        ({"volume": 1.0}, r"Expected volume to be a share within \(0, 1\), got 1.0"),
-        ({"noise": None}, "Expected noise from 0 to 1, got None"),
-    ],
-)
-def test_keywords_out_of_range_are_refused(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         AnalyticApplication(**keywords)
 
