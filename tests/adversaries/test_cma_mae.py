@@ -56,7 +56,8 @@ def test_luck_fades():
     mu, centroids = rng.uniform(-1.0, 1.0, (2000, 2)), rng.uniform(-1.0, 1.0, (50, 2))
     fools = rng.uniform(size=2000) < np.where(mu[:, 0] > 0.0, 0.9, 0.03)
     adversary = CMAMAE(2, seed=0)
-    adversary._learn(Omega(mu.astype(np.float32), np.where(fools, 0.0, 0.6)), 0.3, centroids)
+    adversary.threshold, adversary._centroids = 0.3, centroids
+    adversary._fit(Omega(mu.astype(np.float32), np.where(fools, 0.0, 0.6)))
     lucky = adversary._points[:, 0] < -0.2
     assert lucky.mean() > 0.02
     assert adversary._odds[lucky].sum() < 0.4 * lucky.mean()
