@@ -64,13 +64,21 @@ if __name__ == "__main__":
 """
 
 IDS = ("SADA-Detection-Car-v0", "SADA-Driving-Straight-v0", "SADA-UAV-3Anchors-v0")
-CASES = [
+DETECTION, DRIVING, RACING = IDS
+FAST = {
+    (DETECTION, "gymnasium", "default", "fresh"),
+    (DRIVING, "gymnasium", "default", "used"),
+    (RACING, "gymnasium", "default", "fresh"),
+    (DETECTION, "sb3", "default", "used"),
+}
+ALL = [
     *((env_id, "gymnasium", "default", before) for env_id in IDS for before in ("fresh", "used")),
     *((env_id, "sb3", "default", "used") for env_id in IDS),
-    ("SADA-Detection-Car-v0", "gymnasium", "spawn", "used"),
-    ("SADA-Detection-Car-v0", "sb3", "fork", "used"),
-    ("SADA-Detection-Car-v0", "sb3", "spawn", "fresh"),
+    (DETECTION, "gymnasium", "spawn", "used"),
+    (DETECTION, "sb3", "fork", "used"),
+    (DETECTION, "sb3", "spawn", "fresh"),
 ]
+CASES = [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for case in ALL]
 
 
 @pytest.mark.parametrize(("env_id", "client", "method", "before"), CASES)
