@@ -183,7 +183,8 @@ class Application(ABC):
 
         The default serves applications whose episode is a single frame.
         """
-        score = float(self.evaluate(np.asarray(mu)[None], [seed]).score[0])
+        one: Any = [mu]
+        score = float(self.evaluate(one, [seed]).score[0])
         return [self.render(mu, seed)], score
 
     def close(self) -> None:  # noqa: B027 - most applications hold nothing
@@ -196,7 +197,8 @@ def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> 
     Raises:
         ValueError: If they are not what `Application.evaluate` takes.
     """
-    row = parameters.validate(np.asarray(mu)[None])
+    one: Any = [mu]
+    row = parameters.validate(one)
     return row, validate_seeds([seed], 1)[0]
 
 

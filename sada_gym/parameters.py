@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
@@ -120,9 +120,12 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
     """Round mu to float32 and check that it is an (n, dimension) batch inside [-1, 1].
 
     Raises:
-        ValueError: If the shape is wrong or a value is NaN or outside the box.
+        ValueError: If mu is no array of real numbers, the shape is wrong, or a value is NaN or
+            outside the box.
     """
-    batch: npt.NDArray[Any] = np.ascontiguousarray(mu, dtype=np.float32)
+    given = _real_numbers(mu)
+    with np.errstate(over="ignore"):  # what overflows float32 lies outside the box
+        batch: npt.NDArray[Any] = np.ascontiguousarray(given, dtype=np.float32)
     if batch.ndim != 2 or batch.shape[1] != dimension:
         hint = f" Pass mu[None] for a single mu of shape ({dimension},)." if batch.ndim == 1 else ""
         raise UserError(f"Expected mu of shape (n, {dimension}), got {batch.shape}.{hint}")
@@ -134,3 +137,23 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
             " Clip or rescale it; mu is normalised, not in physical units."
         )
     return batch
+
+
+def _real_numbers(mu: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Give mu as an array, and refuse what NumPy would turn into numbers of another meaning."""
+    rows = mu if isinstance(mu, list | tuple) else [mu]
+    if any(np.ma.isMaskedArray(row) for row in rows):
+        raise UserTypeError(
+            "Expected mu without a mask, got a masked array, whose hidden values would count. "
+            "Fill it with mu.filled(value)."
+        )
+    try:
+        given = np.asarray(mu)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged rows; a tensor with a gradient
+        raise UserTypeError(f"Expected mu to be an array of real numbers, got: {error}") from error
+    if given.dtype.kind not in "iuf":
+        raise UserTypeError(
+            f"Expected mu to be an array of real numbers, got dtype {given.dtype}. Convert it with "
+            "mu.astype(numpy.float32)."
+        )
+    return given

@@ -176,6 +176,9 @@ def make_application(env_id: str, **env_kwargs: Any) -> Application:
 def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
     if spec.entry_point is None:
         raise UserError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
+    render_mode = env_kwargs.get("render_mode")
+    if render_mode is not None and not isinstance(render_mode, str):  # gymnasium.make fails on it
+        raise UserError(f"Expected render_mode to be a string or None, got {render_mode!r}.")
     creator = spec.entry_point
     accepted = inspect.signature(
         load_env_creator(creator) if isinstance(creator, str) else creator

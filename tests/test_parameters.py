@@ -68,8 +68,18 @@ def test_validate_takes_an_empty_batch_and_the_faces(space: ParameterSpace) -> N
         ([[0, 0], [0, np.nan]], r"within \[-1, 1\], got nan at row 1, column 1. Clip or rescale"),
         ([[1.5, 0]], r"within \[-1, 1\], got 1.5 at row 0, column 0"),
         ([[0, -np.inf]], r"within \[-1, 1\], got -inf at row 0, column 1"),
+        ([[0, 1e300]], r"within \[-1, 1\], got inf at row 0, column 1"),
+        (np.zeros((1, 2), complex), "an array of real numbers, got dtype complex128. Convert it"),
+        ([["0", "0"]], "an array of real numbers, got dtype <U1"),
+        ([[b"0", b"0"]], "an array of real numbers, got dtype "),
+        ([[None, 0]], "an array of real numbers, got dtype object"),
+        (np.ones((1, 2), bool), "an array of real numbers, got dtype bool"),
+        ([[0, 0], [0]], "an array of real numbers, got: setting an array element"),
+        (np.ma.zeros((1, 2)), r"Expected mu without a mask, .* mu.filled\(value\)"),
+        ([np.ma.zeros(2), np.zeros(2)], "Expected mu without a mask"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_a_bad_mu_is_refused(mu: np.typing.ArrayLike, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         validate_mu(mu, 2)

@@ -50,10 +50,20 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     ## Starting State
     No proposal yet. The first evaluation after `reset(seed=s)` has the seed s, every other one a
-    seed drawn from `np_random`; `info["seed"]` names it.
+    seed drawn from `np_random`; `info["seed"]` names it. A seed is any int from 0 up. Evaluations
+    have seeds below 2**31, so `reset` folds a larger one: `sada_gym.application.fold_seed`.
+
+    `reset` evaluates nothing, so it has no score to tell and its info is empty. It does not name
+    the coming seed either: in a batch that would stand beside the score of the evaluation before.
 
     ## Episode End
     Terminated after `horizon` proposals, never truncated.
+
+    Gymnasium's `SyncVectorEnv` and `AsyncVectorEnv` reset in the *next* step by default. With
+    `horizon=1` they then waste every second action. Ask for a reset in the same step:
+    `gymnasium.make_vec(id, num_envs=n, vectorization_mode="sync",
+    vector_kwargs={"autoreset_mode": "SameStep"})`. The native batch, `make_vec` without a mode,
+    does so by itself.
 
     ## Arguments
     - `application`: the black box under attack.
@@ -99,7 +109,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         shape = np.shape(action)
         if shape != self.action_space.shape:
             raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        (info,) = self._episodes.step(np.asarray(action)[None], [self.np_random]).infos
+        (info,) = self._episodes.step([action], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
 
@@ -147,8 +157,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         horizon: int = 1,
         render_mode: str | None = None,
     ) -> None:
+        self.application = application  # first: older Gymnasiums close what was refused
         super().__init__(num_envs=num_envs, render_mode=render_mode)
-        self.application = application
         self.horizon = _checked_horizon(horizon)
         self.single_action_space, self.single_observation_space = _spaces(application)
         self.action_space = batch_space(self.single_action_space, num_envs)

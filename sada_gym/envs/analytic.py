@@ -13,6 +13,9 @@ from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
+_AT_ONCE = 2**24
+"""Numbers held in memory while distances are computed."""
+
 _GOLDEN = (5**0.5 - 1) / 2
 _IMAGE_SIZE = 128
 _MOST = 1_000  # dimensions and regions: adversaries take no more
@@ -31,8 +34,8 @@ class AnalyticApplication(Application):
     centre in the maximum norm, in units of the box's half sides: 0 at a centre, t on the surface.
 
     Args:
-        dimension: d, at least 1.
-        regions: Number of boxes, at least 1.
+        dimension: d, from 1 to 1,000.
+        regions: Number of boxes, from 1 to 1,000.
         volume: The fooling set's share of [-1, 1]^d, in (0, 1).
         noise: Half width of a uniform disturbance of Q that depends on the seed alone, in [0, 1).
             With noise the known set is that of the undisturbed Q.
@@ -115,8 +118,11 @@ class AnalyticApplication(Application):
 
     def _nearest(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Give the nearest region and the undisturbed Q of each mu, both (n,)."""
-        offset = mu.astype(np.float64)[:, None, :] - self.centres
-        distance = np.abs(offset / self.half_sides).max(axis=2)
+        rows = max(1, _AT_ONCE // self.centres.size)
+        distance = np.empty((len(mu), self.regions))
+        for start in range(0, len(mu), rows):
+            offset = mu[start : start + rows].astype(np.float64)[:, None, :] - self.centres
+            distance[start : start + rows] = np.abs(offset / self.half_sides).max(axis=2)
         weighted = self.fooling_threshold * distance.min(axis=1) ** 2
         return distance.argmin(axis=1), weighted / (weighted + (1.0 - self.fooling_threshold))
 
@@ -162,8 +168,8 @@ class AnalyticEnv(AdversaryEnv):
     Terminated after `horizon` proposals.
 
     ## Arguments
-    - `dimension=2`: number of parameters.
-    - `regions=4`: number of separate fooling regions.
+    - `dimension=2`: number of parameters, at most 1,000.
+    - `regions=4`: number of separate fooling regions, at most 1,000.
     - `volume=0.1`: the fooling set's share of the whole space.
     - `noise=0.0`: half width of a uniform disturbance of the score, fixed by the seed.
     - `horizon=1`: proposals in one episode.

@@ -123,12 +123,12 @@ class TaskVectorEnv(SeededVectorEnv[Observation]):
     """
 
     def __init__(self, episodes: TaskEpisodes, *, num_envs: int, render_mode: str | None) -> None:
+        self._episodes = episodes  # first: older Gymnasiums close what was refused
         super().__init__(num_envs=num_envs, render_mode=render_mode)
         self.single_observation_space: spaces.Dict = deepcopy(episodes.observation_space)
         self.single_action_space = deepcopy(episodes.action_space)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._episodes = episodes
         self._everyone = np.arange(num_envs)
 
     def reset(

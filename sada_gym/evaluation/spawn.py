@@ -65,7 +65,7 @@ def _safe_path() -> Iterator[None]:
 @contextmanager
 def _environment() -> Iterator[None]:
     before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = "1"
+    os.environ[_SAFE_PATH] = before or "1"
     try:
         yield
     finally:

@@ -241,17 +241,21 @@ def test_a_bad_action_is_refused(action: np.ndarray, message: str) -> None:
         env.step(action)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**31, 1.5, True])
+@pytest.mark.parametrize("seed", [-1, 1.5, True, "3", np.float64(2), np.bool_(True)])
 def test_a_bad_seed_is_refused(seed: Any) -> None:
-    with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\)"):
+    with pytest.raises(ValueError, match="Expected seeds to be ints from 0 up, got"):
         AdversaryEnv(AnalyticApplication()).reset(seed=seed)
+    vector = AdversaryVectorEnv(AnalyticApplication(), num_envs=2)
+    for given in (seed, [seed, seed]):
+        with pytest.raises(ValueError, match="Expected seeds to be ints from 0 up, got"):
+            vector.reset(seed=given)
 
 
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
         ({"seed": [1, 2, 3]}, "Expected 2 seeds, one for each environment, got 3"),
-        ({"seed": 2**31 - 1}, r"Expected seeds to be ints in .*, got 2147483648"),
+        ({"seed": [-1, 2]}, "Expected seeds to be ints from 0 up, got -1"),
         (
             {"options": {"reset_mask": [1, 0, 1]}},
             r"Expected reset_mask of shape \(2,\) and dtype bool, got \(3,\) and int",

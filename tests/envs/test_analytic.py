@@ -112,9 +112,20 @@ def test_golden_scores() -> None:
         ({"regions": 0}, "Expected regions to be an int of at least 1, got 0"),
         ({"volume": 0.0}, r"Expected volume to be a share within \(0, 1\), got 0.0"),
         ({"volume": float("nan")}, r"Expected volume to be a share within \(0, 1\), got nan"),
+        ({"dimension": 10**6}, "Expected dimension of at most 1,000, got 1,000,000"),
+        ({"regions": 10**9}, "Expected regions of at most 1,000, got 1,000,000,000"),
+        ({"volume": "0.1"}, "Expected volume to be a number, got '0.1'"),
+        ({"noise": None}, "Expected noise to be a number, got None"),
         ({"noise": 1.0}, r"Expected noise to be within \[0, 1\), got 1.0"),
     ],
 )
 def test_bad_keywords_are_refused(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         AnalyticApplication(**keywords)
+
+
+def test_the_largest_one_fits_in_memory() -> None:
+    application = AnalyticApplication(dimension=1_000, regions=1_000)
+    mu = uniform(application, 33)
+    one_by_one = [application.evaluate(row[None], [0]).score[0] for row in mu[:3]]
+    assert_array_equal(application.evaluate(mu, [0] * 33).score[:3], one_by_one)
