@@ -138,6 +138,7 @@ def test_the_sdist_is_what_the_package_is_built_from(sdist: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1_800)  # all kernels are compiled
 def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
     lines = python(installed, "-c", STEP_ALL, installed).splitlines()
     import sada_gym
@@ -146,6 +147,7 @@ def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1_800)  # all kernels are compiled
 def test_driving_is_attacked_outside_the_checkout(installed: Path) -> None:
     command = "attack SADA-Driving-Straight-v0 --adversary random --budget 4 --samples 2 --out run"
     python(installed, installed / "bin" / "sada-gym", *command.split())
