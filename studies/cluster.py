@@ -1,6 +1,6 @@
 """What a cluster gives and what it costs: throughput by workers, commits, bytes, overhead a task.
 
-Run it: python studies/cluster.py
+Run it: OMP_NUM_THREADS=1 python studies/cluster.py
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ def throughput(workers: Sequence[int], share: float) -> None:
     print("| workers | analytic, evaluations/s | detection, evaluations/s |\n| --- | --- | --- |")
     row("this process", lambda env_id: rate(env_id, share))
     for count in workers:
+        if count == 1:
+            continue  # which is this process
         row(f"our own processes, {count}", lambda env_id, n=count: rate(env_id, share, workers=n))
     for count in workers:
         with dask_workers(count) as address, open_executor(address) as cluster:

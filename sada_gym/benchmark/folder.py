@@ -1,66 +1,57 @@
-"""The folder of a benchmark: whose it is, where its cells lie, and what they hold."""
+"""The folder of a benchmark: whose it is, where its runs lie, and what they hold."""
 
 from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from sada_gym.benchmark.measure import Measures, Search
-from sada_gym.benchmark.plan import CellKey, CellSettings, Group, Plan
+from sada_gym.benchmark.plan import Group, Plan
 from sada_gym.benchmark.suite import Table
 from sada_gym.errors import UserError
-from sada_gym.files import Strict, read_model, write_model
-from sada_gym.runs.record import packages
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import Strict, read_model, write_file, write_folder, write_model
+from sada_gym.runs.packages import in_order
+from sada_gym.runs.record import (
+    RESULT_FILE,
+    SAMPLES_FILE,
+    RunFailure,
+    RunKey,
+    RunReport,
+    RunSettings,
+    refuse_other,
+    write_samples,
+)
 
 SETTINGS_FILE = "benchmark.json"
-CELL_FILE = "cell.json"
+FAILURE_FILE = "failure.json"
 TIMING_FILE = "timing.json"
-CELLS, STORES = "cells", "stores"
+NOVELTY_PICTURE = "novelty.png"
+RUNS, STORES = "runs", "stores"
 
 
 class BenchmarkSettings(Strict):
-    """What all cells of a folder have in common: benchmark.json.
+    """What all runs of a folder have in common: benchmark.json.
 
     Attributes:
         tables: The comparisons; which agents they attack is no part of this.
-        packages: Versions of what takes part.
+        packages: Versions of what takes part in any run.
     """
 
     tables: tuple[Table, ...]
     packages: dict[str, str]
 
 
-class CellReport(Strict):
-    """The contents of cell.json. No wall-clock times: a resumed run's file is the same.
-
-    Attributes:
-        settings: What was run.
-        fooling_threshold: The agent is fooled where Q <= this.
-        error: Why there is no result: what the adversary's ValueError said.
-        measures: What its test samples tell; None after an error.
-        search: What its training queries found; None after an error.
-        flags: What it says of its training, such as that no point fooled.
-    """
-
-    settings: CellSettings
-    fooling_threshold: float
-    error: str | None
-    measures: Measures | None
-    search: Search | None
-    flags: tuple[str, ...]
-
-
 class Timing(Strict):
-    """What a cell cost when it was made: timing.json beside cell.json.
+    """What a run cost when it was made: timing.json beside its result.
 
     Attributes:
         training_s: Process seconds of the adversary itself, training and sampling.
         evaluation_s: Process seconds of evaluations; those of further worker processes don't count.
         evaluated: Evaluations made.
-        known: Evaluations that the store knew: of other cells, or of a call that was stopped.
+        known: Evaluations that the store knew: of other runs, or of a call that was stopped.
         wall_s: Seconds in all, measuring included.
         peak_memory_mib: The process's peak memory; None where the system does not tell.
     """
@@ -73,18 +64,18 @@ class Timing(Strict):
     peak_memory_mib: int | None
 
 
-def cell_folder(out: Path, cell: CellKey) -> Path:
-    """Where a cell lies."""
-    place = _place(cell.track, cell.agent)
-    return out / CELLS / slug(cell.table) / place / f"{slug(cell.label)}-{cell.seed}"
+def run_folder(out: Path, run: RunKey) -> Path:
+    """Where a run lies."""
+    place = _place(run.track, run.agent)
+    return out / RUNS / slug(run.table) / place / f"{slug(run.label)}-{run.seed}"
 
 
-def store_file(out: Path, group: Group) -> Path:
-    """Where a group's evaluation store lies."""
+def store_file(out: Path, group: Group | RunKey) -> Path:
+    """Where the evaluation store lies that the runs of a group share."""
     return out / STORES / f"{_place(group.track, group.agent)}.{group.seed}.sqlite"
 
 
-def claim(out: Path, tables: Sequence[Table]) -> None:
+def claim(out: Path, plan: Plan) -> None:
     """Make a folder a benchmark's own, or find that it is one with the same settings.
 
     Raises:
@@ -93,21 +84,23 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"Expected a folder for the results, got the file {out}. Name another.")
-    path, now = out / SETTINGS_FILE, packages()
+    path, tables, packages = out / SETTINGS_FILE, plan.suite.tables, plan.packages
     known: tuple[Table, ...] = ()
     if path.exists():
         settings = read_model(path, BenchmarkSettings)
         known = settings.tables
-        changes = differences({"packages": settings.packages}, {"packages": now})
-        for old in known:
-            for new in tables:
-                if old.name == new.name:
-                    changes += [f"{old.name}: {c}" for c in differences(rule(old), rule(new))]
-        if changes:
-            raise UserError(
-                f"Expected the settings that the benchmark in {out} was started with, got others: "
-                f"{'; '.join(changes)}. Give the same ones, or name another folder."
-            )
+        wanted = {table.name: rule(table) for table in tables}
+        there = {table.name: rule(table) for table in known if table.name in wanted}
+        shared = settings.packages.keys() & packages.keys()
+        refuse_other(
+            f"the settings that the benchmark in {out} was started with",
+            {"packages": {name: settings.packages[name] for name in shared}, **there},
+            {
+                "packages": {name: packages[name] for name in shared},
+                **{name: wanted[name] for name in there},
+            },
+        )
+        packages = in_order({**settings.packages, **packages})
     elif out.exists() and any(not entry.name.startswith(".") for entry in out.iterdir()):
         raise UserError(
             f"Expected a new folder, an empty one or a benchmark's, got {out}, which holds "
@@ -115,8 +108,9 @@ def claim(out: Path, tables: Sequence[Table]) -> None:
         )
     out.mkdir(parents=True, exist_ok=True)
     added = [table for table in tables if table.name not in {old.name for old in known}]
-    if added or not path.exists():
-        write_model(path, BenchmarkSettings(tables=(*known, *added), packages=now))
+    now = BenchmarkSettings(tables=(*known, *added), packages=packages)
+    if not path.exists() or now != settings:
+        write_model(path, now)
 
 
 @contextmanager
@@ -137,65 +131,95 @@ def sole_user(out: Path) -> Iterator[None]:
         yield
 
 
-def find_missing(out: Path, plan: Plan) -> list[CellSettings]:
-    """The cells of a plan that are yet to be made.
+def find_missing(out: Path, plan: Plan) -> list[RunSettings]:
+    """The runs of a plan that are yet to be made.
 
     Raises:
-        ValueError: If a cell is there with other settings than the plan's, or one that the plan
+        ValueError: If a run is there with other settings than the plan's, or one that the plan
             does not name is of another version of a track, its agent or its reference set.
     """
-    there = {folder: report.settings for report, folder in read_cells(out)}
-    missing, targets = [], dict[tuple[str, str], CellSettings]()
-    for cell in plan.cells:
-        targets[cell.track, cell.agent] = cell
-        found = there.pop(cell_folder(out, cell), None)
+    there = {folder: result.settings for result, folder in read_runs(out)}
+    missing, targets = [], dict[tuple[str, str], RunSettings]()
+    for run in plan.runs:
+        targets[run.track, run.agent] = run
+        found = there.pop(run_folder(out, run), None)
         if found is None:
-            missing.append(cell)
+            missing.append(run)
         else:
-            _refuse_other(out, found, cell, CellSettings.model_dump)
+            _refuse_other_run(out, run, found.model_dump(), run.model_dump())
     for found in there.values():
-        cell = targets.get((found.track, found.agent), found)
-        _refuse_other(out, found, cell, CellSettings.target)
+        like = targets.get((found.track, found.agent), found)
+        _refuse_other_run(out, found, found.target(), like.target())
     return missing
 
 
-def read_cells(out: Path) -> list[tuple[CellReport, Path]]:
-    """All finished cells, of earlier calls too, each with its folder."""
-    folders = [path.parent for path in sorted((out / CELLS).glob(f"*/*/*/{CELL_FILE}"))]
-    whole = [folder for folder in folders if not folder.name.startswith(".")]
-    return [(read_model(folder / CELL_FILE, CellReport), folder) for folder in whole]
-
-
-def _refuse_other(
-    out: Path,
-    old: CellSettings,
-    new: CellSettings,
-    view: Callable[[CellSettings], dict[str, object]],
+def _refuse_other_run(
+    out: Path, run: RunSettings, old: dict[str, object], new: dict[str, object]
 ) -> None:
-    changes = differences(view(old), view(new))
-    if changes:
-        raise UserError(
-            f"Expected {cell_folder(out, old)} to be a cell of the settings that are asked for, "
-            f"got others: {'; '.join(changes)}. Name another folder, or delete that cell and its "
-            f"like: they are made anew, and {out / STORES} keeps their evaluations."
-        )
+    refuse_other(
+        f"{run_folder(out, run)} to be a run of the settings that are asked for",
+        old,
+        new,
+        "Name another folder, or delete that run and its like: they are made anew, and "
+        f"{out / STORES} keeps their evaluations.",
+    )
+
+
+def read_runs(out: Path) -> list[tuple[RunReport | RunFailure, Path]]:
+    """All finished runs, of earlier calls too, each with its folder."""
+    return [(_read_run(folder), folder) for folder in finished_runs(out)]
+
+
+def finished_runs(out: Path) -> list[Path]:
+    """The folders of all finished runs."""
+    return [
+        folder
+        for folder in sorted((out / RUNS).glob("*/*/*"))
+        if not folder.name.startswith(".")
+        and any((folder / name).exists() for name in (RESULT_FILE, FAILURE_FILE))
+    ]
+
+
+def _read_run(folder: Path) -> RunReport | RunFailure:
+    if (folder / FAILURE_FILE).exists():
+        return read_model(folder / FAILURE_FILE, RunFailure)
+    return read_model(folder / RESULT_FILE, RunReport)
+
+
+def write_run(
+    out: Path,
+    result: RunReport | RunFailure,
+    timing: Timing,
+    samples: Evaluations | None,
+    picture: bytes | None,
+) -> None:
+    """Put a finished run in place, whole or not at all.
+
+    Args:
+        out: The benchmark's folder.
+        result: What came of it.
+        timing: What it cost.
+        samples: Its test samples; None after a failure.
+        picture: The comparison of images as a PNG, if there is one.
+    """
+
+    def fill(folder: Path) -> None:
+        name = FAILURE_FILE if isinstance(result, RunFailure) else RESULT_FILE
+        write_model(folder / name, result)
+        if samples is not None:
+            write_samples(folder / SAMPLES_FILE, samples)
+        if picture is not None:
+            write_file(folder / NOVELTY_PICTURE, picture)
+        write_model(folder / TIMING_FILE, timing)
+
+    folder = run_folder(out, result.settings)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    write_folder(folder, fill)
 
 
 def rule(table: Table) -> dict[str, object]:
-    """What of a table decides its cells' results."""
+    """What of a table decides its runs' results."""
     return table.model_dump(mode="json", include={"budget", "budget_of", "samples"})
-
-
-def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
-    """Name what differs between two records, down to single entries."""
-    found = []
-    for name in sorted({*old, *new}):
-        before, now = old.get(name), new.get(name)
-        if isinstance(before, Mapping) and isinstance(now, Mapping):
-            found += [f"{name}.{change}" for change in differences(before, now)]
-        elif before != now:
-            found.append(f"{name} was {before!r} and is {now!r}")
-    return found
 
 
 def _place(track: str, agent: str) -> str:

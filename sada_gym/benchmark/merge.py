@@ -7,20 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.adversaries import refuse_unknown
-from sada_gym.benchmark.folder import BenchmarkSettings, differences, rule
+from sada_gym.benchmark.folder import BenchmarkSettings, rule
+from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
     FORMAT,
     RESULTS_FILE,
-    CellResult,
     Results,
+    RunSummary,
     Target,
-    cell_order,
-    rows_of_cells,
+    rows_of_runs,
+    run_order,
 )
 from sada_gym.benchmark.suite import Table
-from sada_gym.benchmark.tables import write_tables
 from sada_gym.errors import UserError
 from sada_gym.files import read_model, write_model
+from sada_gym.runs.packages import in_order
+from sada_gym.runs.record import refuse_other
 
 
 def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ()) -> Results:
@@ -58,25 +60,32 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
     """
     if not parts:
         raise UserError("Expected at least one file of results, got none.")
-    packages = parts[0].settings.packages
+    packages: dict[str, str] = {}
     known: dict[str, Table] = {}
     targets: dict[tuple[str, str], Target] = {}
-    cells: dict[tuple[Any, ...], CellResult] = {}
+    runs: dict[tuple[Any, ...], RunSummary] = {}
     for part in parts:
-        _refuse_other("packages", packages, part.settings.packages)
+        theirs = part.settings.packages  # an application names only what it loads
+        both = packages.keys() & theirs.keys()
+        _refuse_unlike(
+            "the packages",
+            {name: packages[name] for name in both},
+            {name: theirs[name] for name in both},
+        )
+        packages = in_order({**packages, **theirs})
         for table in part.settings.tables:
             first = known.setdefault(table.name, table)
-            _refuse_other(f"the rule of table {table.name}", rule(first), rule(table))
-        for cell in part.cells:
-            key = (cell.table, cell.track, cell.agent, cell.label, cell.seed)
-            if key in cells:
-                raise UserError(f"Expected every run once, got {cell} twice. Leave one out.")
-            cells[key] = cell
+            _refuse_unlike(f"the rule of table {table.name}", rule(first), rule(table))
+        for run in part.runs:
+            key = (run.table, run.track, run.agent, run.label, run.seed)
+            if key in runs:
+                raise UserError(f"Expected every run once, got {run} twice. Leave one out.")
+            runs[key] = run
         for target in part.targets:
             place = (target.track, target.agent)
             other = targets.get(place, target)
             same = target.model_copy(update={"seeds": other.seeds})
-            _refuse_other(
+            _refuse_unlike(
                 f"{target.track} against {target.agent}", other.model_dump(), same.model_dump()
             )
             seeds = tuple(sorted({*other.seeds, *target.seeds}))
@@ -84,23 +93,20 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
     refuse_unknown("table", tables, list(known))
     names = [name for name in known if not tables or name in tables]
     chosen = sorted(
-        (cell for cell in cells.values() if cell.table in names),
-        key=lambda cell: cell_order(cell, list(known)),
+        (run for run in runs.values() if run.table in names),
+        key=lambda run: run_order(run, list(known)),
     )
-    attacked = dict.fromkeys((cell.track, cell.agent) for cell in chosen)
+    attacked = dict.fromkeys((run.track, run.agent) for run in chosen)
     return Results(
         format=FORMAT,
         settings=BenchmarkSettings(tables=tuple(known[name] for name in names), packages=packages),
         targets=tuple(targets[place] for place in attacked),
-        rows=tuple(rows_of_cells(chosen)),
-        cells=tuple(chosen),
+        rows=tuple(rows_of_runs(chosen)),
+        runs=tuple(chosen),
     )
 
 
-def _refuse_other(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:
-    changes = differences(first, other)
-    if changes:
-        raise UserError(
-            f"Expected results of one kind, but {what} differ: {'; '.join(changes)}. "
-            "Merge what was made alike."
-        )
+def _refuse_unlike(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:
+    refuse_other(
+        f"results of one kind, with {what} alike", first, other, "Merge what was made alike."
+    )

@@ -1,132 +1,49 @@
-"""The plan: every cell of a suite with all that decides its result, grouped by what they share."""
+"""The plan: every run of a suite with all that decides its result, grouped by what they share."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sada_gym import adversaries, agents
+from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.benchmark.suite import IDEAL, Contender, Suite, Table
+from sada_gym.benchmark.suite import Contender, Suite, Table
 from sada_gym.errors import UserError
 from sada_gym.evaluation.store import Context
-from sada_gym.files import Strict
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, Reference, load_reference
+from sada_gym.parameters import Mu
 from sada_gym.registration import make_application
-from sada_gym.runs.record import json_compatible, packages
+from sada_gym.runs.ideal import IDEAL, Ideal
+from sada_gym.runs.packages import in_order, packages
+from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
 
 
-class ReferenceMark(Strict):
-    """The reference set that a cell was measured against.
-
-    Attributes:
-        sha256: Of its file.
-        points: Its points, uniform in the box.
-        fooling: How many of them belong to the fooling set.
-        uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
-    """
-
-    sha256: str
-    points: int
-    fooling: int
-    uniform_rate: float
-
-    @property
-    def usable(self) -> bool:
-        """Whether half of the fooling set has enough points to measure coverage with."""
-        return self.fooling // 2 > NEAREST
-
-
-class CellKey(Strict):
-    """What a cell is called: one contender, in one table, on one track, for one seed.
-
-    Attributes:
-        table: The table's name.
-        track: The environment's id.
-        agent: The agent's name.
-        label: The contender's label.
-        seed: The seed of the adversary and of all evaluation seeds.
-    """
-
-    table: str
-    track: str
-    agent: str
-    label: str
-    seed: int
-
-    def __str__(self) -> str:
-        """Name the cell for people."""
-        agent = f" against {self.agent}" if self.agent else ""
-        return f"{self.label} on {self.track}{agent}, seed {self.seed}, table {self.table}"
-
-
-class CellSettings(CellKey):
-    """All that decides a cell's result.
-
-    Attributes:
-        adversary: The contender's registered name, `module:Class`, or `ideal`.
-        preset: The named set of options it starts from.
-        options: Its other options.
-        resolved: All its options, defaults too: a cell made with other defaults is another cell.
-        budget: Training queries that it may spend.
-        samples: Test samples.
-        images: Samples whose neighbours are compared as images.
-        application: The application's name.
-        version: Its version.
-        application_settings: Its resolved keywords.
-        fingerprint: The agent's SHA-256.
-        reference: The reference set; None where there is none.
-        packages: Versions of what takes part.
-    """
-
-    adversary: str
-    preset: str | None
-    options: dict[str, Any]
-    resolved: dict[str, Any]
-    budget: int
-    samples: int
-    images: int
-    application: str
-    version: int
-    application_settings: dict[str, Any]
-    fingerprint: str
-    reference: ReferenceMark | None
-    packages: dict[str, str]
-
-    @property
-    def contender(self) -> Contender:
-        """The contender."""
-        return Contender(
-            label=self.label, adversary=self.adversary, preset=self.preset, options=self.options
-        )
-
-    def target(self) -> dict[str, Any]:
-        """What was attacked, and the reference set: the same for all cells of track and agent."""
-        names = {"application", "version", "application_settings", "fingerprint", "reference"}
-        return self.model_dump(include=names)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
-    """The cells of one track, agent and seed: they share evaluations, so one process does them.
+    """The runs of one track, agent and seed: they share a store, so one follows the other.
 
     Attributes:
         track: The environment's id.
         keywords: The environment's keywords that name the agent; empty for the default agent.
         agent: The agent's name.
         seed: The seed.
-        cells: In the order in which they are done.
+        runs: In the order in which they are done.
+        fooling_set: (R, d) points known to fool, to measure by; None where none are known.
+        ideal_set: (R, d) other such points, which ideal samples are drawn from.
     """
 
     track: str
     keywords: dict[str, str]
     agent: str
     seed: int
-    cells: tuple[CellSettings, ...]
+    runs: tuple[RunSettings, ...]
+    fooling_set: Mu | None = None
+    ideal_set: Mu | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +52,7 @@ class Plan:
 
     Attributes:
         suite: What was asked for.
-        groups: Its cells.
+        groups: Its runs.
         notes: What a reader must know, such as an adversary that was left out.
     """
 
@@ -144,12 +61,20 @@ class Plan:
     notes: tuple[str, ...]
 
     @property
-    def cells(self) -> Iterator[CellSettings]:
-        """All cells."""
-        return (cell for group in self.groups for cell in group.cells)
+    def runs(self) -> Iterator[RunSettings]:
+        """All runs."""
+        return (run for group in self.groups for run in group.runs)
+
+    @property
+    def packages(self) -> dict[str, str]:
+        """Versions of all that takes part in any run."""
+        found: dict[str, str] = {}
+        for run in self.runs:
+            found |= run.packages
+        return in_order(found)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Target:
     """One agent on one track, opened once to read off what the settings need."""
 
@@ -157,12 +82,23 @@ class _Target:
     keywords: dict[str, str]
     application: Application
     context: Context
-    reference: ReferenceMark | None
-    packages: dict[str, str]
+    reference: Reference | None
+
+    @property
+    def summary(self) -> ReferenceSummary | None:
+        """What is recorded of the reference set."""
+        return None if self.reference is None else ReferenceSummary.of(self.reference)
+
+    def halves(self) -> tuple[Mu, Mu] | tuple[None, None]:
+        """Points to measure by and points to draw from, where there are enough of them."""
+        summary = self.summary
+        if self.reference is None or summary is None or not summary.usable:
+            return None, None
+        return self.reference.halves()
 
 
 def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
-    """Lay out all cells of a suite, and check everything that can be checked beforehand.
+    """Lay out all runs of a suite, and check everything that can be checked beforehand.
 
     Args:
         suite: What to do.
@@ -181,32 +117,31 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     groups = []
     for track in suite.tracks:
         for target, tables in _targets(suite, track, references):
-            dimension = len(target.application.parameters)
-            for contender in contenders:
-                if contender.adversary != IDEAL:
-                    contender.make(dimension, seed=0)
-            usable = target.reference is not None and target.reference.usable
-            if not usable:
+            made = _made(contenders, len(target.application.parameters))
+            to_cover, to_draw = target.halves()
+            if to_cover is None:
                 notes.append(_no_reference(target))
             for seed in suite.seeds_on(track):
-                cells = tuple(
-                    _cell(suite, table, target, contender, seed)
+                runs = tuple(
+                    _settings(suite, table, target, contender, kind, seed)
                     for table in tables
-                    for contender in contenders
-                    if table.includes(contender) and (contender.adversary != IDEAL or usable)
+                    for contender, kind in made
+                    if table.includes(contender)
+                    and (contender.adversary != IDEAL or to_draw is not None)
                 )
                 name = target.application.agent_name
-                groups.append(Group(track, target.keywords, name, seed, cells))
+                group = Group(track, target.keywords, name, seed, runs, to_cover, to_draw)
+                groups.append(group)
             target.application.close()
-    if not any(group.cells for group in groups):
+    if not any(group.runs for group in groups):
         raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
     # the longest first, and a whole seed before the next one
-    ordered = sorted(groups, key=lambda group: (-len(group.cells), group.seed))
+    ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
     return Plan(suite, tuple(ordered), tuple(notes))
 
 
 def open_application(track: str, agent: str) -> Application:
-    """Open a track with an agent that a plan's application named."""
+    """Open a track with an agent that a result names."""
     application = make_application(track)
     if application.agent_name == agent:
         return application
@@ -220,7 +155,7 @@ def _targets(
     """Open each agent that is to be attacked on a track, with the tables it stands in."""
     first = make_application(track)
     default, shipped = first.agent_name, agents.names(first.name)
-    chosen, versions = dict[str, list[Table]](), packages()
+    chosen = dict[str, list[Table]]()
     for table in suite.tables:
         for agent in suite.agents or table.attacked(default, shipped):
             chosen.setdefault(agent, []).append(table)
@@ -228,30 +163,41 @@ def _targets(
         keywords = {} if agent == default else {"agent": agent}
         application = make_application(track, **keywords) if keywords else first
         reference = load_reference(track, application, references)
-        mark = None if reference is None else _mark(reference)
         context = Context.of(application)
-        yield _Target(track, keywords, application, context, mark, versions), tuple(tables)
+        yield _Target(track, keywords, application, context, reference), tuple(tables)
     if default not in chosen:
         first.close()
 
 
-def _mark(reference: Reference) -> ReferenceMark:
-    entry = reference.entry
-    return ReferenceMark(
-        sha256=entry.sha256,
-        points=entry.points,
-        fooling=int(reference.fooling.sum()),
-        uniform_rate=reference.uniform_rate,
-    )
+def _made(
+    contenders: Sequence[Contender], dimension: int
+) -> list[tuple[Contender, type[Adversary]]]:
+    """Make each adversary once, so that what is wrong with one shows before anything runs."""
+    return [
+        (one, Ideal if one.adversary == IDEAL else type(one.make(dimension, seed=0)))
+        for one in contenders
+    ]
 
 
-def _cell(
-    suite: Suite, table: Table, target: _Target, contender: Contender, seed: int
-) -> CellSettings:
-    application, context = target.application, target.context
+def _settings(
+    suite: Suite,
+    table: Table,
+    target: _Target,
+    contender: Contender,
+    kind: type[Adversary],
+    seed: int,
+) -> RunSettings:
+    application, context, summary = target.application, target.context, target.summary
     rule = table.budget_of.get(application.name, table.budget)
     ideal = contender.adversary == IDEAL
-    return CellSettings(
+    samples = table.samples or application.sample_size
+    if summary is not None and summary.usable and samples <= NEAREST:
+        raise UserError(
+            f"Expected at least {NEAREST + 1} test samples on {target.track}, which has a "
+            f"reference set to measure coverage by, got {samples} (table {table.name}). "
+            "Raise the number of samples (--samples)."
+        )
+    return RunSettings(
         table=table.name,
         track=target.track,
         agent=application.agent_name,
@@ -261,15 +207,15 @@ def _cell(
         options=json_compatible(contender.options),
         resolved={} if ideal else _resolved(contender),
         budget=0 if ideal else rule.of(contender, len(application.parameters)),
-        samples=table.samples or application.sample_size,
+        samples=samples,
         seed=seed,
         images=0 if seed or ideal else suite.images,
         application=context.name,
         version=context.version,
         application_settings=json.loads(context.settings),
         fingerprint=context.fingerprint,
-        reference=target.reference,
-        packages=target.packages,
+        reference=summary,
+        packages=packages(application, kind),
     )
 
 

@@ -1,4 +1,4 @@
-"""The results of a benchmark: all cells, and the rows that sum them up; results.json."""
+"""The results of a benchmark: all runs, and the rows that sum them up; results.json."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from sada_gym.agents import AGENTS
 from sada_gym.benchmark.figures import Figure, figure, ranked
@@ -14,17 +15,16 @@ from sada_gym.benchmark.folder import (
     SETTINGS_FILE,
     TIMING_FILE,
     BenchmarkSettings,
-    CellReport,
     Timing,
-    read_cells,
+    read_runs,
 )
-from sada_gym.benchmark.measure import Measures, Search
-from sada_gym.benchmark.plan import CellKey, CellSettings, ReferenceMark
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.errors import UserError
 from sada_gym.files import Strict, read_model, write_model
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
+from sada_gym.runs.measure import Measures, Search
+from sada_gym.runs.record import ReferenceSummary, RunFailure, RunKey, RunReport, RunSettings
 
 RESULTS_FILE = "results.json"
 TIMINGS_FILE = "timings.json"
@@ -43,7 +43,7 @@ class Target(Strict):
         fingerprint: The agent's SHA-256.
         fooling_threshold: The agent is fooled where Q <= this.
         reference: The reference set; None where there is none.
-        seeds: The seeds that any cell has.
+        seeds: The seeds that any run has.
     """
 
     track: str
@@ -53,12 +53,12 @@ class Target(Strict):
     application_settings: dict[str, Any]
     fingerprint: str
     fooling_threshold: float
-    reference: ReferenceMark | None
+    reference: ReferenceSummary | None
     seeds: tuple[int, ...]
 
 
-class CellResult(CellKey):
-    """One run: what cell.json holds, less what its target and the settings say."""
+class RunSummary(RunKey):
+    """One run: what its folder holds, less what its target and the settings say."""
 
     adversary: str
     preset: str | None
@@ -128,17 +128,19 @@ class Results(Strict):
 
     Attributes:
         format: Of this file.
-        settings: What all cells have in common.
+        settings: What all runs have in common.
         targets: What was attacked.
         rows: The figures over all tracks, then those of each.
-        cells: The runs.
+        runs: The runs; `cells` in the file.
     """
+
+    model_config = ConfigDict(populate_by_name=True)
 
     format: int
     settings: BenchmarkSettings
     targets: tuple[Target, ...]
     rows: tuple[Row, ...]
-    cells: tuple[CellResult, ...]
+    runs: tuple[RunSummary, ...] = Field(validation_alias="cells", serialization_alias="cells")
 
     def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
         """The rows of one table and agent, over all tracks or on one."""
@@ -147,84 +149,84 @@ class Results(Strict):
 
     def comparisons(self) -> list[tuple[str, str]]:
         """Each table with each agent that it attacks."""
-        return list(dict.fromkeys((cell.table, cell.agent) for cell in self.cells))
+        return list(dict.fromkeys((run.table, run.agent) for run in self.runs))
 
 
-class CellTiming(CellKey, Timing):
-    """What a cell cost, see `Timing`."""
+class RunTiming(RunKey, Timing):
+    """What a run cost, see `Timing`."""
 
 
 class Timings(Strict):
-    """The contents of timings.json: what the cells cost. It differs from run to run."""
+    """The contents of timings.json: what the runs cost. It is never the same twice."""
 
-    cells: tuple[CellTiming, ...]
+    runs: tuple[RunTiming, ...]
 
 
 def write_results(out: Path) -> Results:
-    """Sum up all cells that a folder holds, in results.json, and their costs in timings.json.
+    """Sum up all runs that a folder holds, in results.json, and their costs in timings.json.
 
     Raises:
-        ValueError: If it is no benchmark's folder, or holds no finished cell.
+        ValueError: If it is no benchmark's folder, or holds no finished run.
     """
     if not (out / SETTINGS_FILE).exists():
         raise UserError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
     settings = read_model(out / SETTINGS_FILE, BenchmarkSettings)
-    there = read_cells(out)
+    there = read_runs(out)
     if not there:
-        raise UserError(f"Expected finished cells in {out}, got none yet. Run the benchmark.")
+        raise UserError(f"Expected finished runs in {out}, got none yet. Run the benchmark.")
     tables = [table.name for table in settings.tables]
-    there.sort(key=lambda one: cell_order(one[0].settings, tables))
-    cells = tuple(_cell_result(report) for report, _ in there)
+    there.sort(key=lambda one: run_order(one[0].settings, tables))
+    runs = tuple(_summary(result) for result, _ in there)
     results = Results(
         format=FORMAT,
         settings=settings,
-        targets=_targets([report for report, _ in there]),
-        rows=tuple(rows_of_cells(cells)),
-        cells=cells,
+        targets=_targets([result for result, _ in there]),
+        rows=tuple(rows_of_runs(runs)),
+        runs=runs,
     )
     write_model(out / RESULTS_FILE, results)
-    timings = [_cell_timing(report.settings, folder) for report, folder in there]
-    write_model(out / TIMINGS_FILE, Timings(cells=tuple(timings)))
+    timings = [_timing(result.settings, folder) for result, folder in there]
+    write_model(out / TIMINGS_FILE, Timings(runs=tuple(timings)))
     return results
 
 
-def cell_order(cell: CellKey, tables: Sequence[str]) -> tuple[Any, ...]:
-    """Key to sort cells: what is known first, then by name, whatever came when."""
+def run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
+    """Key to sort runs: what is known first, then by name, whatever came when."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
         return (known.index(name) if name in known else len(known), name)
 
     return (
-        place(cell.table, tables),
-        place(cell.agent, [agent.name for agent in AGENTS]),
-        place(cell.track, env_ids()),
-        place(cell.label, [contender.label for contender in CONTENDERS]),
-        cell.seed,
+        place(run.table, tables),
+        place(run.agent, [agent.name for agent in AGENTS]),
+        place(run.track, env_ids()),
+        place(run.label, [contender.label for contender in CONTENDERS]),
+        run.seed,
     )
 
 
-def _cell_result(report: CellReport) -> CellResult:
-    settings = report.settings.model_dump(include=set(CellResult.model_fields))
-    return CellResult(
+def _summary(result: RunReport | RunFailure) -> RunSummary:
+    settings = result.settings.model_dump(include=set(RunSummary.model_fields))
+    if isinstance(result, RunFailure):
+        return RunSummary(**settings, error=result.error, measures=None, search=None, flags=())
+    return RunSummary(
         **settings,
-        error=report.error,
-        measures=report.measures,
-        search=report.search,
-        flags=report.flags,
+        error=None,
+        measures=result.measures(),
+        search=result.search,
+        flags=result.flags,
     )
 
 
-def _cell_timing(settings: CellSettings, folder: Path) -> CellTiming:
+def _timing(settings: RunSettings, folder: Path) -> RunTiming:
     costs = read_model(folder / TIMING_FILE, Timing)
-    return CellTiming(
-        **settings.model_dump(include=set(CellKey.model_fields)), **costs.model_dump()
-    )
+    return RunTiming(**settings.model_dump(include=set(RunKey.model_fields)), **costs.model_dump())
 
 
-def _targets(reports: Sequence[CellReport]) -> tuple[Target, ...]:
+def _targets(results: Sequence[RunReport | RunFailure]) -> tuple[Target, ...]:
     found: dict[tuple[str, str], Target] = {}
-    for report in reports:
-        settings = report.settings
+    for result in results:
+        settings = result.settings
         key = (settings.track, settings.agent)
         seeds = {settings.seed, *(found[key].seeds if key in found else ())}
         found[key] = Target(
@@ -234,49 +236,49 @@ def _targets(reports: Sequence[CellReport]) -> tuple[Target, ...]:
             version=settings.version,
             application_settings=settings.application_settings,
             fingerprint=settings.fingerprint,
-            fooling_threshold=report.fooling_threshold,
+            fooling_threshold=result.fooling_threshold,
             reference=settings.reference,
             seeds=tuple(sorted(seeds)),
         )
     return tuple(found.values())
 
 
-def rows_of_cells(cells: Sequence[CellResult]) -> Iterator[Row]:
+def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
     """Give the rows of each table and agent: over all tracks, then of each track."""
-    for table, agent in dict.fromkeys((cell.table, cell.agent) for cell in cells):
-        of_both = [cell for cell in cells if (cell.table, cell.agent) == (table, agent)]
-        for track in (None, *dict.fromkeys(cell.track for cell in of_both)):
-            chosen = [cell for cell in of_both if track in (None, cell.track)]
-            every = {(cell.track, cell.seed) for cell in chosen}
-            labels = dict.fromkeys(cell.label for cell in chosen)
+    for table, agent in dict.fromkeys((run.table, run.agent) for run in runs):
+        of_both = [run for run in runs if (run.table, run.agent) == (table, agent)]
+        for track in (None, *dict.fromkeys(run.track for run in of_both)):
+            chosen = [run for run in of_both if track in (None, run.track)]
+            every = {(run.track, run.seed) for run in chosen}
+            labels = dict.fromkeys(run.label for run in chosen)
             rows = [
-                _row(track, [cell for cell in chosen if cell.label == label], every)
+                _row(track, [run for run in chosen if run.label == label], every)
                 for label in labels
             ]
             yield from _with_ranks(rows)
 
 
-def _row(track: str | None, cells: Sequence[CellResult], every: set[tuple[str, int]]) -> Row:
-    first, good = cells[0], [cell for cell in cells if cell.measures is not None]
+def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, int]]) -> Row:
+    first, good = runs[0], [run for run in runs if run.measures is not None]
 
-    def runs(get: Callable[[Measures], float | None]) -> list[list[float]]:
+    def measured(get: Callable[[Measures], float | None]) -> list[list[float]]:
         """Give a measure of all runs by track, less what has none."""
         by_track: dict[str, list[float]] = {}
-        for cell in good:
-            assert cell.measures is not None
-            value = get(cell.measures)
+        for run in good:
+            assert run.measures is not None
+            value = get(run.measures)
             if value is not None:
-                by_track.setdefault(cell.track, []).append(value)
+                by_track.setdefault(run.track, []).append(value)
         return list(by_track.values())
 
     def mean(values: Sequence[Sequence[float]]) -> float | None:
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
-    rates = runs(lambda m: m.afr)
-    samples = {cell.track: cell.samples for cell in good}
-    images = runs(lambda m: m.image_novelty.ratio if m.image_novelty else None)
-    coverage, relative = runs(lambda m: m.coverage), runs(lambda m: m.relative_coverage)
-    spent = [[cell.search.queries] for cell in good if cell.search is not None]
+    rates = measured(lambda m: m.afr)
+    samples = {run.track: run.samples for run in good}
+    images = measured(lambda m: m.image_novelty.ratio if m.image_novelty else None)
+    coverage, relative = measured(lambda m: m.coverage), measured(lambda m: m.relative_coverage)
+    spent = [[run.search.queries] for run in good if run.search is not None]
     return Row(
         table=first.table,
         agent=first.agent,
@@ -284,22 +286,22 @@ def _row(track: str | None, cells: Sequence[CellResult], every: set[tuple[str, i
         label=first.label,
         tracks=len(rates),
         runs=len(good),
-        failed=len(cells) - len(good),
-        complete={(cell.track, cell.seed) for cell in good} == every,
-        budget=float(np.mean([cell.budget for cell in cells])),
+        failed=len(runs) - len(good),
+        complete={(run.track, run.seed) for run in good} == every,
+        budget=float(np.mean([run.budget for run in runs])),
         queries=mean(spent),
         afr=figure(rates, list(samples.values())) if rates else None,
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(coverage) if coverage else None,
         relative_coverage=figure(relative) if relative else None,
-        density=mean(runs(lambda m: m.density)),
-        mu_std=mean(runs(lambda m: m.mu_std)),
-        mean_score=mean(runs(lambda m: m.mean_score)),
-        novelty=mean(runs(lambda m: m.novelty.median if m.novelty else None)),
-        novelty_ratio=mean(runs(lambda m: m.novelty.ratio if m.novelty else None)),
-        novelty_fifth_ratio=mean(runs(lambda m: m.novelty.fifth_ratio if m.novelty else None)),
+        density=mean(measured(lambda m: m.density)),
+        mu_std=mean(measured(lambda m: m.mu_std)),
+        mean_score=mean(measured(lambda m: m.mean_score)),
+        novelty=mean(measured(lambda m: m.novelty.median if m.novelty else None)),
+        novelty_ratio=mean(measured(lambda m: m.novelty.ratio if m.novelty else None)),
+        novelty_fifth_ratio=mean(measured(lambda m: m.novelty.fifth_ratio if m.novelty else None)),
         image_novelty_ratio=mean(images),
-        afr_feasible=mean(runs(lambda m: m.feasible.afr if m.feasible else None)),
+        afr_feasible=mean(measured(lambda m: m.feasible.afr if m.feasible else None)),
     )
 
 

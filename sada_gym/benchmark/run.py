@@ -1,43 +1,24 @@
-"""Running a benchmark: its groups in parallel processes, resumable at any moment."""
+"""Running a benchmark: its runs as jobs on any executor, resumable at any moment."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, Future, wait
-from dataclasses import dataclass, replace
-from functools import partial
-from multiprocessing.queues import SimpleQueue
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
-from sada_gym.benchmark.cell import Told
 from sada_gym.benchmark.folder import claim, find_missing, sole_user
-from sada_gym.benchmark.pictures import draw_pictures
-from sada_gym.benchmark.plan import CellSettings, Plan, make_plan
+from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.progress import BenchmarkCallback, Silent
+from sada_gym.benchmark.report.pictures import draw_pictures
+from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, write_results
+from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Suite
-from sada_gym.benchmark.tables import write_tables
-from sada_gym.benchmark.work import Job, connect, work
-from sada_gym.errors import WorkerError, refuse_number
-from sada_gym.evaluation.spawn import spawn_context
-from sada_gym.evaluation.workers import MAX_WORKERS, WorkerPool
+from sada_gym.errors import refuse_number
+from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
-
-_LISTEN_EVERY_S = 0.1
-
-
-class Listener(Protocol):
-    """What hears of a benchmark's progress."""
-
-    def begin(self, plan: Plan, missing: Sequence[CellSettings]) -> None:
-        """Hear what there is to do."""
-
-    def hear(self, told: Told) -> None:
-        """Hear what a process is at."""
-
-    def finish(self) -> None:
-        """Hear that all cells are there, and that the report is being written."""
 
 
 @dataclass(frozen=True)
@@ -60,47 +41,53 @@ def run_benchmark(
     out: str | Path,
     *,
     workers: int = 1,
+    executor: Executor | None = None,
     references: str | Path = FOLDER,
-    listener: Listener | None = None,
+    callback: BenchmarkCallback | None = None,
 ) -> BenchmarkResult:
     """Run a suite: every table, track, agent, contender and seed; then report.
 
-    Killed at any moment and called again with the same arguments, it repeats no finished cell and
+    Killed at any moment and called again with the same arguments, it repeats no finished run and
     no evaluation, and ends with the same results.json. With more tracks, seeds or contenders it
-    only adds their cells.
+    only adds their runs.
 
     Args:
         suite: What to run.
         out: Its folder.
-        workers: Processes. Groups of cells run side by side, each in one process; where there are
-            fewer groups than that, each evaluates in several. No part of the result.
+        workers: Processes. The runs of one track, agent and seed follow one another; such groups
+            go side by side. Where there are fewer groups than processes, each run evaluates in
+            several. No part of the result.
+        executor: Any PEP 3148 executor instead of our own processes (Dask's
+            `Client.get_executor()`, threads, loky); `workers` then says how many it has. It is
+            left open. Its workers need not see `out`. No part of the result.
         references: Where the reference sets lie.
-        listener: Hears of the progress.
+        callback: Called as the benchmark goes on.
 
     Raises:
         TypeError, ValueError: If something of the suite is bad, or the folder holds another
             benchmark.
-        WorkerError: If a process died.
-        CellError: If an adversary raised anything but a ValueError.
+        WorkerError: If a run killed its process three times, or the executor gave up.
+        RunError: If an adversary raised anything but an `AdversaryError`.
     """
-    folder, references, heard = Path(out), Path(references), listener or _Deaf()
+    folder, references = Path(out), Path(references)
+    called: BenchmarkCallback = callback or Silent()
     refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
-        claim(folder, suite.tables)
+        claim(folder, plan)
     with sole_user(folder):
         missing = find_missing(folder, plan)
-        heard.begin(plan, missing)
+        called.on_start(plan, missing)
         if missing:
-            _run(plan, missing, folder, references, workers, heard)
-        heard.finish()
+            do_runs(plan, missing, folder.absolute(), workers, executor, called)
+        called.on_report()
         return report_benchmark(folder, references, notes=plan.notes)
 
 
 def report_benchmark(
     out: str | Path, references: str | Path = FOLDER, *, notes: Sequence[str] = ()
 ) -> BenchmarkResult:
-    """Write the results, the tables and the pictures of all cells that a folder holds by now.
+    """Write the results, the tables and the pictures of all runs that a folder holds by now.
 
     Args:
         out: The benchmark's folder; another process may be at work there.
@@ -108,72 +95,10 @@ def report_benchmark(
         notes: What a reader must know.
 
     Raises:
-        ValueError: If it is no benchmark's folder, or holds no finished cell.
+        ValueError: If it is no benchmark's folder, or holds no finished run.
     """
     folder = Path(out)
     results = write_results(folder)
     write_tables(folder, results, notes)
     draw_pictures(folder, results, Path(references))
     return BenchmarkResult(results, folder, tuple(notes))
-
-
-def _run(
-    plan: Plan,
-    missing: Sequence[CellSettings],
-    out: Path,
-    references: Path,
-    workers: int,
-    listener: Listener,
-) -> None:
-    """Make what is missing."""
-    wanted = {id(cell) for cell in missing}
-    groups = [
-        replace(group, cells=cells)
-        for group in plan.groups
-        if (cells := tuple(cell for cell in group.cells if id(cell) in wanted))
-    ]
-    each = max(1, workers // len(groups))
-    jobs = [Job(group, out, references, each) for group in groups]
-    channel: SimpleQueue[Told] = spawn_context().SimpleQueue()
-    pool = WorkerPool(min(workers, len(groups)), prepare=partial(connect, channel))
-    now = True
-    try:
-        futures = {pool.executor.submit(work, job): job for job in jobs}
-        _listen(futures, channel, listener)
-        now = False
-    finally:
-        pool.close(now=now)
-
-
-def _listen(
-    futures: dict[Future[None], Job], channel: SimpleQueue[Told], listener: Listener
-) -> None:
-    """Pass on what the processes tell until all groups are done, or one failed."""
-    pending, at = set(futures), dict[tuple[str, str, int], str]()
-    while pending:
-        done, pending = wait(pending, timeout=_LISTEN_EVERY_S)
-        while not channel.empty():
-            told = channel.get()
-            place = (told.cell.track, told.cell.agent, told.cell.seed)
-            at[place] = "between two cells" if told.stage == "finished" else str(told.cell)
-            listener.hear(told)
-        for future in done:
-            try:
-                future.result()
-            except BrokenExecutor as error:
-                doing = "; ".join(sorted(set(at.values()))) or "their start"
-                raise WorkerError(
-                    "A process of the benchmark died: out of memory, or killed. They were at: "
-                    f"{doing}. What is finished is kept; run the same command again, with fewer "
-                    "workers if memory was short."
-                ) from error
-
-
-class _Deaf:
-    """A listener that does not listen."""
-
-    def begin(self, plan: Plan, missing: Sequence[CellSettings]) -> None: ...
-
-    def hear(self, told: Told) -> None: ...
-
-    def finish(self) -> None: ...

@@ -15,12 +15,10 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.errors import refuse_number
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
 """The most seeds of a track: every one is a run of every contender."""
-
-IDEAL = "ideal"
-"""The control that draws from a track's reference fooling set."""
 
 
 class Contender(Strict):
@@ -48,7 +46,7 @@ class Contender(Strict):
         return self.requires is not None and importlib.util.find_spec(self.requires) is None
 
     def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary; `ideal` has none, see `draw_ideal`.
+        """Make the adversary; `ideal` needs more than this, see `sada_gym.runs.ideal.Ideal`.
 
         Raises:
             ValueError: If its name, its preset or an option is unknown.

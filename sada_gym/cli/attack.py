@@ -128,7 +128,7 @@ def _run(env_id: str, adversary: str, *, executor: str, workers: int, **settings
             adversary,
             executor=chosen,
             workers=count,
-            progress=progress,
+            on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
             **settings,
         )
     _show_result(result)
@@ -136,7 +136,7 @@ def _run(env_id: str, adversary: str, *, executor: str, workers: int, **settings
 
 def _show_result(result: AttackResult) -> None:
     settings = result.report.settings
-    say("[bold]", f"{settings.environment} · {settings.adversary}")
+    say("[bold]", f"{settings.track} · {settings.adversary}")
     table = Table.grid(padding=(0, 3), pad_edge=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
@@ -163,9 +163,9 @@ def _rows(result: AttackResult) -> Iterator[tuple[str, str]]:
             "over feasible worlds",
             f"{_percent(feasible.afr)}, {feasible.fooled} of {feasible.worlds} samples",
         )
-    if report.training.fooling_rate is not None:
-        rate = _percent(report.training.fooling_rate)
-        yield "in training", f"{rate} of {report.training.queries:,} queries fooled the agent"
+    if report.search.fooling_rate is not None:
+        rate = _percent(report.search.fooling_rate)
+        yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
     yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
     if report.nearest_fooling_query is not None:
         distance = f"median distance {report.nearest_fooling_query.median:.3f}"

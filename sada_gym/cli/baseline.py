@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from sada_gym import adversaries
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
-from sada_gym.runs.record import AttackReport, AttackSettings
+from sada_gym.runs.record import RunReport, RunSettings
 
 
-def uniform_baseline(report: AttackReport) -> str:
+def uniform_baseline(report: RunReport) -> str:
     """Say how often uniform worlds fool the agent, and where the figure is from."""
     settings = report.settings
     reference = find_reference(settings)
@@ -17,13 +17,13 @@ def uniform_baseline(report: AttackReport) -> str:
         return f"{100 * reference.uniform_rate:.1f} % ({source})"
     if settings.adversary == "random":
         return f"{100 * report.afr:.1f} % (these samples are uniform)"
-    rate = report.training.fooling_rate
+    rate = report.search.fooling_rate
     if rate is not None and adversaries.find(settings.adversary).uniform_queries:
-        return f"{100 * rate:.1f} % (its {report.training.queries:,} training queries are uniform)"
+        return f"{100 * rate:.1f} % (its {report.search.queries:,} training queries are uniform)"
     return "not known: run --adversary random"
 
 
-def find_reference(settings: AttackSettings) -> Reference | None:
+def find_reference(settings: RunSettings) -> Reference | None:
     """Find the shipped reference set of exactly what was attacked; None where there is none."""
     from sada_gym.registration import TABLE, make_application
 

@@ -98,7 +98,7 @@ def benchmark(
 
     Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
     adversaries: what is finished is not repeated. DIR receives results.json, table.md, pictures/
-    and timings.json; cells/ holds each run, stores/ all evaluations.
+    and timings.json; runs/ holds each run, stores/ all evaluations.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
@@ -129,10 +129,13 @@ def benchmark(
                 open_named(executor, workers or cores()) as (opened, count),
                 BenchmarkProgress(out) as progress,
             ):
-                # an executor of its own only where one is named
-                where = {} if opened is None else {"executor": opened}
                 result = run_benchmark(
-                    chosen, folder, workers=count, references=known, listener=progress, **where
+                    chosen,
+                    folder,
+                    workers=count,
+                    executor=opened,
+                    references=known,
+                    callback=progress,
                 )
         except KeyboardInterrupt:
             show_resume_hint(_kept(folder))
@@ -142,8 +145,9 @@ def benchmark(
 
 def _kept(folder: Path) -> str:
     """Say what a stopped benchmark has kept."""
-    cells = sum(1 for _ in folder.glob("cells/*/*/[!.]*/cell.json"))
-    return f"{cells:,} finished cells and all evaluations are kept in {folder}."
+    from sada_gym.benchmark.folder import finished_runs
+
+    return f"{len(finished_runs(folder)):,} finished runs and all evaluations are kept in {folder}."
 
 
 def _show_result(result: BenchmarkResult) -> None:

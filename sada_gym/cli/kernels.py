@@ -1,4 +1,4 @@
-"""Will this run compile kernels first? Numba does so once, and it takes up to a minute."""
+"""Will this run compile kernels first? Numba does so once, and it takes about a minute."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-COMPILING = "Compiling kernels for the first run (up to a minute)"
+COMPILING = "Compiling kernels for the first run (about a minute)"
 
 
 def will_compile(package: str = "sada_gym") -> bool:

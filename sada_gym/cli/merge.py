@@ -28,5 +28,5 @@ def merge(
         from sada_gym.benchmark.merge import merge_files
 
         merged = merge_files(results, out_folder, tables=tables or ())
-    text = f"{len(merged.cells):,} runs, {len(merged.targets)} tracks and agents: "
+    text = f"{len(merged.runs):,} runs, {len(merged.targets)} tracks and agents: "
     say("", f"{text}{out_folder}/ (results.json, table.md)")

@@ -27,6 +27,7 @@ _NAMES: dict[Stage, str] = {
     "learn": "Learning",
     "sample": "Sampling",
     "test": "Testing",
+    "measure": "Measuring",
     "pictures": "Pictures",
 }
 _BAR_WIDTH = 28
@@ -91,7 +92,7 @@ class _Count:
 
 
 class AttackProgress:
-    """A context manager that shows an attack's progress; pass it to `attack` as `progress`.
+    """A context manager that shows an attack's progress; call it as `attack` reports progress.
 
     Each stage shows its own time: training switches between querying and learning.
 
@@ -213,7 +214,8 @@ class AttackProgress:
             say("", "Starting", console=self._console)
         else:
             text = ", ".join(self._detail(stage))
-            say("", f"{_NAMES[stage]}: {text}", console=self._console)
+            doing = " (compiling kernels)" if self._compiling else ""
+            say("", f"{_NAMES[stage]}{doing}: {text}", console=self._console)
 
 
 def clock(seconds: float | None) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,16 +12,26 @@ import numpy.typing as npt
 from sada_gym.application import Application, Frame
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import write_file
-from sada_gym.parameters import Parameter, ParameterSpace
+from sada_gym.parameters import ParameterSpace
+from sada_gym.plots.style import (
+    ACCENT,
+    FOOLED,
+    INK,
+    MUTED,
+    OMEGA,
+    SAMPLES,
+    axis_label,
+    name_choices,
+    new_figure,
+    png,
+    tidy,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MAX_FRAMES = 24
 
-INK, MUTED, GRID = "#1f2933", "#6b7785", "#e4e8ec"
-_FOOLED, _SAMPLES, _OMEGA, ACCENT = "#c2410c", "#f2b48c", "#a9b4c0", "#1f2933"
 _BINS = 20
 _COLUMNS = 6
 
@@ -87,7 +96,7 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
             bins=list(edges),
             weights=[_percent(fooled.sum(), len(samples)), _percent((~fooled).sum(), len(samples))],
             stacked=True,
-            color=[_FOOLED, _SAMPLES],
+            color=[FOOLED, SAMPLES],
             label=["fool the agent", "do not fool it"],
         )
         axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
@@ -118,8 +127,8 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
     low = min(0.0, float(samples.score.min()), float(queries.score.min(initial=0.0)))
     edges = list(np.linspace(low, top, 2 * _BINS + 1))
     for scores, colour, name in (
-        (queries.score, _OMEGA, f"{len(queries):,} training queries"),
-        (samples.score, _FOOLED, f"{len(samples):,} samples of the adversary"),
+        (queries.score, OMEGA, f"{len(queries):,} training queries"),
+        (samples.score, FOOLED, f"{len(samples):,} samples of the adversary"),
     ):
         if len(scores):
             weights = _percent(len(scores), len(scores))
@@ -167,7 +176,7 @@ def scatter(
     fooled = queries.score <= threshold
     for mu, colour, size, name in (
         (queries.mu[~fooled], "#d5dbe1", 7, "training query"),
-        (queries.mu[fooled], _SAMPLES, 9, "training query that fooled the agent"),
+        (queries.mu[fooled], SAMPLES, 9, "training query that fooled the agent"),
         (samples.mu, ACCENT, 11, "sample of the adversary"),
     ):
         x, y = space.physical(mu).T
@@ -215,50 +224,5 @@ def _frames(
         return []
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Make a figure without pyplot, which would keep it in a global list."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
-
-
-def png(figure: Figure) -> bytes:
-    """Give a figure as the bytes of a PNG file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
-
-
 def _percent(count: int, total: int) -> npt.NDArray[np.float64]:
     return np.full(int(count), 100.0 / total)
-
-
-def axis_label(parameter: Parameter) -> str:
-    """Write a parameter as people read it: its name, and its unit in brackets."""
-    name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
-    unit = "°" if parameter.unit == "deg" else parameter.unit
-    return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
-
-
-def name_choices(axes: Axes, parameter: Parameter) -> None:
-    """Write a parameter's choices below the axis along which it is drawn, if it has any."""
-    if parameter.choices:
-        edges = np.linspace(parameter.low, parameter.high, len(parameter.choices) + 1)
-        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(parameter.choices))
-        axes.tick_params(axis="x", length=0, labelsize=7)
-        for label in axes.get_xticklabels():
-            label.set(rotation=35, ha="right", rotation_mode="anchor")
-
-
-def tidy(axes: Axes, *, grid: str | None = None) -> None:
-    """Give axes the house look: two thin spines, quiet ticks, grid lines for y if asked."""
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(MUTED)
-    axes.tick_params(colors=MUTED, labelsize=8)
-    axes.xaxis.label.set_color(INK)
-    axes.yaxis.label.set_color(INK)
-    if grid == "y":
-        axes.grid(axis="y", color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)

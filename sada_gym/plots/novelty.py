@@ -34,19 +34,19 @@ def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] =
             "Expected at least one sample of the adversary and as many ideal ones or none, got "
             f"{len(adversary)} and {len(ideal)}."
         )
-    cells = [
-        cell
+    shown = [
+        picture
         for pair in zip_longest(adversary, ideal)
         for name, sample in zip(("adversary's sample", "ideal sample"), pair, strict=True)
         if sample is not None
-        for cell in _cells(name, sample)
+        for picture in _captioned(name, sample)
     ]
-    frames, captions = zip(*cells, strict=True)
+    frames, captions = zip(*shown, strict=True)
     title = "Samples and their nearest queries (distance in μ, in pixels)"
     return contact_sheet(frames, captions, title)
 
 
-def _cells(name: str, sample: Neighbours) -> Iterator[tuple[Frame, str]]:
+def _captioned(name: str, sample: Neighbours) -> Iterator[tuple[Frame, str]]:
     yield sample.frame, name
     yield sample.in_mu.frame, f"nearest in μ ({_distances(sample.in_mu)})"
     yield sample.in_image.frame, f"nearest image ({_distances(sample.in_image)})"

@@ -1,24 +1,22 @@
-"""What an attack writes down: its settings at the start, its result at the end."""
+"""What a run of Algorithm 1 writes down: its settings at the start, its result at the end."""
 
 from __future__ import annotations
 
 import io
 import json
-import os
-import platform
-import shutil
-from collections.abc import Callable, Mapping
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, ValidationError
+from typing_extensions import Self
 
-from sada_gym.files import Strict, read_arrays, read_model, write_file, write_folder, write_model
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import Strict, read_arrays, read_model, write_file, write_model
+from sada_gym.measures.coverage import NEAREST
+from sada_gym.measures.reference import Reference
+from sada_gym.runs.measure import Distances, Measures, Search
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -26,148 +24,141 @@ SAMPLES_FILE = "samples.npz"
 STORE_FILE = "run.sqlite"
 ADVERSARY_FOLDER = "adversary"
 
-_PACKAGES = (
-    "sada_gym",
-    "gymnasium",
-    "numpy",
-    "scipy",
-    "scikit-learn",
-    "torch",
-    "stable-baselines3",
-    "pybullet",
-    "highway-env",
-    "pymunk",
-    "trimesh",
-    "numba",
-    "ribs",
-    "pillow",
-)
 
-
-class AttackSettings(Strict):
-    """All that decides an attack's result.
+class ReferenceSummary(Strict):
+    """The reference set that a run is measured against.
 
     Attributes:
-        environment: The environment's id.
+        sha256: Of its file.
+        points: Its points, uniform in the box.
+        fooling: How many of them belong to the fooling set.
+        uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
+    """
+
+    sha256: str
+    points: int
+    fooling: int
+    uniform_rate: float
+
+    @classmethod
+    def of(cls, reference: Reference) -> Self:
+        """Describe a reference set."""
+        entry = reference.entry
+        return cls(
+            sha256=entry.sha256,
+            points=entry.points,
+            fooling=int(reference.fooling.sum()),
+            uniform_rate=reference.uniform_rate,
+        )
+
+    @property
+    def usable(self) -> bool:
+        """Whether half of the fooling set has enough points to measure coverage with."""
+        return self.fooling // 2 > NEAREST
+
+
+class RunKey(Strict):
+    """What a run is called: one adversary on one track, for one seed.
+
+    Attributes:
+        table: The benchmark's table; empty for a single attack.
+        track: The environment's id.
+        agent: What the agent under test is called.
+        label: What the adversary is called in reports.
+        seed: The seed of the adversary and of all evaluation seeds.
+    """
+
+    table: str = ""
+    track: str
+    agent: str
+    label: str
+    seed: int
+
+    def __str__(self) -> str:
+        """Name the run for people."""
+        agent = f" against {self.agent}" if self.agent else ""
+        table = f", table {self.table}" if self.table else ""
+        return f"{self.label} on {self.track}{agent}, seed {self.seed}{table}"
+
+
+class RunSettings(RunKey):
+    """All that decides a run's result.
+
+    Attributes:
+        adversary: The adversary's registered name, `module:Class`, or `ideal`.
+        preset: The named set of options it starts from, if any.
+        options: Its other options.
+        resolved: All its options, defaults too: a run with other defaults is another run.
+        budget: Training queries that it may spend.
+        samples: Test samples (M in the paper).
+        images: Samples whose nearest queries are compared as images.
         application: The application's name.
         version: Its version.
         application_settings: Its resolved keywords.
-        agent: What the agent under test is called.
-        fingerprint: Its SHA-256.
-        adversary: The adversary's name.
-        preset: The named set of options it starts from, if any.
-        options: The adversary's options.
-        budget: Number of training queries.
-        samples: Number of test samples (M in the paper).
-        seed: Seed of the adversary and of the evaluation seeds.
+        fingerprint: The agent's SHA-256.
+        reference: The reference set that coverage is measured by; None where there is none.
         packages: Versions of what takes part: a run is not resumed with others.
     """
 
-    environment: str
-    application: str
-    version: int
-    application_settings: dict[str, Any]
-    agent: str
-    fingerprint: str
     adversary: str
     preset: str | None
     options: dict[str, Any]
+    resolved: dict[str, Any]
     budget: int
     samples: int
-    seed: int
+    images: int = 0
+    application: str
+    version: int
+    application_settings: dict[str, Any]
+    fingerprint: str
+    reference: ReferenceSummary | None = None
     packages: dict[str, str]
 
-
-class Distances(Strict):
-    """Distances from the test samples to their nearest neighbours among some queries."""
-
-    minimum: float
-    median: float
-    mean: float
-    maximum: float
+    def target(self) -> dict[str, Any]:
+        """What was attacked, and the reference set: the same for all runs of track and agent."""
+        names = {"application", "version", "application_settings", "fingerprint", "reference"}
+        return self.model_dump(include=names)
 
 
-class TrainingReport(Strict):
-    """What the training queries (Omega) gave; where they are uniform, the random rate."""
+class RunReport(Measures):
+    """The contents of result.json: the measures, and what they are of.
 
-    queries: int
-    fooled: int
-    fooling_rate: float | None
-    mean_score: float | None
-
-
-class FeasibleRate(Strict):
-    """The attack fooling rate over those test samples whose worlds a privileged agent masters.
-
-    Attributes:
-        worlds: How many they are.
-        fooled: In how many of them the agent is fooled.
-        afr: The share; None where there are none.
-    """
-
-    worlds: int
-    fooled: int
-    afr: float | None
-
-
-class AttackReport(Strict):
-    """The contents of result.json. No wall-clock times: a resumed run's file is the same.
+    It holds no wall-clock times: a resumed run's file is the same.
 
     Attributes:
         settings: What was run.
         fooling_threshold: The agent is fooled where Q <= this.
-        afr: The attack fooling rate, the share of test samples that fool the agent.
-        afr_interval_95: Its Wilson interval.
-        fooled: Number of test samples that fool the agent.
-        mean_score: The test samples' mean Q.
-        mu_std: Their spread; 0.577 where uniform.
-        nearest_query: Distances to the nearest training query; None without queries.
-        nearest_fooling_query: Distances to the nearest one that fooled the agent.
-        training: What training saw.
+        nearest_fooling_query: Distances from the samples to the nearest training query that fooled
+            the agent; None where none did.
+        search: What the training queries found.
         seeds: How the seeds follow from the settings' one.
-        flags: What the adversary says of its training, such as that no point fooled.
-        feasible: The rate over feasible worlds; None where no privileged agent is known.
+        flags: What a reader must know, such as that no training query fooled.
     """
 
-    settings: AttackSettings
+    settings: RunSettings
     fooling_threshold: float
-    afr: float
-    afr_interval_95: tuple[float, float]
-    fooled: int
-    mean_score: float
-    mu_std: float
-    nearest_query: Distances | None
     nearest_fooling_query: Distances | None
-    training: TrainingReport
+    search: Search
     seeds: dict[str, str | int]
     flags: tuple[str, ...]
-    feasible: FeasibleRate | None = None
+
+    def measures(self) -> Measures:
+        """The measures alone."""
+        return Measures(**{name: getattr(self, name) for name in Measures.model_fields})
 
 
-def feasible_rate(
-    fooled: npt.NDArray[np.bool_], feasible: npt.NDArray[np.bool_] | None
-) -> FeasibleRate | None:
-    """Sum up `Application.feasible`.
+class RunFailure(Strict):
+    """The contents of failure.json: the adversary could not do its work, and why.
 
-    Args:
-        fooled: (M,) which test samples fool the agent.
-        feasible: (M,) which of them a privileged agent masters; None where none is known.
+    Attributes:
+        settings: What was run.
+        fooling_threshold: The agent is fooled where Q <= this.
+        error: What the adversary's `AdversaryError` said.
     """
-    if feasible is None:
-        return None
-    worlds, both = int(feasible.sum()), int((fooled & feasible).sum())
-    return FeasibleRate(worlds=worlds, fooled=both, afr=both / worlds if worlds else None)
 
-
-def packages() -> dict[str, str]:
-    """Give the versions of Python and of the installed packages that can change a result."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    settings: RunSettings
+    fooling_threshold: float
+    error: str
 
 
 def write_samples(path: Path, samples: Evaluations) -> None:
@@ -209,7 +200,7 @@ def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:
     return copied
 
 
-def claim_folder(folder: Path, settings: AttackSettings, *, resume: bool) -> None:
+def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> None:
     """Make a folder an attack's own by writing its settings there, or find them there.
 
     Raises:
@@ -225,7 +216,11 @@ def claim_folder(folder: Path, settings: AttackSettings, *, resume: bool) -> Non
                 f"Expected a new folder for the results, got {folder}, which holds a run. "
                 "Resume that run with --resume (resume=True), or name another folder."
             )
-        _refuse_other(folder, read_model(path, AttackSettings), settings)
+        refuse_other(
+            f"the settings that the run in {folder} was started with",
+            read_model(path, RunSettings).model_dump(mode="json"),
+            settings.model_dump(mode="json"),
+        )
         return
     for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE, ADVERSARY_FOLDER):
         if (folder / name).exists():
@@ -237,11 +232,35 @@ def claim_folder(folder: Path, settings: AttackSettings, *, resume: bool) -> Non
     write_model(path, settings)
 
 
-def _refuse_other(folder: Path, old: AttackSettings, new: AttackSettings) -> None:
-    before, now = old.model_dump(mode="json"), new.model_dump(mode="json")
-    changes = [f"{k} was {before[k]!r} and is {now[k]!r}" for k in before if before[k] != now[k]]
+def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
+    """Name what differs between two records, down to single entries."""
+    found = []
+    for name in sorted({*old, *new}):
+        before, now = old.get(name), new.get(name)
+        if isinstance(before, Mapping) and isinstance(now, Mapping):
+            found += [f"{name}.{change}" for change in differences(before, now)]
+        elif before != now:
+            found.append(f"{name} was {before!r} and is {now!r}")
+    return found
+
+
+def refuse_other(
+    expected: str,
+    old: Mapping[str, object],
+    new: Mapping[str, object],
+    mend: str = "Give the same ones, or name another folder.",
+) -> None:
+    """Refuse to mix records that differ.
+
+    Args:
+        expected: What was expected, as in "the settings that ...".
+        old: The record that is there.
+        new: The record that was asked for.
+        mend: What the user can do.
+
+    Raises:
+        ValueError: If they differ; it names every entry that does.
+    """
+    changes = differences(old, new)
     if changes:
-        raise UserError(
-            f"Expected the settings that the run in {folder} was started with, got others: "
-            f"{'; '.join(changes)}. Give the same ones, or name another folder."
-        )
+        raise UserError(f"Expected {expected}, got others: {'; '.join(changes)}. {mend}")

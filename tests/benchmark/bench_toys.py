@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import gymnasium as gym
@@ -12,8 +13,10 @@ from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
+from sada_gym.benchmark.progress import Silent
 from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
+from sada_gym.errors import BudgetTooSmall
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
 from sada_gym.registration import make_application
 
@@ -38,7 +41,7 @@ class Picky(Greedy):
 
     def train(self, oracle: Query) -> None:
         if oracle.remaining < 100:
-            raise ValueError(f"Expected a budget of at least 100, got {oracle.remaining}.")
+            raise BudgetTooSmall(f"Expected a budget of at least 100, got {oracle.remaining}.")
         super().train(oracle)
 
 
@@ -49,6 +52,13 @@ class Buggy(Greedy):
         raise KeyError("bug")
 
 
+class Wrong(Greedy):
+    """It fails with the kind of error that bad input gets."""
+
+    def train(self, oracle: Query) -> None:
+        raise ValueError("a bug that looks like bad input")
+
+
 class Deadly(Greedy):
     """Its process is killed, as the system does where memory is short."""
 
@@ -56,11 +66,48 @@ class Deadly(Greedy):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+class Fragile(Greedy):
+    """Its process is killed once, in mid-run; a file remembers that."""
+
+    def train(self, oracle: Query) -> None:
+        super().train(oracle)
+        deaths = Path(os.environ["TOY_DEATHS"])
+        if len(deaths.read_text()) < 1:
+            with deaths.open("a") as file:
+                file.write("x")
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
 class Short(Greedy):
     """It gives a sample too few."""
 
     def sample(self, n: int) -> np.ndarray:
         return super().sample(n)[: max(n - 1, 1)]
+
+
+class Inline(Executor):
+    """It does a job at once, where it is submitted."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Recorder(Silent):
+    """A callback that keeps what it is called with."""
+
+    def __init__(self) -> None:
+        self.progress, self.finished = [], []
+
+    def on_progress(self, run, progress) -> None:
+        self.progress.append((str(run), progress))
+
+    def on_finish(self, run, timing) -> None:
+        self.finished.append((run, timing))
 
 
 def make_reference(folder: Path, track: str, points: int = 600, seeds: int = 2) -> Application:

@@ -13,11 +13,12 @@ from rich.console import Console
 from rich.text import Text
 from typer.testing import CliRunner
 
-from sada_gym.benchmark.cell import Told
+from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.suite import SUITES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
+from sada_gym.runs.run import Progress
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 
@@ -43,9 +44,9 @@ def done(tmp_path_factory, references):
     return out, result
 
 
-def test_it_tells_of_every_cell_and_ends_with_the_table(done):
+def test_it_tells_of_every_run_and_ends_with_the_table(done):
     out, result = done
-    lines = re.findall(r"^\d/5 cells: .*", result.stdout, re.MULTILINE)
+    lines = re.findall(r"^\d/5 runs: .*", result.stdout, re.MULTILINE)
     assert len(lines) == 5
     assert "queries/s" in lines[2]
     assert "left" in lines[2]
@@ -80,7 +81,7 @@ def test_report_alone_runs_nothing(done, references):
     (out / "results.json").unlink()
     result = run("--report", "--out", out, "--references", references)
     assert result.exit_code == 0, result.output
-    assert "cells:" not in result.stdout
+    assert "runs:" not in result.stdout
     assert (out / "results.json").exists()
 
 
@@ -128,26 +129,37 @@ def test_other_settings_are_refused(done, references):
     chosen = ["-a", "random", "--out", out, "--references", references]
     result = run("--tracks", ANALYTIC, "--budget", 61, "--samples", 20, "--images", 0, *chosen)
     assert result.exit_code == 2
-    assert "equal-queries: budget.queries was 60 and is 61" in result.stderr
+    assert "equal-queries.budget.queries was 60 and is 61" in result.stderr
 
 
-def test_a_terminal_shows_cells_rate_time_left_and_each_process(tmp_path):
+def timing(evaluated, wall_s):
+    return Timing(
+        training_s=0.0,
+        evaluation_s=0.0,
+        evaluated=evaluated,
+        known=0,
+        wall_s=wall_s,
+        peak_memory_mib=None,
+    )
+
+
+def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
     plan = make_plan(suite("random", "toy:Greedy", budgets=(60,), seeds=2), tmp_path)
-    first, second = plan.groups[0].cells
+    first, second = plan.groups[0].runs
     console = Console(force_terminal=True, width=120, file=io.StringIO())
     with BenchmarkProgress(console) as bars:
-        bars.begin(plan, list(plan.cells))
-        bars.hear(Told(first, "testing", 10, 30, new=10))
-        bars.hear(Told(first, "finished", new=20, wall_s=65.0))
-        bars.hear(Told(plan.groups[1].cells[0], "training", 0, 60))
-        bars.hear(Told(second, "training", 5, 60, new=5))
+        bars.on_start(plan, list(plan.runs))
+        bars.on_progress(first, Progress("test", 10, 30, evaluated=10))
+        bars.on_finish(first, timing(evaluated=30, wall_s=65.0))
+        bars.on_progress(plan.groups[1].runs[0], Progress("train", 0, 60))
+        bars.on_progress(second, Progress("train", 5, 60, evaluated=5))
         bars._bars.refresh()
         shown = Text.from_ansi(console.file.getvalue()).plain
-        bars.hear(Told(second, "finished", wall_s=65.0))
-        bars.finish()
-    assert re.search(r"Cells.* 1/4  35 queries/s, about 1:37 left", shown)
-    assert re.search(r"Analytic seed 0.* 1/2  toy:Greedy \(n60\): training 5/60", shown)
-    assert re.search(r"Analytic seed 1.* 0/2  random \(n60\): training 0/60", shown)
+        bars.on_finish(second, timing(evaluated=5, wall_s=65.0))
+        bars.on_report()
+    assert re.search(r"Runs.* 1/4  35 queries/s, about 1:37 left", shown)
+    assert re.search(r"Analytic seed 0.* 1/2  toy:Greedy \(n60\): train 5/60", shown)
+    assert re.search(r"Analytic seed 1.* 0/2  random \(n60\): train 0/60", shown)
     assert "writing the report" in Text.from_ansi(console.file.getvalue()).plain
 
 
@@ -163,5 +175,5 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in printed
-    assert f"Stopped. 1 finished cells and all evaluations are kept in {out}" in printed
+    assert f"Stopped. 1 finished runs and all evaluations are kept in {out}" in printed
     assert shlex.split(printed.strip().splitlines()[-1]) == ["sada-gym", *command]

@@ -20,22 +20,22 @@ def whole(tmp_path_factory):
 
 
 def part(results, keep):
-    """The results of a benchmark that ran only some of the cells."""
-    cells = tuple(cell for cell in results.cells if keep(cell))
+    """The results of a benchmark that ran only some of the runs."""
+    runs = tuple(run for run in results.runs if keep(run))
     targets = tuple(
-        target.model_copy(update={"seeds": tuple(sorted({cell.seed for cell in cells}))})
+        target.model_copy(update={"seeds": tuple(sorted({run.seed for run in runs}))})
         for target in results.targets
     )
     # its own rows must not matter
-    return results.model_copy(update={"cells": cells, "targets": targets, "rows": ()})
+    return results.model_copy(update={"runs": runs, "targets": targets, "rows": ()})
 
 
 @pytest.mark.parametrize("key", ["label", "seed", "table"])
 def test_parts_make_the_whole(whole, key):
-    first = getattr(whole.cells[0], key)
+    first = getattr(whole.runs[0], key)
     halves = [
-        part(whole, lambda cell: getattr(cell, key) != first),
-        part(whole, lambda cell: getattr(cell, key) == first),
+        part(whole, lambda run: getattr(run, key) != first),
+        part(whole, lambda run: getattr(run, key) == first),
     ]
     assert merge(halves) == merge(halves[::-1]) == whole
 
@@ -64,27 +64,27 @@ def test_what_does_not_belong_together_is_refused(whole):
         merge([whole, whole])
     with pytest.raises(ValueError, match="n7"):
         merge([whole], tables=["n7"])
-    empty = part(whole, lambda cell: False)
+    empty = part(whole, lambda run: False)
     packages = {**whole.settings.packages, "numpy": "1.0"}
     settings = whole.settings.model_copy(update={"packages": packages})
-    with pytest.raises(ValueError, match="packages differ"):
+    with pytest.raises(ValueError, match=r"the packages alike, got others: numpy was"):
         merge([whole, empty.model_copy(update={"settings": settings})])
     first, *others = whole.settings.tables
     budget = first.budget.model_copy(update={"queries": 7})
     tables = (first.model_copy(update={"budget": budget}), *others)
     settings = whole.settings.model_copy(update={"tables": tables})
-    with pytest.raises(ValueError, match="rule of table n90 differ"):
+    with pytest.raises(ValueError, match="rule of table n90 alike"):
         merge([whole, empty.model_copy(update={"settings": settings})])
     target = whole.targets[0].model_copy(update={"version": 9})
-    with pytest.raises(ValueError, match=rf"{ANALYTIC} against .* differ"):
+    with pytest.raises(ValueError, match=rf"{ANALYTIC} against .* alike"):
         merge([whole, empty.model_copy(update={"targets": (target,)})])
 
 
 def test_files_and_folders_are_merged_on_the_command_line(whole, tmp_path):
     for name, seed in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
-        chosen = part(whole, lambda cell, seed=seed: cell.seed == seed)
-        (tmp_path / name / "results.json").write_text(chosen.model_dump_json())
+        chosen = part(whole, lambda run, seed=seed: run.seed == seed)
+        (tmp_path / name / "results.json").write_text(chosen.model_dump_json(by_alias=True))
     out = tmp_path / "out"
     arguments = ["merge", tmp_path / "a", tmp_path / "b" / "results.json", "--out", out]
     result = CliRunner().invoke(app, list(map(str, arguments)))

@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
 
-from sada_gym.benchmark import folder
-from sada_gym.benchmark.folder import claim, read_cells, sole_user
+from sada_gym.benchmark import plan
+from sada_gym.benchmark.folder import Timing, claim, read_runs, sole_user
+from sada_gym.benchmark.job import RunError
+from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.benchmark.suite import choose
-from sada_gym.benchmark.work import CellError
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
@@ -49,20 +50,20 @@ def test_it_ends_with_results_tables_and_pictures(done):
     assert sorted(path.name for path in done.folder.iterdir()) == [
         ".lock",
         "benchmark.json",
-        "cells",
         "pictures",
         "results.json",
+        "runs",
         "stores",
         "table.md",
         "timings.json",
     ]
     results = read_model(done.folder / "results.json", Results)
     assert results == done.results
-    assert len(results.cells) == 2 * 2 * 3
+    assert len(results.runs) == 2 * 2 * 3
     assert [target.seeds for target in results.targets] == [(0, 1)]
     assert results.targets[0].reference.points == 600
     assert "wall" not in (done.folder / "results.json").read_text()
-    timings = json.loads((done.folder / "timings.json").read_text())["cells"]
+    timings = json.loads((done.folder / "timings.json").read_text())["runs"]
     assert len(timings) == 12
     assert all(timing["wall_s"] >= 0 for timing in timings)
     pictures = {path.name for path in (done.folder / "pictures" / "n90").iterdir()}
@@ -76,16 +77,16 @@ def test_workers_are_no_part_of_the_result(done, tmp_path, references):
 
 def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch):
     run_benchmark(suite("archive", budgets=(90,)), tmp_path, references=references)
-    before = {there: (there / "cell.json").stat() for _, there in read_cells(tmp_path)}
+    before = {there: (there / "result.json").stat() for _, there in read_runs(tmp_path)}
     run_benchmark(WHOLE, tmp_path, workers=1, references=references)
-    now = {there: (there / "cell.json").stat() for there in before}
+    now = {there: (there / "result.json").stat() for there in before}
     assert now == before  # neither written again nor touched
     assert contents(tmp_path) == contents(done.folder)
 
     def refuse(*args):
         raise AssertionError("nothing is left to do")
 
-    monkeypatch.setattr("sada_gym.benchmark.run.WorkerPool", refuse)
+    monkeypatch.setattr("sada_gym.benchmark.schedule.WorkerPool", refuse)
     run_benchmark(WHOLE, tmp_path, workers=2, references=references)
     assert contents(tmp_path) == contents(done.folder)
 
@@ -93,12 +94,12 @@ def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch)
 def test_other_settings_are_refused(done, references, monkeypatch):
     before = contents(done.folder)
     for changed, message in (
-        (choose(WHOLE, budget=70), r"n60: budget.queries was 60 and is 70"),
-        (choose(WHOLE, samples=20), r"n90: samples was 30 and is 20"),
+        (choose(WHOLE, budget=70), r"n60.budget.queries was 60 and is 70"),
+        (choose(WHOLE, samples=20), r"n90.samples was 30 and is 20"),
     ):
         with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another"):
             run_benchmark(changed, done.folder, references=references)
-    monkeypatch.setattr(folder, "packages", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr(plan, "packages", lambda *args: {"numpy": "1.0"})
     with pytest.raises(ValueError, match=r"packages.numpy was '\S+' and is '1.0'"):
         run_benchmark(WHOLE, done.folder, references=references)
     assert contents(done.folder) == before
@@ -117,25 +118,51 @@ def test_other_folders_are_refused(tmp_path, references):
 def test_two_at_once_are_refused(tmp_path, references):
     chosen = suite("random", budgets=(60,))
     out = tmp_path / "out"
-    claim(out, chosen.tables)
+    claim(out, make_plan(chosen, references))
     with sole_user(out), pytest.raises(ValueError, match="another is at work there"):
         run_benchmark(chosen, out, references=references)
 
 
-def test_a_bug_stops_it_and_names_the_cell(tmp_path, references):
+def test_a_bug_stops_it_and_names_the_run(tmp_path, references):
     chosen = suite("random", "bench_toys:Buggy", budgets=(60,))
-    with pytest.raises(CellError, match=r"KeyError in bench_toys:Buggy on SADA-Analytic-v0"):
+    with pytest.raises(RunError, match=r"KeyError in bench_toys:Buggy on SADA-Analytic-v0"):
         run_benchmark(chosen, tmp_path, references=references)
-    assert len(read_cells(tmp_path)) == 1
+    assert len(read_runs(tmp_path)) == 1
     assert not (tmp_path / "results.json").exists()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-def test_a_killed_process_is_told(tmp_path, references):
-    chosen = suite("random", "bench_toys:Deadly", budgets=(60,))
-    with pytest.raises(WorkerError, match="They were at: bench_toys:Deadly on SADA-Analytic-v0"):
+def test_what_looks_like_bad_input_stops_it_too(tmp_path, references):
+    chosen = suite("bench_toys:Wrong", budgets=(60,))
+    with pytest.raises(RunError, match=r"ValueError in bench_toys:Wrong on .*looks like bad input"):
         run_benchmark(chosen, tmp_path, references=references)
-    assert len(read_cells(tmp_path)) == 1
+    assert read_runs(tmp_path) == []
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_a_run_whose_process_is_killed_is_done_again(tmp_path, references, monkeypatch):
+    chosen = suite("random", "bench_toys:Fragile", budgets=(60,))
+    for name in ("killed", "whole"):
+        deaths = tmp_path / f"{name}.deaths"
+        deaths.write_text("" if name == "killed" else "x")
+        monkeypatch.setenv("TOY_DEATHS", str(deaths))
+        run_benchmark(chosen, tmp_path / name, references=references)
+    assert (tmp_path / "killed.deaths").read_text() == "x"
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+    [again] = [
+        read_model(there / "timing.json", Timing)
+        for result, there in read_runs(tmp_path / "killed")
+        if result.settings.label == "bench_toys:Fragile"
+    ]
+    assert (again.evaluated, again.known) == (30, 60)  # no query is repeated
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_a_run_that_kills_its_process_again_and_again_is_named(tmp_path, references):
+    chosen = suite("random", "bench_toys:Deadly", budgets=(60,))
+    with pytest.raises(WorkerError, match=r"process of bench_toys:Deadly on SADA.* died 3 times"):
+        run_benchmark(chosen, tmp_path, references=references)
+    assert len(read_runs(tmp_path)) == 1
 
 
 SCRIPT = """

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from bench_toys import ANALYTIC, suite
+from bench_toys import ANALYTIC, make_reference, suite
 
 from sada_gym import adversaries
 from sada_gym.adversaries.bbgan_boost import split_budget
@@ -9,7 +9,6 @@ from sada_gym.benchmark import suite as suites
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.suite import (
     CONTENDERS,
-    IDEAL,
     SUITES,
     Budget,
     Contender,
@@ -18,6 +17,7 @@ from sada_gym.benchmark.suite import (
     find_suite,
 )
 from sada_gym.registration import tracks
+from sada_gym.runs.ideal import IDEAL
 
 
 def test_the_suites_name_what_there_is():
@@ -168,7 +168,7 @@ def test_what_lacks_its_package_is_left_out(tmp_path):
     lacking = Contender(label="cma-mae", adversary="cma-mae", requires="no_such_package")
     chosen = suite("random").model_copy(update={"contenders": (lacking, find_contender("random"))})
     plan = make_plan(chosen, tmp_path)
-    assert {cell.label for cell in plan.cells} == {"random"}
+    assert {run.label for run in plan.runs} == {"random"}
     assert "cma-mae is left out: it needs the package no_such_package" in plan.notes[0]
 
 
@@ -181,8 +181,8 @@ def test_tables_choose_the_agents(tmp_path):
         ("photographer", {}),
         ("surveyor", {"agent": "surveyor"}),
     ]
-    assert [[cell.table for cell in group.cells] for group in plan.groups] == [["n9", "n8"], ["n8"]]
-    assert len({cell.fingerprint for cell in plan.cells}) == 2
+    assert [[run.table for run in group.runs] for group in plan.groups] == [["n9", "n8"], ["n8"]]
+    assert len({run.fingerprint for run in plan.runs}) == 2
     with pytest.raises(ValueError, match="Did you mean 'surveyor'"):
         make_plan(chosen.model_copy(update={"agents": ("surveyr",)}), tmp_path)
 
@@ -193,7 +193,7 @@ def test_tables_choose_their_contenders(tmp_path):
     few = {"agents": "others", "contenders": ("gaussian",)}
     tables = (chosen.tables[0], chosen.tables[1].model_copy(update=few))
     plan = make_plan(chosen.model_copy(update={"tables": tables}), tmp_path)
-    assert [(cell.agent, cell.table, cell.label) for cell in plan.cells] == [
+    assert [(run.agent, run.table, run.label) for run in plan.runs] == [
         ("photographer", "n9", "random"),
         ("photographer", "n9", "gaussian"),
         ("surveyor", "n8", "gaussian"),
@@ -220,3 +220,15 @@ def test_the_papers_tables_are_whole():
     assert paper.table_1("sada", "Truck") is None
     assert paper.class_row("gmm50").afr[2] == 16.4
     assert paper.class_row("sada") is None
+
+
+def test_too_few_samples_to_measure_by_are_refused_beforehand(tmp_path):
+    make_reference(tmp_path, ANALYTIC)
+    for samples, fits in ((5, False), (6, True)):
+        chosen = choose(suite("ideal", "random"), samples=samples)
+        if fits:
+            assert {run.samples for run in make_plan(chosen, tmp_path).runs} == {6}
+            continue
+        with pytest.raises(ValueError, match=r"at least 6 test samples on SADA-Analytic-v0.*got 5"):
+            make_plan(chosen, tmp_path)
+    assert make_plan(choose(suite("random"), samples=5), tmp_path / "none")  # nothing to measure by

@@ -1,19 +1,18 @@
 import pytest
 
 from sada_gym.benchmark.folder import BenchmarkSettings
-from sada_gym.benchmark.measure import Measures, Search
 from sada_gym.benchmark.paper import CLASS_COLUMNS
-from sada_gym.benchmark.plan import ReferenceMark
-from sada_gym.benchmark.results import CellResult, Results, Target, rows_of_cells
+from sada_gym.benchmark.report.tables import short_name, write_tables
+from sada_gym.benchmark.results import Results, RunSummary, Target, rows_of_runs
 from sada_gym.benchmark.suite import Budget, Table
-from sada_gym.benchmark.tables import short_name, write_tables
-from sada_gym.runs.record import FeasibleRate
+from sada_gym.runs.measure import FeasibleRate, Measures, Search
+from sada_gym.runs.record import ReferenceSummary
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
 
 
-def cell(
+def run(
     track,
     label,
     fooled,
@@ -38,7 +37,7 @@ def cell(
         image_novelty=None,
         feasible=feasible,
     )
-    return CellResult(
+    return RunSummary(
         table="t",
         track=track,
         agent=agent,
@@ -56,8 +55,8 @@ def cell(
     )
 
 
-def report(tmp_path, cells, notes=()):
-    mark = ReferenceMark(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
+def report(tmp_path, runs, notes=()):
+    mark = ReferenceSummary(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
     targets = tuple(
         Target(
             track=track,
@@ -70,15 +69,15 @@ def report(tmp_path, cells, notes=()):
             reference=mark,
             seeds=(0,),
         )
-        for track, agent in dict.fromkeys((c.track, c.agent) for c in cells)
+        for track, agent in dict.fromkeys((c.track, c.agent) for c in runs)
     )
     settings = BenchmarkSettings(tables=(TABLE,), packages={"numpy": "2.0"})
     results = Results(
         format=1,
         settings=settings,
         targets=targets,
-        rows=tuple(rows_of_cells(cells)),
-        cells=tuple(cells),
+        rows=tuple(rows_of_runs(runs)),
+        runs=tuple(runs),
     )
     return write_tables(tmp_path, results, notes).read_text(), results
 
@@ -86,8 +85,8 @@ def report(tmp_path, cells, notes=()):
 @pytest.fixture
 def whole(tmp_path):
     rates = {"random": 100, "bbgan": 200, "sada": 240}
-    cells = [cell(track, label, n) for label, n in rates.items() for track in TRACKS]
-    return report(tmp_path, cells)
+    runs = [run(track, label, n) for label, n in rates.items() for track in TRACKS]
+    return report(tmp_path, runs)
 
 
 def line(text, section, label):
@@ -133,12 +132,12 @@ def test_the_measures_stand_with_intervals_and_ranks(whole):
 def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
     driving = "SADA-Driving-OneCurve-v0"
     agents = [(TRACKS[2], "photographer"), (TRACKS[2], "surveyor"), (driving, "cil")]
-    cells = [
-        cell(track, label, fooled + 5 * (agent == "surveyor"), agent=agent, relative=relative)
+    runs = [
+        run(track, label, fooled + 5 * (agent == "surveyor"), agent=agent, relative=relative)
         for track, agent in agents
         for label, fooled, relative in (("random", 100, 0.5), ("bbgan", 200, 0.9))
     ]
-    text, _ = report(tmp_path, cells)
+    text, _ = report(tmp_path, runs)
     [section] = [title for title in text.splitlines() if title.endswith("all applications")]
     assert section == "## A table: all applications"
     whole = text.partition(section)[2].partition("\n## ")[0]
@@ -161,27 +160,27 @@ def test_one_application_has_no_such_table(whole):
 def test_the_rate_over_feasible_worlds_has_a_column_where_it_is_known(tmp_path, whole):
     assert "feasible" not in whole[0]
     half = FeasibleRate(worlds=200, fooled=80, afr=0.4)
-    text, _ = report(tmp_path, [cell(TRACKS[0], "random", 100, feasible=half)])
+    text, _ = report(tmp_path, [run(TRACKS[0], "random", 100, feasible=half)])
     at = line(text, "### All measures", "adversary").index("AFR, feasible, %")
     assert line(text, "### All measures", "random")[at] == "40.0"
     assert "- AFR, feasible: the AFR over those" in text
 
 
 def test_fewer_classes_are_no_12_class_average(tmp_path):
-    text, _ = report(tmp_path, [cell(track, "random", 100) for track in TRACKS[:11]])
+    text, _ = report(tmp_path, [run(track, "random", 100) for track in TRACKS[:11]])
     assert "12-class avg" not in text
     assert line(text, "### By class", "adversary")[-2] == "mean of 11 tracks"
     assert line(text, "### By class", "random")[-2:] == ["40.0", "0.300"]
 
 
 def test_coverage_stands_beside_the_afr_of_every_track(tmp_path):
-    cells = [
-        cell(TRACKS[0], "random", 100, relative=0.5),
-        cell(TRACKS[1], "random", 100, relative=0.7),
-        cell(TRACKS[0], "sada", 240, relative=None),
-        cell(TRACKS[1], "sada", 240, relative=0.9),
+    runs = [
+        run(TRACKS[0], "random", 100, relative=0.5),
+        run(TRACKS[1], "random", 100, relative=0.7),
+        run(TRACKS[0], "sada", 240, relative=None),
+        run(TRACKS[1], "sada", 240, relative=0.9),
     ]
-    text, _ = report(tmp_path, cells)
+    text, _ = report(tmp_path, runs)
     section = "### By class: coverage / ideal, %"
     assert line(text, section, "adversary")[1:] == ["aeroplane", "bench", "mean of 2 tracks"]
     assert line(text, section, "random")[1:] == ["50.0", "70.0", "60.0"]
@@ -189,7 +188,7 @@ def test_coverage_stands_beside_the_afr_of_every_track(tmp_path):
 
 
 def test_without_coverage_there_is_no_such_table(tmp_path):
-    text, _ = report(tmp_path, [cell(TRACKS[0], "random", 100, relative=None)])
+    text, _ = report(tmp_path, [run(TRACKS[0], "random", 100, relative=None)])
     assert "coverage / ideal, %\n" not in text.partition("### By class")[2]
 
 
@@ -200,26 +199,26 @@ def test_the_front_counts_tracks_where_nobody_is_better_in_both(tmp_path):
         "gp": ((240, 0.8), (210, 0.95)),
         "random": ((200, 0.9), (100, 0.5)),  # a tie in both is not better
     }
-    cells = [
-        cell(track, label, fooled, relative=relative)
+    runs = [
+        run(track, label, fooled, relative=relative)
         for label, points in figures.items()
         for track, (fooled, relative) in zip(TRACKS, points, strict=False)
     ]
-    text, _ = report(tmp_path, cells)
+    text, _ = report(tmp_path, runs)
     at = line(text, "### All measures", "adversary").index("front")
     found = {label: line(text, "### All measures", label)[at] for label in figures}
     assert found == {"ideal": "", "sada": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
 
 
 def test_errors_flags_and_notes_are_told(tmp_path):
-    cells = [
-        cell(TRACKS[0], "random", 100),
-        cell(TRACKS[0], "smc", 0, error="Expected a budget of 99 | more."),
-        cell(TRACKS[0], "bbgan", 100, flags=("nothing fooled",)),
-        cell(TRACKS[1], "random", 100),
-        cell(TRACKS[1], "bbgan", 100, flags=("nothing fooled",)),
+    runs = [
+        run(TRACKS[0], "random", 100),
+        run(TRACKS[0], "smc", 0, error="Expected a budget of 99 | more."),
+        run(TRACKS[0], "bbgan", 100, flags=("nothing fooled",)),
+        run(TRACKS[1], "random", 100),
+        run(TRACKS[1], "bbgan", 100, flags=("nothing fooled",)),
     ]
-    text, _ = report(tmp_path, cells, ["ribs is missing."])
+    text, _ = report(tmp_path, runs, ["ribs is missing."])
     assert "- ribs is missing." in text
     assert "- smc (t, one run): failed: Expected a budget of 99 | more." in text
     assert "- bbgan (t, 2 runs): nothing fooled" in text

@@ -27,7 +27,7 @@ from sada_gym.cli.console import errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.runs.record import AttackSettings
+from sada_gym.runs.record import RunSettings
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
@@ -215,8 +215,10 @@ def test_uniform_queries_are_declared_truly(name):
 
 def settings_of(env_id, **env_kwargs):
     application = make_application(env_id, **env_kwargs)
-    return AttackSettings(
-        environment=env_id,
+    return RunSettings(
+        track=env_id,
+        label="bbgan",
+        resolved={},
         application=application.name,
         version=application.version,
         application_settings=application.settings,

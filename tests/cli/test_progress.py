@@ -57,14 +57,15 @@ def pipe():
 
 
 def test_each_stage_shows_its_own_time(tmp_path):
-    console = terminal()
+    console, started = terminal(), time.monotonic()
     with AttackProgress(console) as bars:
         attack(Toy(pause_s=0.01), Slow, out=tmp_path / "o", budget=40, samples=10, progress=bars)
         seconds = {stage: bars._spent(stage) for stage in bars._counts}
-    assert 0.3 <= seconds["train"] < 1.0
-    assert 0.6 <= seconds["learn"] < 1.0
-    assert 0.2 <= seconds["sample"] < 0.6
-    assert 0.1 <= seconds["test"] < 0.5
+    assert seconds["train"] >= 0.3
+    assert seconds["learn"] >= 0.6
+    assert seconds["sample"] >= 0.2
+    assert seconds["test"] >= 0.1
+    assert sum(seconds.values()) <= time.monotonic() - started
     text = shown(console)
     assert re.findall(r"Querying|Learning|Sampling|Testing|Pictures", text) == [
         *["Querying", "Learning", "Sampling", "Testing", "Pictures"]

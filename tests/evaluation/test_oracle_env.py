@@ -6,6 +6,7 @@ from contextlib import suppress
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import PPO
@@ -86,6 +87,16 @@ def test_scores_of_any_function_stay_in_the_box():
     assert reward < -3.0
 
 
+@pytest.fixture
+def one_thread():
+    """Keep torch's threads from waiting for each other where others use the processor too."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize("count", [1, 4])
 def test_ppo_spends_exactly_the_budget(count):
     oracle = oracle_of(150)  # two rollouts of 64, and a third that is cut
@@ -100,6 +111,7 @@ def test_ppo_spends_exactly_the_budget(count):
     assert np.abs(mu).max() <= 1.0
 
 
+@pytest.mark.usefixtures("one_thread")
 def test_ppo_learns():
     oracle = oracle_of(2560)
     env = SB3VecEnv(OracleVectorEnv(oracle, 64))

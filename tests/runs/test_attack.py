@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
-from sada_gym.attack import attack
+from sada_gym.attack import Progress, attack
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.runs.record import AttackReport, read_samples
+from sada_gym.runs.record import RunReport, read_samples
 
 SETTINGS = {"budget": 100, "samples": 30, "seed": 3, "pictures": False}
 
@@ -26,7 +26,7 @@ def run(out, problem=None, adversary=Greedy, **settings):
 
 def test_an_attack_writes_its_folder(tmp_path):
     told = []
-    result = run(tmp_path / "a" / "b", pictures=True, progress=lambda *event: told.append(event))
+    result = run(tmp_path / "a" / "b", pictures=True, on_progress=told.append)
     assert sorted(path.name for path in result.folder.iterdir()) == [
         "adversary",
         "attack.json",
@@ -37,12 +37,13 @@ def test_an_attack_writes_its_folder(tmp_path):
         "samples.npz",
         "scores.png",
     ]
-    stages = [stage for stage, _ in itertools.groupby(event[0] for event in told)]
-    assert stages == ["train", "learn", "train", "learn", "sample", "test", "pictures"]
-    assert told[0] == ("train", 0, 100, 0)
-    assert ("train", 100, 100, 0) in told
-    assert ("test", 30, 30, 0) in told
-    report = read_model(result.folder / "result.json", AttackReport)
+    stages = [stage for stage, _ in itertools.groupby(one.stage for one in told)]
+    assert stages == ["train", "learn", "train", "learn", "sample", "test", "measure", "pictures"]
+    assert told[0] == Progress("train", 0, 100, 0)
+    assert Progress("train", 100, 100, 0, evaluated=100) in told
+    assert Progress("test", 30, 30, 0, evaluated=130) in told
+    assert told[-2].evaluated == 130
+    report = read_model(result.folder / "result.json", RunReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")
     np.testing.assert_array_equal(samples.mu, result.samples.mu)
@@ -50,9 +51,9 @@ def test_an_attack_writes_its_folder(tmp_path):
     np.testing.assert_array_equal(replayed.score, samples.score)
     assert report.afr == replayed.fooled.mean() == report.fooled / 30
     assert report.afr_interval_95[0] < report.afr <= report.afr_interval_95[1]
-    assert report.training.queries == len(result.queries) == 100
-    assert 0 < report.training.fooling_rate < report.afr
-    assert 0 < report.nearest_query.minimum <= report.nearest_fooling_query.median
+    assert report.search.queries == len(result.queries) == 100
+    assert 0 < report.search.fooling_rate < report.afr
+    assert 0 < report.novelty.minimum <= report.nearest_fooling_query.median
     assert report.settings.fingerprint == "toy"
     assert report.settings.application_settings == {"dimension": 3, "offset": 0.0}
     assert report.settings.packages["numpy"] == np.__version__
@@ -110,8 +111,8 @@ def test_no_budget_is_no_error_of_ours(tmp_path):
             self.mean, self.std = np.zeros(3), np.ones(3)
 
     report = run(tmp_path, adversary=Idle, budget=0).report
-    assert report.nearest_query is None
-    assert report.training.fooling_rate is None
+    assert (report.novelty, report.nearest_fooling_query) == (None, None)
+    assert report.search.fooling_rate is None
 
 
 def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
@@ -127,8 +128,8 @@ def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
     [
         ({"budget": 200}, "budget was 100 and is 200"),
         ({"seed": 4}, "seed was 3 and is 4"),
-        ({"options": {"best": 5}}, r"options was \{\} and is \{'best': 5\}"),
-        ({"problem": Toy(offset=0.1)}, "application_settings was .*'offset': 0.0.* is .*0.1"),
+        ({"options": {"best": 5}}, "options.best was None and is 5"),
+        ({"problem": Toy(offset=0.1)}, "application_settings.offset was 0.0 and is 0.1"),
         ({"problem": Toy(agent_id="new")}, "fingerprint was 'toy' and is 'new'"),
         ({"problem": Toy(version=1)}, "version was 0 and is 1"),
     ],
@@ -192,6 +193,21 @@ def test_a_file_in_the_folders_place_is_refused(tmp_path):
     with pytest.raises(ValueError, match="got the file"):
         run(tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_collapsed_sampler_is_flagged(tmp_path):
+    class Collapsed(Greedy):
+        def sample(self, n):
+            return np.full((n, 3), 0.2, np.float32)
+
+    [flag] = run(tmp_path, adversary=Collapsed).report.flags
+    assert "nearly one point" in flag
+
+
+def test_the_ideal_needs_a_reference_set(tmp_path):
+    with pytest.raises(ValueError, match="Expected ideal on a track that has a reference set"):
+        attack(Toy(), "ideal", out=tmp_path / "toy")
+    assert not (tmp_path / "toy").exists()
 
 
 def test_too_few_samples_are_the_adversarys_fault(tmp_path):

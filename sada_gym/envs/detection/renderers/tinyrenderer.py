@@ -45,8 +45,12 @@ VISUALS = 64
 """Shapes kept in PyBullet, 0.3 MB each; one of them is drawn at a time."""
 FACES = 400_000
 """Faces kept in PyBullet, in all of these shapes; 2,500 of the benchmark's largest shape."""
-CORNERS = 3 * 43_690
-"""Corners in one of PyBullet's visual shapes: it takes 131,072; larger shapes become several."""
+CORNERS = 3 * 2_500
+"""Corners in one of PyBullet's visual shapes; larger shapes become several, drawn as one.
+
+PyBullet copies 68 bytes a corner into a buffer of 8 MB without looking at its end. From 123,362
+corners on it overwrites what lies behind: pictures vary, or it crashes. From 131,073 on it raises.
+"""
 
 Matrix = npt.NDArray[np.float64]
 
@@ -60,13 +64,12 @@ def shared_renderer() -> TinyRenderer:
 class TinyRenderer(Renderer):
     """Renders scenes with a PyBullet client of its own. One shape is loaded at a time."""
 
-    _client: int
-
     def __init__(self) -> None:
         from sada_gym.envs.bullet import pybullet
 
         self._bullet = pybullet
-        self._connect()
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        self._texture = self._load_texture()
         self._rows = (_Rows(), _Rows(), _Rows())
         self._visuals: dict[Shape, list[int]] = {}
         self._shape: Shape | None = None
@@ -216,10 +219,11 @@ class TinyRenderer(Renderer):
             bullet.removeBody(body, physicsClientId=self._client)
         self._shape, self._bodies = None, []
         if shape not in self._visuals and self._is_full(shape):
-            # nothing less frees a visual shape: after resetSimulation, larger ones crash PyBullet
-            bullet.disconnect(physicsClientId=self._client)
+            bullet.resetSimulation(
+                physicsClientId=self._client
+            )  # nothing less frees a visual shape
             self._visuals.clear()
-            self._connect()
+            self._texture = self._load_texture()
         if shape not in self._visuals:
             self._visuals[shape] = self._create_visuals(shape)
         for visual in self._visuals[shape]:
@@ -229,10 +233,6 @@ class TinyRenderer(Renderer):
                 body, -1, textureUniqueId=self._texture, physicsClientId=self._client
             )
         self._shape = shape
-
-    def _connect(self) -> None:
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._texture = self._load_texture()
 
     def _is_full(self, shape: Shape) -> bool:
         faces = sum(len(known.faces) for known in self._visuals) + len(shape.faces)

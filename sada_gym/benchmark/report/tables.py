@@ -13,6 +13,7 @@ from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.results import Results, Row
 from sada_gym.benchmark.suite import CONTROLS
 from sada_gym.files import write_file
+from sada_gym.runs.record import ReferenceSummary
 
 TABLE_FILE = "table.md"
 
@@ -159,9 +160,9 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
     if len(applications) == 1:
         return
     agent_of: dict[str, str] = {}
-    for cell in results.cells:  # in the order of the shipped agents: the default one first
-        if cell.table == table:
-            agent_of.setdefault(cell.track, cell.agent)
+    for run in results.runs:  # in the order of the shipped agents: the default one first
+        if run.table == table:
+            agent_of.setdefault(run.track, run.agent)
     yield from (f"## {title}: all applications", "")
     yield "Agents: " + ", ".join(dict.fromkeys(agent_of.values())) + "."
     yield ""
@@ -291,14 +292,16 @@ def _targets(results: Results) -> Iterator[str]:
         ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
     )
     for target in results.targets:
-        mark = target.reference
+        reference = target.reference
         yield _line(
             target.track,
             target.agent or _BLANK,
             f"{target.fooling_threshold:g}",
             f"{len(target.seeds)}",
-            f"{mark.points:,}" if mark else "none",
-            f"{mark.fooling / mark.points:.1%}".replace("%", " %") if mark else _BLANK,
+            f"{reference.points:,}" if reference else "none",
+            f"{reference.fooling / reference.points:.1%}".replace("%", " %")
+            if reference
+            else _BLANK,
             f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
         )
     yield ""
@@ -307,10 +310,10 @@ def _targets(results: Results) -> Iterator[str]:
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
     """What the adversaries said of their training, errors, and what is missing."""
     said: Counter[tuple[str, str, str]] = Counter()
-    for cell in results.cells:
-        said.update((cell.table, cell.label, flag) for flag in cell.flags)
-        if cell.error is not None:
-            said[cell.table, cell.label, f"failed: {cell.error}"] += 1
+    for run in results.runs:
+        said.update((run.table, run.label, flag) for flag in run.flags)
+        if run.error is not None:
+            said[run.table, run.label, f"failed: {run.error}"] += 1
     lines = [f"- {note}" for note in notes]
     for (table, label, text), count in said.items():
         runs = "one run" if count == 1 else f"{count} runs"
@@ -319,13 +322,18 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
         yield from ("## Remarks", "", *lines, "")
 
 
+def _share(reference: ReferenceSummary) -> str:
+    """The share of the box that the fooling set fills."""
+    return f"{reference.fooling / reference.points:.1%}".replace("%", " %")
+
+
 def short_name(track: str) -> str:
     """A track's name for a column: the class where it is one of the paper's twelve."""
     return _CLASSES.get(track) or track.removeprefix("SADA-").rpartition("-v")[0] or track
 
 
 def _of_tracks(results: Results, table: str, agent: str) -> dict[str, list[Row]]:
-    tracks = dict.fromkeys(cell.track for cell in results.cells if cell.agent == agent)
+    tracks = dict.fromkeys(run.track for run in results.runs if run.agent == agent)
     rows = {track: results.rows_of(table, agent, track) for track in tracks}
     return {track: of_track for track, of_track in rows.items() if of_track}
 

@@ -1,4 +1,4 @@
-"""What is measured of a trained adversary: its test samples, and its search."""
+"""What is measured of a run: the adversary's test samples, and its search."""
 
 from __future__ import annotations
 
@@ -12,10 +12,32 @@ from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import fooling_coverage, relative_coverage
 from sada_gym.measures.novelty import Neighbour, Neighbours, novelty, relative_novelty
-from sada_gym.measures.rates import attack_fooling_rate, mu_std
+from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.measures.search import SearchPoint, anytime
 from sada_gym.parameters import Mu
-from sada_gym.runs.record import FeasibleRate, feasible_rate
+
+
+class Distances(Strict):
+    """Distances from the test samples to their nearest neighbours among some queries."""
+
+    minimum: float
+    median: float
+    mean: float
+    maximum: float
+
+
+class FeasibleRate(Strict):
+    """The attack fooling rate over those test samples whose worlds a privileged agent masters.
+
+    Attributes:
+        worlds: How many they are.
+        fooled: In how many of them the agent is fooled.
+        afr: The share; None where there are none.
+    """
+
+    worlds: int
+    fooled: int
+    afr: float | None
 
 
 class MuNovelty(Strict):
@@ -42,7 +64,7 @@ class ImageNovelty(Strict):
     """Distances of images of a few samples to the nearest query's, root mean square of pixels.
 
     Attributes:
-        samples: How many were looked at.
+        samples: How many were compared.
         median: To the nearest image found.
         median_of_nearest_mu: To the image of the query that is nearest in mu.
         ideal: The median for as many ideal samples; None without a reference set.
@@ -60,7 +82,7 @@ class ImageNovelty(Strict):
 
 
 class Measures(Strict):
-    """What the test samples tell.
+    """What is measured of the test samples.
 
     Attributes:
         afr: The attack fooling rate.
@@ -89,7 +111,7 @@ class Measures(Strict):
     feasible: FeasibleRate | None = None
 
 
-class SearchMark(Strict):
+class SearchCheckpoint(Strict):
     """A point of the anytime curve, see `sada_gym.measures.search.SearchPoint`."""
 
     queries: int
@@ -109,7 +131,12 @@ class Search(Strict):
 
     queries: int
     fooled: int
-    curve: tuple[SearchMark, ...]
+    curve: tuple[SearchCheckpoint, ...]
+
+    @property
+    def fooling_rate(self) -> float | None:
+        """The share that fooled; None without queries. Where they are uniform, the random rate."""
+        return self.fooled / self.queries if self.queries else None
 
 
 def measure(
@@ -121,7 +148,7 @@ def measure(
     ideal: Evaluations | None,
     images: ImageNovelty | None,
     seed: int,
-    feasible: npt.NDArray[np.bool_] | None = None,
+    feasible: FeasibleRate | None = None,
 ) -> Measures:
     """Measure an adversary's test samples.
 
@@ -133,7 +160,7 @@ def measure(
         ideal: M ideal samples, evaluated on the same seeds; None without a fooling set.
         images: What the comparison of images gave.
         seed: Fixes the draws of reference points.
-        feasible: (M,) which samples a privileged agent masters; None where none is known.
+        feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
     rate = attack_fooling_rate(samples.score, threshold)
     density = coverage = relative = None
@@ -155,7 +182,7 @@ def measure(
         relative_coverage=relative,
         novelty=_mu_novelty(samples, queries, ideal),
         image_novelty=images,
-        feasible=feasible_rate(samples.score <= threshold, feasible),
+        feasible=feasible,
     )
 
 
@@ -167,21 +194,49 @@ def follow_search(queries: Evaluations, threshold: float, *, fooling_set: Mu | N
         threshold: The fooling threshold epsilon.
         fooling_set: (R, d) points known to fool; None where none are known.
     """
-    marks = checkpoints(len(queries))
+    at = checkpoints(len(queries))
     curve: tuple[SearchPoint, ...] = ()
-    if marks:
-        curve = anytime(queries.mu, queries.score, threshold, fooling_set, marks)
+    if at:
+        curve = anytime(queries.mu, queries.score, threshold, fooling_set, at)
     return Search(
         queries=len(queries),
         fooled=int((queries.score <= threshold).sum()),
-        curve=tuple(SearchMark(**asdict(point)) for point in curve),
+        curve=tuple(SearchCheckpoint(**asdict(point)) for point in curve),
     )
 
 
 def checkpoints(queries: int) -> list[int]:
-    """Numbers of queries at which a search is looked at: 100, 200, 500, ... and the last."""
-    marks = [step * 10**power for power in range(2, 10) for step in (1, 2, 5)]
-    return [*(mark for mark in marks if mark < queries), *([queries] if queries else [])]
+    """Numbers of queries at which a search is measured: 100, 200, 500, ... and the last."""
+    usual = [step * 10**power for power in range(2, 10) for step in (1, 2, 5)]
+    return [*(count for count in usual if count < queries), *([queries] if queries else [])]
+
+
+def feasible_rate(
+    fooled: npt.NDArray[np.bool_], feasible: npt.NDArray[np.bool_] | None
+) -> FeasibleRate | None:
+    """Sum up `Application.feasible`.
+
+    Args:
+        fooled: (M,) which test samples fool the agent.
+        feasible: (M,) which of them a privileged agent masters; None where none is known.
+    """
+    if feasible is None:
+        return None
+    worlds, both = int(feasible.sum()), int((fooled & feasible).sum())
+    return FeasibleRate(worlds=worlds, fooled=both, afr=both / worlds if worlds else None)
+
+
+def nearest_distances(samples: Mu, queries: Mu) -> Distances | None:
+    """Measure how far samples lie from the nearest of some queries; None without queries."""
+    if not len(queries):
+        return None
+    distances: npt.NDArray[np.float64] = nearest_neighbours(samples, queries)[0]
+    return Distances(
+        minimum=float(distances.min()),
+        median=float(np.median(distances)),
+        mean=float(distances.mean()),
+        maximum=float(distances.max()),
+    )
 
 
 def _mu_novelty(

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sada_gym.benchmark.charts import (
+from sada_gym.benchmark.folder import run_folder, slug
+from sada_gym.benchmark.plan import open_application
+from sada_gym.benchmark.report.charts import (
     Curve,
     NoveltyRatios,
     anytime_curves,
@@ -16,15 +18,13 @@ from sada_gym.benchmark.charts import (
     novelty_ratios,
     tradeoff,
 )
-from sada_gym.benchmark.folder import cell_folder, slug
-from sada_gym.benchmark.plan import open_application
-from sada_gym.benchmark.results import CellResult, Results
-from sada_gym.benchmark.suite import IDEAL
-from sada_gym.benchmark.tables import short_name
+from sada_gym.benchmark.report.tables import short_name
+from sada_gym.benchmark.results import Results, RunSummary
 from sada_gym.files import write_file
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots.attack import png
+from sada_gym.plots.style import png
+from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PICTURES = "pictures"
 
-_Mark = tuple[int, float, float | None]  # queries, found, coverage
+_Point = tuple[int, float, float | None]  # queries, found, coverage
 
 
 def draw_pictures(out: Path, results: Results, references: Path = FOLDER) -> tuple[Path, ...]:
@@ -63,19 +63,19 @@ def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[st
     for table, agent in results.comparisons():
         folder = slug(f"{table}.{agent}" if agent else table)
         title = f"{titles[table]}, {agent}" if agent else titles[table]
-        cells = [cell for cell in results.cells if (cell.table, cell.agent) == (table, agent)]
-        tracks = list(dict.fromkeys(cell.track for cell in cells))
+        runs = [run for run in results.runs if (run.table, run.agent) == (table, agent)]
+        tracks = list(dict.fromkeys(run.track for run in runs))
         over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
         rows = results.rows_of(table, agent, None)
         if placed := [row for row in rows if row.afr and row.relative_coverage]:
             yield f"{folder}/afr-coverage", tradeoff(placed, f"{title}: {over}")
-        if curves := _curves(cells):
+        if curves := _curves(runs):
             yield f"{folder}/anytime", anytime_curves(curves, f"{title}: search, {over}")
-        if ratios := _ratios(cells):
+        if ratios := _ratios(runs):
             yield f"{folder}/novelty", novelty_ratios(ratios, f"{title}: novelty of the samples")
         for track in tracks:
             space, fooling_set = worlds[track, agent]
-            samples = _samples(out, [cell for cell in cells if cell.track == track])
+            samples = _samples(out, [run for run in runs if run.track == track])
             if samples:
                 figure = marginal_strips(
                     space, samples, fooling_set, f"{title}: where samples lie, {short_name(track)}"
@@ -90,8 +90,8 @@ def _worlds(
     worlds = {}
     for target in results.targets:
         application = open_application(target.track, target.agent)
-        mark = target.reference
-        usable = mark is not None and mark.usable
+        summary = target.reference
+        usable = summary is not None and summary.usable
         reference = load_reference(target.track, application, references) if usable else None
         fooling_set = None if reference is None else reference.fooling_set
         worlds[target.track, target.agent] = (application.parameters, fooling_set)
@@ -99,20 +99,22 @@ def _worlds(
     return worlds
 
 
-def _curves(cells: Sequence[CellResult]) -> list[Curve]:
+def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
     """Average the searches of each contender; equal curves become one."""
-    found: dict[tuple[_Mark, ...], list[str]] = {}
-    for label in dict.fromkeys(cell.label for cell in cells):
-        runs = [cell for cell in cells if cell.label == label and cell.search]
-        marks = [{mark.queries: mark for mark in cell.search.curve} for cell in runs if cell.search]
-        common = sorted(set.intersection(*map(set, marks))) if marks else []
+    found: dict[tuple[_Point, ...], list[str]] = {}
+    for label in dict.fromkeys(run.label for run in runs):
+        searched = [run for run in runs if run.label == label and run.search]
+        curves = [
+            {point.queries: point for point in run.search.curve} for run in searched if run.search
+        ]
+        common = sorted(set.intersection(*map(set, curves))) if curves else []
         if not common:
             continue
-        tracks = [cell.track for cell in runs]
+        tracks = [run.track for run in searched]
         shares = np.array([1 / tracks.count(track) for track in tracks]) / len(set(tracks))
         values = []
         for queries in common:
-            points = [of_run[queries] for of_run in marks]
+            points = [of_run[queries] for of_run in curves]
             known = [p.coverage for p in points if p.coverage is not None]
             coverage = float(shares @ known) if len(known) == len(points) else None
             values.append((queries, float(shares @ [p.found for p in points]), coverage))
@@ -120,16 +122,16 @@ def _curves(cells: Sequence[CellResult]) -> list[Curve]:
     return [_curve(tuple(labels), values) for values, labels in found.items()]
 
 
-def _curve(labels: tuple[str, ...], marks: Sequence[_Mark]) -> Curve:
-    queries, found, covered = zip(*marks, strict=True)
+def _curve(labels: tuple[str, ...], points: Sequence[_Point]) -> Curve:
+    queries, found, covered = zip(*points, strict=True)
     coverage = None if None in covered else np.array(covered, np.float64)
     return Curve(labels, np.array(queries, np.float64), np.array(found), coverage)
 
 
-def _ratios(cells: Sequence[CellResult]) -> list[NoveltyRatios]:
+def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
     there = []
-    for label in dict.fromkeys(cell.label for cell in cells):
-        measured = [cell.measures for cell in cells if cell.label == label and cell.measures]
+    for label in dict.fromkeys(run.label for run in runs):
+        measured = [run.measures for run in runs if run.label == label and run.measures]
         in_mu = [m.novelty for m in measured if m.novelty]
         images = [m.image_novelty for m in measured if m.image_novelty]
         one = NoveltyRatios(
@@ -143,11 +145,11 @@ def _ratios(cells: Sequence[CellResult]) -> list[NoveltyRatios]:
     return there
 
 
-def _samples(out: Path, cells: Sequence[CellResult]) -> dict[str, Mu]:
+def _samples(out: Path, runs: Sequence[RunSummary]) -> dict[str, Mu]:
     """Read the test samples of all seeds by contender."""
     parts: dict[str, list[Mu]] = {}
-    for cell in cells:
-        if cell.measures is not None:
-            samples = read_samples(cell_folder(out, cell) / SAMPLES_FILE)
-            parts.setdefault(cell.label, []).append(samples.mu)
+    for run in runs:
+        if run.measures is not None:
+            samples = read_samples(run_folder(out, run) / SAMPLES_FILE)
+            parts.setdefault(run.label, []).append(samples.mu)
     return {label: np.concatenate(mu) for label, mu in parts.items()}

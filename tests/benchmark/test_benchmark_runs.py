@@ -1,22 +1,23 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
-from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from bench_toys import ANALYTIC, LOGGED, Inline, Recorder, make_reference, suite
 
 from sada_gym.benchmark.folder import (
-    CellReport,
     Timing,
-    cell_folder,
     claim,
     find_missing,
-    read_cells,
+    read_runs,
+    run_folder,
     store_file,
 )
-from sada_gym.benchmark.ideal import draw_ideal
-from sada_gym.benchmark.measure import checkpoints
+from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.progress import Silent
 from sada_gym.benchmark.results import write_results
 from sada_gym.benchmark.run import report_benchmark
-from sada_gym.benchmark.work import CellError, Job, work_on
+from sada_gym.benchmark.schedule import do_runs
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.measures.coverage import fooling_coverage
@@ -25,7 +26,9 @@ from sada_gym.measures.rates import mu_std
 from sada_gym.measures.reference import load_reference
 from sada_gym.oracle import evaluation_seeds
 from sada_gym.registration import make_application
-from sada_gym.runs.record import read_samples
+from sada_gym.runs.ideal import Ideal
+from sada_gym.runs.measure import checkpoints
+from sada_gym.runs.record import RunFailure, RunReport, read_samples
 
 
 @pytest.fixture(scope="module")
@@ -36,55 +39,56 @@ def references(tmp_path_factory):
     return folder
 
 
-def work(out, chosen, references, tell=lambda told: None):
-    """Do all groups in this process, which is quicker than in others."""
+def work(out, chosen, references, callback=None):
+    """Do all runs in this process, which is quicker than in others."""
     plan = make_plan(chosen, references)
-    claim(out, chosen.tables)
-    for group in plan.groups:
-        work_on(Job(group, out, references, workers=1), tell)
+    claim(out, plan)
+    do_runs(plan, list(plan.runs), out, 1, Inline(), callback or Silent())
     return plan
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, references):
     out = tmp_path_factory.mktemp("done")
-    told = []
+    recorder = Recorder()
     adversaries = ("ideal", "random", "gaussian", "gmm10", "bench_toys:Picky", "bench_toys:Short")
-    plan = work(out, suite(*adversaries, seeds=2), references, told.append)
-    return out, plan, told
+    plan = work(out, suite(*adversaries, seeds=2), references, recorder)
+    return out, plan, recorder
 
 
-def cell_of(done, label, table="n120", seed=0):
+def run_of(done, label, table="n120", seed=0):
+    """Give the record of a run, and its folder."""
     out, plan, _ = done
-    [cell] = [c for c in plan.cells if (c.label, c.table, c.seed) == (label, table, seed)]
-    folder = cell_folder(out, cell)
-    return read_model(folder / "cell.json", CellReport), folder
+    [run] = [c for c in plan.runs if (c.label, c.table, c.seed) == (label, table, seed)]
+    folder = run_folder(out, run)
+    [result] = [result for result, there in read_runs(out) if there == folder]
+    return result, folder
 
 
-def test_each_cell_has_its_folder(done):
+def test_each_run_has_its_folder(done):
     out, plan, _ = done
-    assert len(list(plan.cells)) == 2 * 2 * 6
-    assert len(read_cells(out)) == 24
-    report, folder = cell_of(done, "gaussian", seed=1)
-    assert folder == out / "cells" / "n120" / ANALYTIC / "gaussian-1"
+    assert len(list(plan.runs)) == 2 * 2 * 6
+    assert len(read_runs(out)) == 24
+    report, folder = run_of(done, "gaussian", seed=1)
+    assert folder == out / "runs" / "n120" / ANALYTIC / "gaussian-1"
     assert sorted(path.name for path in folder.iterdir()) == [
-        "cell.json",
+        "result.json",
         "samples.npz",
         "timing.json",
     ]
     assert report.settings.packages["numpy"] == np.__version__
     assert report.settings.budget == 120
     assert report.settings.samples == 30
-    assert "time" not in (folder / "cell.json").read_text()
+    assert "time" not in (folder / "result.json").read_text()
 
 
 def test_the_figures_are_those_of_the_samples(done, references):
-    report, folder = cell_of(done, "gaussian")
+    report, folder = run_of(done, "gaussian")
     samples, application = read_samples(folder / "samples.npz"), make_application(ANALYTIC)
     replayed = application.evaluate(samples.mu, samples.seed.tolist())
     assert samples.seed.tolist() == evaluation_seeds(0, "test", 0, 30)
     np.testing.assert_array_equal(replayed.score, samples.score)
-    measures = report.measures
+    measures = report
     assert measures.afr == replayed.fooled.mean() == measures.fooled / 30
     assert measures.afr_interval_95[0] < measures.afr < measures.afr_interval_95[1]
     assert measures.mean_score == samples.score.mean()
@@ -103,38 +107,52 @@ def test_the_figures_are_those_of_the_samples(done, references):
 
 
 def test_others_are_read_by_the_ideal(done, references):
-    ideal, folder = cell_of(done, "ideal")
+    ideal, folder = run_of(done, "ideal")
     application = make_application(ANALYTIC)
     measured_by, known = load_reference(ANALYTIC, application, references).halves()
     drawn = {row.tobytes() for row in read_samples(folder / "samples.npz").mu}
     assert drawn <= {row.tobytes() for row in known}
     assert not drawn & {row.tobytes() for row in measured_by}
-    assert ideal.measures.afr == 1.0  # no noise: what fools once always does
-    assert ideal.measures.relative_coverage == 1.0
-    assert ideal.measures.novelty is None
+    assert ideal.afr == 1.0  # no noise: what fools once always does
+    assert ideal.relative_coverage == 1.0
+    assert ideal.novelty is None
     assert ideal.search.queries == ideal.settings.budget == 0
-    gaussian, _ = cell_of(done, "gaussian")
-    share = gaussian.measures.coverage / ideal.measures.coverage
-    assert gaussian.measures.relative_coverage == share
-    assert 0.2 < gaussian.measures.novelty.ratio < 5
+    gaussian, _ = run_of(done, "gaussian")
+    share = gaussian.coverage / ideal.coverage
+    assert gaussian.relative_coverage == share
+    assert 0.2 < gaussian.novelty.ratio < 5
 
 
 def test_ideal_samples_repeat_only_where_there_are_too_few():
     points = np.arange(20, dtype=np.float32).reshape(10, 2)
-    few = draw_ideal(points, 8, seed=0)
+    few = draw(points, 8)
     assert len(np.unique(few, axis=0)) == 8
-    assert draw_ideal(points, 30, seed=0).shape == (30, 2)
-    np.testing.assert_array_equal(draw_ideal(points, 8, seed=0), few)
-    assert (draw_ideal(points, 8, seed=1) != few).any()
+    assert draw(points, 30).shape == (30, 2)
+    np.testing.assert_array_equal(draw(points, 8), few)
+    assert (draw(points, 8, seed=1) != few).any()
+
+
+def draw(points, count, seed=0):
+    return Ideal(2, seed=seed, fooling_set=points).sample(count)
+
+
+def test_the_ideal_is_an_adversary_like_any_other(tmp_path):
+    points = np.arange(20, dtype=np.float32).reshape(10, 2) / 20
+    ideal = Ideal(2, seed=0, fooling_set=points)
+    ideal.save(tmp_path)
+    loaded = Ideal.load(tmp_path).sample(30)
+    assert {row.tobytes() for row in loaded} == {row.tobytes() for row in points}
+    with pytest.raises(ValueError, match=r"fooling set of shape \(m, 3\), m >= 1, got \(10, 2\)"):
+        Ideal(3, fooling_set=points)
 
 
 def test_a_group_shares_its_omega(done):
     out, plan, _ = done
-    _, gaussian = cell_of(done, "gaussian")
+    _, gaussian = run_of(done, "gaussian")
     timing = read_model(gaussian / "timing.json", Timing)
     assert (timing.evaluated, timing.known) == (120 + 30, 0)
     for label, table, known in (("gmm10", "n120", 120), ("gaussian", "n60", 60)):
-        _, folder = cell_of(done, label, table)
+        _, folder = run_of(done, label, table)
         timing = read_model(folder / "timing.json", Timing)
         assert timing.known >= known
         assert timing.evaluated + timing.known == known + 30
@@ -145,30 +163,30 @@ def test_a_group_shares_its_omega(done):
 
 
 def test_the_random_adversary_spends_nothing(done):
-    report, _ = cell_of(done, "random")
+    report, _ = run_of(done, "random")
     assert report.search.queries == 0
     assert report.search.curve == ()
-    assert report.measures.novelty is None
-    assert report.measures.coverage > 0
+    assert report.novelty is None
+    assert report.coverage > 0
 
 
 def test_a_refusal_is_a_result(done):
-    refused, folder = cell_of(done, "bench_toys:Picky", "n60")
+    refused, folder = run_of(done, "bench_toys:Picky", "n60")
+    assert isinstance(refused, RunFailure)
     assert refused.error == "Expected a budget of at least 100, got 60."
-    assert (refused.measures, refused.search) == (None, None)
-    assert not (folder / "samples.npz").exists()
-    fine, _ = cell_of(done, "bench_toys:Picky", "n120")
-    assert fine.error is None
-    assert fine.measures.afr > 0
-    short, _ = cell_of(done, "bench_toys:Short")
-    assert short.error.startswith("Expected samples of shape (30, 2) from bench_toys:Short")
+    assert sorted(path.name for path in folder.iterdir()) == ["failure.json", "timing.json"]
+    fine, _ = run_of(done, "bench_toys:Picky", "n120")
+    assert isinstance(fine, RunReport)
+    assert fine.afr > 0
+    short, _ = run_of(done, "bench_toys:Short")
+    assert short.error.startswith("Expected samples of shape (30, 2) from Short.sample")
 
 
-def test_rows_sum_up_the_cells(done):
+def test_rows_sum_up_the_runs(done):
     out, _, _ = done
     results = write_results(out)
     [row] = [r for r in results.rows_of("n120", "", None) if r.label == "gaussian"]
-    rates = [cell_of(done, "gaussian", seed=seed)[0].measures.afr for seed in (0, 1)]
+    rates = [run_of(done, "gaussian", seed=seed)[0].afr for seed in (0, 1)]
     assert row.afr.value == pytest.approx(np.mean(rates))
     assert row.afr.interval_95[0] < row.afr.value < row.afr.interval_95[1]
     assert (row.runs, row.tracks, row.failed, row.complete) == (2, 1, 0, True)
@@ -180,14 +198,26 @@ def test_rows_sum_up_the_cells(done):
     assert (failed.runs, failed.failed, failed.complete, failed.afr) == (0, 2, False, None)
 
 
-def test_progress_is_told(done, references):
-    _, plan, told = done
-    finished = [one for one in told if one.wall_s is not None]
-    assert [one.cell for one in finished] == list(plan.cells)
-    counts = [(one.done, one.total) for one in told if one.cell.label == "gaussian"]
-    assert (0, 120) in counts
-    assert (0, 30) in counts
-    assert sum(one.new for one in told) > 500
+def test_every_finished_run_is_reported(done):
+    _, plan, recorder = done
+    assert [run for run, _ in recorder.finished] == list(plan.runs)
+    assert sum(timing.evaluated for _, timing in recorder.finished) > 500
+
+
+def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
+    monkeypatch.setenv("TOY_PAUSE_S", "0.006")
+    plan = make_plan(suite("toy:Greedy", track=LOGGED, budgets=(120,)), references)
+    recorder = Recorder()
+    with ThreadPoolExecutor(1) as executor:
+        do_runs(plan, list(plan.runs), tmp_path, 1, executor, recorder)
+    stages = [one.stage for _, one in recorder.progress]
+    assert stages[0] == "train"
+    assert "test" in stages
+    assert {run for run, _ in recorder.progress} == set(map(str, plan.runs))
+    evaluated = [one.evaluated for _, one in recorder.progress]
+    assert evaluated == sorted(evaluated)
+    assert evaluated[-1] > 60
+    assert not (tmp_path / ".progress").exists()
 
 
 def test_without_a_reference_set_coverage_is_blank(tmp_path):
@@ -195,9 +225,9 @@ def test_without_a_reference_set_coverage_is_blank(tmp_path):
     plan = work(tmp_path, chosen, tmp_path / "none")
     [note] = plan.notes
     assert note.startswith(f"{ANALYTIC} has no reference set: the ideal row, coverage")
-    reports = {report.settings.label: report for report, _ in read_cells(tmp_path)}
+    reports = {report.settings.label: report for report, _ in read_runs(tmp_path)}
     assert set(reports) == {"random", "gaussian"}
-    measures = reports["gaussian"].measures
+    measures = reports["gaussian"]
     assert (measures.density, measures.coverage, measures.relative_coverage) == (None,) * 3
     assert measures.novelty.median > 0
     assert measures.novelty.ratio is None
@@ -214,7 +244,7 @@ def test_a_reference_set_that_hardly_fools_is_as_good_as_none(tmp_path):
     make_reference(tmp_path, ANALYTIC, points=20)
     plan = make_plan(suite("ideal", "random"), tmp_path)
     assert "has hardly any fooling reference point" in plan.notes[0]
-    assert {cell.label for cell in plan.cells} == {"random"}
+    assert {cell.label for cell in plan.runs} == {"random"}
 
 
 def test_a_changed_reference_set_is_refused(tmp_path, references):
@@ -233,31 +263,31 @@ def test_images_are_compared_on_the_first_seed(tmp_path, references):
     work(tmp_path, chosen, references)
     first, second = (
         (report, folder)
-        for report, folder in read_cells(tmp_path)
+        for report, folder in read_runs(tmp_path)
         if report.settings.label != "ideal"
     )
     assert (first[0].settings.seed, second[0].settings.seed) == (0, 1)
-    images = first[0].measures.image_novelty
+    images = first[0].image_novelty
     assert images.samples == 2
     assert 0 < images.median <= images.median_of_nearest_mu
     assert images.ratio == images.median / images.ideal
     assert (first[1] / "novelty.png").stat().st_size > 1000
-    assert second[0].measures.image_novelty is None
+    assert second[0].image_novelty is None
     assert not (second[1] / "novelty.png").exists()
 
 
-def test_a_bug_stops_the_group_and_names_the_cell(tmp_path, references):
-    with pytest.raises(CellError, match=r"KeyError in bench_toys:Buggy on SADA.*seed 0, table n60"):
+def test_a_bug_stops_the_group_and_names_the_run(tmp_path, references):
+    with pytest.raises(RunError, match=r"KeyError in bench_toys:Buggy on SADA.*seed 0, table n60"):
         work(tmp_path, suite("random", "bench_toys:Buggy", budgets=(60,)), references)
-    assert [report.settings.label for report, _ in read_cells(tmp_path)] == ["random"]
+    assert [report.settings.label for report, _ in read_runs(tmp_path)] == ["random"]
 
 
-def test_half_written_cells_are_no_cells(tmp_path, references):
+def test_half_written_runs_are_no_runs(tmp_path, references):
     plan = work(tmp_path, suite("random", budgets=(60,)), references)
-    [(_, folder)] = read_cells(tmp_path)
+    [(_, folder)] = read_runs(tmp_path)
     folder.rename(folder.with_name(f".{folder.name}.tmp"))
-    assert read_cells(tmp_path) == []
-    assert find_missing(tmp_path, plan) == list(plan.cells)
+    assert read_runs(tmp_path) == []
+    assert find_missing(tmp_path, plan) == list(plan.runs)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.benchmark.figures import Figure as Estimated
-from sada_gym.benchmark.labels import label_ends, place_labels
+from sada_gym.benchmark.report.labels import label_ends, place_labels
 from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots.attack import (
+from sada_gym.plots.style import (
     ACCENT,
     GRID,
     INK,

@@ -1,0 +1,136 @@
+"""How a benchmark's caller learns how far it is, and how the workers let it know.
+
+Workers that see the benchmark's folder write one small file a run there. The folder also holds a
+token, new with each call of the benchmark. A worker that finds the token sees the folder; one that
+later finds another, or none, knows that nobody waits for its run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Protocol
+
+from sada_gym.benchmark.folder import Timing, store_file
+from sada_gym.benchmark.plan import Plan
+from sada_gym.runs.record import RunKey, RunSettings
+from sada_gym.runs.run import Progress
+
+_FOLDER = ".progress"
+_TOKEN = "token"
+_EVERY_S = 0.5
+
+
+class BenchmarkCallback(Protocol):
+    """What is called as a benchmark goes on, always in the caller's own thread."""
+
+    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
+        """Take note of the plan and of those runs that are yet to be made."""
+
+    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+        """Take note of how far a run is; only where its worker sees the benchmark's folder."""
+
+    def on_finish(self, run: RunSettings, timing: Timing) -> None:
+        """Take note of a finished run, which is in its folder by now."""
+
+    def on_report(self) -> None:
+        """Take note that all runs are there, and that the report is being written."""
+
+
+class Silent:
+    """A callback that does nothing."""
+
+    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
+        """Do nothing."""
+
+    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+        """Do nothing."""
+
+    def on_finish(self, run: RunSettings, timing: Timing) -> None:
+        """Do nothing."""
+
+    def on_report(self) -> None:
+        """Do nothing."""
+
+
+class Abandoned(RuntimeError):  # noqa: N818 - reads as what happened
+    """The benchmark that wanted a run has ended."""
+
+
+@contextmanager
+def announced(out: Path) -> Iterator[str]:
+    """Make the folder of progress for as long as the benchmark works, and give its token."""
+    folder = out / _FOLDER
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    token = uuid.uuid4().hex
+    _write(folder / _TOKEN, token)
+    try:
+        yield token
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def sees(out: Path, token: str) -> bool:
+    """Say whether this process sees the folder of the benchmark that made the token."""
+    try:
+        return (out / _FOLDER / _TOKEN).read_text() == token
+    except OSError:
+        return False
+
+
+class ProgressFile:
+    """Writes a run's progress, at most twice a second, or when a stage first begins.
+
+    Args:
+        out: The benchmark's folder.
+        token: Its token.
+        run: The run.
+    """
+
+    def __init__(self, out: Path, token: str, run: RunKey) -> None:
+        self._out, self._token, self._run = out, token, run
+        self._stages: set[str] = set()
+        self._written = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        """Write it, if it is time to.
+
+        Raises:
+            Abandoned: If the benchmark has ended.
+        """
+        if progress.stage in self._stages and time.monotonic() - self._written < _EVERY_S:
+            return
+        if not sees(self._out, self._token):
+            raise Abandoned(f"The benchmark that wanted {self._run} has ended.")
+        path = _file(self._out, self._run)
+        _write(path, json.dumps({"run": str(self._run), **asdict(progress)}))
+        self._stages.add(progress.stage)
+        self._written = time.monotonic()
+
+
+def read_progress(out: Path, run: RunKey) -> Progress | None:
+    """Give what a run's worker wrote last; None where it wrote nothing yet."""
+    try:
+        content = json.loads(_file(out, run).read_text())
+    except (OSError, ValueError):
+        return None
+    return Progress(**content) if content.pop("run") == str(run) else None
+
+
+def _file(out: Path, run: RunKey) -> Path:
+    """Give one file to each group: its runs follow one another."""
+    return out / _FOLDER / f"{store_file(out, run).stem}.json"
+
+
+def _write(path: Path, text: str) -> None:
+    beside = path.with_name(f"{path.name}.{os.getpid()}")
+    beside.write_text(text)
+    beside.replace(path)  # no reader ever finds half a file

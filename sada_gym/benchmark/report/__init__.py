@@ -1,0 +1,1 @@
+"""What a benchmark tells its reader: tables and pictures."""

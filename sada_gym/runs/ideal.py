@@ -1,0 +1,62 @@
+"""`ideal`: the control that knows the answer, to read the adversaries' figures by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from safetensors.numpy import load_file, save_file
+from typing_extensions import Self
+
+from sada_gym.adversaries.base import Adversary, Query
+from sada_gym.errors import UserError
+from sada_gym.parameters import Mu
+
+IDEAL = "ideal"
+"""What the control is called."""
+
+_FILE = "fooling-set.safetensors"
+
+
+class Ideal(Adversary):
+    """Draws uniformly from a reference set's fooling set: what a perfect adversary would do.
+
+    At a point of the fooling set the agent is fooled on at least half of the seeds, not on all: the
+    ideal AFR is below 1.
+
+    Args:
+        dimension: d, the number of semantic parameters.
+        seed: Fixes the draws.
+        fooling_set: (m, d), m >= 1; not the points that coverage is measured by.
+    """
+
+    name: ClassVar[str] = IDEAL
+
+    def __init__(self, dimension: int, *, seed: int | None = None, fooling_set: Mu) -> None:
+        super().__init__(dimension, seed=seed)
+        if fooling_set.ndim != 2 or fooling_set.shape[1] != dimension or not len(fooling_set):
+            raise UserError(
+                f"Expected a fooling set of shape (m, {dimension}), m >= 1, got "
+                f"{fooling_set.shape}."
+            )
+        self._fooling_set = fooling_set
+
+    def train(self, oracle: Query) -> None:
+        """Learn nothing: the answer is known."""
+
+    def sample(self, n: int) -> Mu:
+        """Draw n mu, (n, d); without replacement, unless there are fewer points than that."""
+        points = self._fooling_set
+        drawn: Mu = points[self.rng.choice(len(points), n, replace=len(points) < n)]
+        return drawn
+
+    def save(self, folder: Path) -> None:
+        """Write the fooling set."""
+        save_file({"mu": np.ascontiguousarray(self._fooling_set)}, folder / _FILE)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read what `save` wrote; it draws anew, with another seed."""
+        points = load_file(folder / _FILE)["mu"]
+        return cls(points.shape[1], fooling_set=points)

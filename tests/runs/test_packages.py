@@ -1,0 +1,114 @@
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+from toy import Greedy, Toy
+
+from sada_gym import adversaries
+from sada_gym.adversaries.random import Random
+from sada_gym.attack import attack
+from sada_gym.registration import make_application
+from sada_gym.runs import packages as module
+from sada_gym.runs.packages import in_order, packages
+
+
+def test_only_what_the_run_loads_counts():
+    application = make_application("SADA-Analytic-v0")
+    found = packages(application, Random)
+    assert list(found) == ["python", "sada_gym", "gymnasium", "numpy", "scipy"]
+    assert found["numpy"] == np.__version__
+    assert packages(application, type(adversaries.make("svm", 2)))["scikit-learn"]
+
+
+def test_every_adversary_and_application_of_ours_has_its_row():
+    assert set(module._OF_ADVERSARY) == {"ideal", *adversaries.names()}
+    names = {"SADA-Analytic", "SADA-Detection", "SADA-Driving", "SADA-UAV"}
+    assert set(module._OF_APPLICATION) == names
+    rows = [*module._OF_ADVERSARY.values(), *module._OF_APPLICATION.values(), module._EVERY_RUN]
+    assert {name for row in rows for name in row} <= set(module._ORDER)
+
+
+def test_a_package_that_the_run_never_loads_does_not_refuse_to_resume(tmp_path, monkeypatch):
+    def start(resume):
+        return attack(
+            "SADA-Analytic-v0", "random", samples=5, out=tmp_path, resume=resume, pictures=False
+        )
+
+    start(resume=False)
+    monkeypatch.setattr(module, "version", lambda name: "99" if name == "pymunk" else version(name))
+    start(resume=True)
+    monkeypatch.setattr(module, "version", lambda name: "99" if name == "numpy" else version(name))
+    with pytest.raises(ValueError, match=r"packages.numpy was '\S+' and is '99'"):
+        start(resume=True)
+
+
+def test_a_class_of_ones_own_may_name_its_packages():
+    class Own(Toy):
+        packages = ("rich",)
+
+    class OwnGreedy(Greedy):
+        packages = ()
+
+    found = packages(Own(), OwnGreedy)
+    assert list(found) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "rich"]
+    assert "torch" in packages(Toy(), OwnGreedy)  # nothing is known of it: all may count
+
+
+def test_versions_have_one_order():
+    found = {"b": "1", "pillow": "2", "a": "3", "python": "4", "numpy": "5"}
+    assert list(in_order(found)) == ["python", "numpy", "pillow", "a", "b"]
+    assert in_order(found) == found
+
+
+LOADED = """
+import json, sys
+from importlib.metadata import packages_distributions
+import numpy as np
+from sada_gym import adversaries
+from sada_gym.oracle import Oracle
+from sada_gym.registration import make_application
+what = sys.argv[1]
+if what.startswith("SADA"):
+    application = make_application(what)
+    application.evaluate(np.zeros((1, len(application.parameters)), np.float32), [0])
+else:
+    adversary = adversaries.make(what, 2, seed=0)
+    q = lambda mu: (mu**2).mean(axis=1) / 2
+    adversary.train(Oracle(q, dimension=2, threshold=0.1, budget=60))
+    adversary.sample(3)
+known = packages_distributions()
+print(json.dumps(sorted({n for m in sys.modules for n in known.get(m.partition(".")[0], ())})))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "what",
+    [
+        "SADA-Detection-Car-v0",
+        "SADA-Driving-Straight-v0",
+        "SADA-UAV-3Anchors-v0",
+        *(name for name in adversaries.names() if name != "cma-mae"),
+    ],
+)
+def test_what_a_run_loads_is_declared(what):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    loaded = subprocess.run(
+        [sys.executable, "-c", LOADED, what],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = {name.lower() for name in json.loads(loaded.stdout.splitlines()[-1])}
+    if what.startswith("SADA"):
+        application = make_application(what)
+        declared = module._OF_APPLICATION[application.name]
+    else:
+        declared = module._OF_ADVERSARY[what]
+    counted = {*module._EVERY_RUN, *declared}
+    assert {name for name in module._ORDER if name in found} <= counted
