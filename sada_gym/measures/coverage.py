@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.distance import cdist
 
 from sada_gym.errors import UserError
 
@@ -74,7 +73,7 @@ def density_and_coverage(
     radii = neighbourhood_radii(reference, k)
     inside = covered = 0
     for rows in _blocks(len(reference), len(samples)):
-        hits = cdist(reference[rows], samples) < radii[rows, None]
+        hits = _distances(reference[rows], samples) < radii[rows, None]
         inside += int(hits.sum())
         covered += int(hits.any(axis=1).sum())
     return DensityCoverage(inside / (k * max(len(samples), 1)), covered / len(reference))
@@ -181,7 +180,7 @@ def neighbourhood_radii(points: Points, k: int) -> Points:
     """Measure each point's distance to its k-th nearest other point: (n,)."""
     parts = [
         # the point itself is the nearest, at distance 0
-        np.partition(cdist(points[rows], points), k, axis=1)[:, k]
+        np.partition(_distances(points[rows], points), k, axis=1)[:, k]
         for rows in _blocks(len(points), len(points))
     ]
     return np.concatenate(parts)
@@ -190,7 +189,7 @@ def neighbourhood_radii(points: Points, k: int) -> Points:
 def nearest_distances(points: Points, others: Points) -> Points:
     """Measure each point's distance to the nearest of others: (n,), infinite without any."""
     parts = [
-        cdist(points[rows], others).min(axis=1, initial=np.inf)
+        _distances(points[rows], others).min(axis=1, initial=np.inf)
         for rows in _blocks(len(points), len(others))
     ]
     return np.concatenate(parts)
@@ -212,6 +211,14 @@ def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Po
         raise UserError("Expected finite points, got NaN or infinite values among them.")
     _check_k(len(reference), k)
     return reference, samples
+
+
+def _distances(points: Points, others: Points) -> Points:
+    """Euclidean distances, (n, m), of points (n, d) to others (m, d)."""
+    from scipy.spatial.distance import cdist  # `import sada_gym.attack` stays light
+
+    distances: Points = cdist(points, others)
+    return distances
 
 
 def _check_k(points: int, k: int) -> None:
