@@ -7,16 +7,13 @@ import importlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
+from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError
-
-if TYPE_CHECKING:
-    from sada_gym.application import Application
-    from sada_gym.envs.adversary import AdversaryEnv
 
 
 @dataclass(frozen=True)
@@ -140,26 +137,23 @@ def find_spec(env_id: str) -> EnvSpec:
     return gym.registry[name]
 
 
-def make_env(env_id: str, **env_kwargs: Any) -> AdversaryEnv:
-    """Make an adversary environment, unwrapped.
+def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
+    """Make an adversary environment, unwrapped: one whose `application` is an `Application`.
 
     Args:
-        env_id: Any Gymnasium id whose environment is an `AdversaryEnv`; `module:ID` imports the
-            module first.
+        env_id: Any Gymnasium id of such an environment; `module:ID` imports the module first.
         **env_kwargs: The environment's keywords, as `gymnasium.make` takes them.
 
     Raises:
         ValueError: If the id or a keyword is unknown, or it is no adversary environment.
     """
-    from sada_gym.envs.adversary import AdversaryEnv
-
     spec = find_spec(env_id)
     _check_keywords(spec, env_kwargs)
     render_mode = env_kwargs.get("render_mode")
     if render_mode is not None and not isinstance(render_mode, str):  # Gymnasium fails on those
         raise UserTypeError(f"Expected render_mode to be a string or None, got {render_mode!r}.")
     env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
-    if not isinstance(env, AdversaryEnv):
+    if not isinstance(getattr(env, "application", None), Application):
         env.close()
         raise UserError(
             f"Expected an adversary environment behind {env_id!r}, got {type(env).__name__}. "
@@ -170,7 +164,9 @@ def make_env(env_id: str, **env_kwargs: Any) -> AdversaryEnv:
 
 def make_application(env_id: str, **env_kwargs: Any) -> Application:
     """Make the application behind an adversary environment; arguments and errors as `make_env`."""
-    return make_env(env_id, **env_kwargs).application
+    env: Any = make_env(env_id, **env_kwargs)
+    application: Application = env.application
+    return application
 
 
 def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:

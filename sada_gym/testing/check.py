@@ -96,6 +96,11 @@ def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
     from sada_gym.registration import make_env
 
     env = make_env(env_id, **env_kwargs)
+    if not isinstance(env, AdversaryEnv):
+        raise UserError(
+            f"Expected an AdversaryEnv behind {env_id!r}, got {type(env).__name__}. Check a file "
+            "with its application instead: sada-gym check FILE.py."
+        )
     return [check_application(env.application, env=env, subject=env_id)]
 
 

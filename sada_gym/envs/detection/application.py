@@ -25,9 +25,9 @@ from sada_gym.envs.detection.detector import (
 from sada_gym.envs.detection.picture import annotate
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.renderers.base import (
+    DEFAULT,
     checked_renderer,
     checked_renderings,
-    stored_name,
 )
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes import (
@@ -113,7 +113,7 @@ class DetectionApplication(Application):
             "object_class": self.object_class,
             "label": self.label,
             "image_size": self.image_size,
-            "renderer": stored_name(self._renderer),
+            "renderer": DEFAULT if self._renderer is None else self._renderer.stored_name,
         }
         # published results and older stores hold no tile: theirs is 14
         return settings if self.tile == TILE else {**settings, "tile": self.tile}

@@ -51,6 +51,14 @@ class Renderer(ABC):
         """
         return None
 
+    @property
+    def stored_name(self) -> str:
+        """What stores call the renderer: its class and its identity's SHA-256."""
+        name = type(self).__name__
+        if self.identity is None:
+            return name
+        return f"{name}-{hashlib.sha256(self.identity.encode()).hexdigest()}"
+
     @abstractmethod
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
         """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
@@ -81,24 +89,6 @@ def checked_renderer(renderer: Any) -> Renderer:
             f"{identity!r}. Write down its version and settings, such as with json.dumps."
         )
     return renderer
-
-
-def stored_name(renderer: Renderer | None) -> str:
-    """What stores call a renderer: its class and its identity's SHA-256; the default's plain name.
-
-    Args:
-        renderer: None is the default renderer.
-    """
-    if renderer is None:
-        return DEFAULT
-    from sada_gym.envs.detection.renderers.tinyrenderer import TinyRenderer
-
-    name = type(renderer).__name__
-    if type(renderer) is TinyRenderer:
-        return DEFAULT
-    if renderer.identity is None:
-        return name
-    return f"{name}-{hashlib.sha256(renderer.identity.encode()).hexdigest()}"
 
 
 def checked_renderings(
