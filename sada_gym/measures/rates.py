@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from sada_gym.errors import UserError
 
-COLLAPSED = 0.02
-"""A mu_std below this means that a sampler has collapsed to a point."""
-
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 
 
@@ -97,21 +94,6 @@ def mu_std(mu: npt.ArrayLike) -> float:
     if samples.ndim != 2 or not len(samples):
         raise UserError(f"Expected mu of shape (n, d), n >= 1, got {samples.shape}.")
     return float(samples.std(axis=0).mean())
-
-
-def collapse_flag(mu: npt.ArrayLike) -> str | None:
-    """Say that the samples are nearly one point, where they are; else None.
-
-    Args:
-        mu: (n, d) samples; a single one says nothing of its sampler.
-    """
-    samples = np.asarray(mu, dtype=np.float64)
-    if len(samples) < 2 or (spread := mu_std(samples)) >= COLLAPSED:
-        return None
-    return (
-        f"The sampler has collapsed: its samples are nearly one point (mu_std {spread:.3f}; "
-        "uniform would be 0.577), so the fooling rate says little."
-    )
 
 
 def nearest_neighbours(

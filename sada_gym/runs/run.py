@@ -18,8 +18,8 @@ from sada_gym.application import Application
 from sada_gym.errors import AdversaryError, UserError, UserTypeError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
+from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.novelty import Neighbours, image_neighbours
-from sada_gym.measures.rates import collapse_flag
 from sada_gym.parameters import Mu
 from sada_gym.runs.ideal import IDEAL, Ideal
 from sada_gym.runs.measure import (

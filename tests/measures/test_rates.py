@@ -4,7 +4,6 @@ from scipy.stats import binomtest
 
 from sada_gym.measures.rates import (
     attack_fooling_rate,
-    collapse_flag,
     lead_interval,
     mu_std,
     nearest_neighbours,
@@ -61,11 +60,3 @@ def test_nearest_neighbours():
     assert indices.tolist() == [1, 0]
     with pytest.raises(ValueError, match=r"got \(1, 2\) and \(1, 3\)"):
         nearest_neighbours(np.zeros((1, 2)), np.zeros((1, 3)))
-
-
-def test_a_collapsed_sampler_is_flagged():
-    rng = np.random.default_rng(0)
-    point = rng.normal(0.3, 0.003, (50, 2))
-    assert "nearly one point (mu_std 0.003" in collapse_flag(point)
-    assert collapse_flag(rng.normal(0.3, 0.1, (50, 2))) is None
-    assert collapse_flag(point[:1]) is None
