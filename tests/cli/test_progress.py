@@ -59,7 +59,14 @@ def pipe():
 def test_each_stage_shows_its_own_time(tmp_path):
     console, started = terminal(), time.monotonic()
     with AttackProgress(console) as bars:
-        attack(Toy(pause_s=0.01), Slow, out=tmp_path / "o", budget=40, samples=10, progress=bars)
+        attack(
+            Toy(pause_s=0.01),
+            Slow,
+            out=tmp_path / "o",
+            budget=40,
+            samples=10,
+            on_progress=lambda now: bars(now.stage, now.done, now.total, now.known),
+        )
         seconds = {stage: bars._spent(stage) for stage in bars._counts}
     assert seconds["train"] >= 0.3
     assert seconds["learn"] >= 0.6

@@ -156,7 +156,7 @@ def test_same_seed_same_mixture():
 
 def test_arrays_make_an_equal_mixture(rng):
     mixture = fit_mixture(rng.uniform(-1.0, 1.0, (40, 2)), 3, rng)
-    again = Mixture.from_arrays(mixture.to_arrays())
+    again = Mixture.from_arrays(mixture.to_arrays(), 2)
     points = rng.uniform(-1.0, 1.0, (5, 2))
     assert_array_equal(again.log_density(points), mixture.log_density(points))
 
