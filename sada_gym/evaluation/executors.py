@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
 import platform
 import sys
+from collections.abc import Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import resource_tracker
@@ -28,6 +30,21 @@ _ENVIRONMENT = ("NUMBA_NUM_THREADS", "PYTHONSAFEPATH")
 
 _DECISIVE = ("sada-gym", "numpy", "torch")
 """Packages whose version the workers must share with us, or scores differ."""
+
+
+class _Environment:
+    """The environment's variables that Dask sets for its workers, in this process too."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._before = {name: os.environ.get(name) for name in names}
+
+    def close(self, timeout: float = 0.0) -> None:  # noqa: ARG002 - closed as Dask's objects are
+        """Put them back, so that other processes that start from here find them as they were."""
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 class OpenExecutor:
@@ -148,6 +165,7 @@ def _local_cluster(workers: int) -> OpenExecutor:
     distributed = _distributed()
     import dask
 
+    environment = _Environment([*dask.config.get(_NANNY), *_ENVIRONMENT, "PYTHONHASHSEED"])
     resource_tracker.ensure_running()  # its own start would unblock SIGINT again
     # the cluster's thread inherits the blocked SIGINT, and so do all workers that it starts: a
     # Ctrl-C is the parent's
@@ -160,8 +178,10 @@ def _local_cluster(workers: int) -> OpenExecutor:
             memory_limit=None,  # else Dask stops workers that take more than their share
             silence_logs=logging.CRITICAL,
         )
+    environment.close()
     client = distributed.Client(cluster, set_as_default=False)
-    return OpenExecutor(client.get_executor(pure=False), workers, client, cluster)
+    # once more at the end: a worker that is replaced sets them again
+    return OpenExecutor(client.get_executor(pure=False), workers, client, cluster, environment)
 
 
 def _running_cluster(address: str) -> OpenExecutor:

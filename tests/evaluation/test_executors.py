@@ -68,6 +68,14 @@ def test_threads_give_the_same_detections():
     np.testing.assert_array_equal(found, expected)
 
 
+def test_a_local_cluster_leaves_the_environment_as_it_was():
+    pytest.importorskip("distributed")
+    before = dict(os.environ)
+    with open_executor("dask", workers=1):
+        assert dict(os.environ) == before
+    assert dict(os.environ) == before
+
+
 def test_one_dask_process_gives_the_same(expected):
     pytest.importorskip("distributed")
     with open_executor("dask", workers=1) as opened:
