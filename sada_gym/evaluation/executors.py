@@ -28,6 +28,8 @@ _NANNY = "distributed.nanny.pre-spawn-environ"
 _ENVIRONMENT = ("NUMBA_NUM_THREADS", "PYTHONSAFEPATH")
 """Set to 1 before a Dask worker starts, beside what Dask sets: one thread each for BLAS."""
 
+_SET_BY_DASK = ("PYTHONHASHSEED", "__DASK_PARENT_PID")
+
 _DECISIVE = ("sada-gym", "numpy", "torch")
 """Packages whose version the workers must share with us, or scores differ."""
 
@@ -165,7 +167,7 @@ def _local_cluster(workers: int) -> OpenExecutor:
     distributed = _distributed()
     import dask
 
-    environment = _Environment([*dask.config.get(_NANNY), *_ENVIRONMENT, "PYTHONHASHSEED"])
+    environment = _Environment([*dask.config.get(_NANNY), *_ENVIRONMENT, *_SET_BY_DASK])
     resource_tracker.ensure_running()  # its own start would unblock SIGINT again
     # the cluster's thread inherits the blocked SIGINT, and so do all workers that it starts: a
     # Ctrl-C is the parent's
