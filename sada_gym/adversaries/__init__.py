@@ -2,7 +2,6 @@
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.registry import Description, describe, find, make, names, resolve
-from sada_gym.errors import refuse_unknown
 
 __all__ = [
     "Adversary",
@@ -12,6 +11,5 @@ __all__ = [
     "find",
     "make",
     "names",
-    "refuse_unknown",
     "resolve",
 ]

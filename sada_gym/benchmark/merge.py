@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sada_gym.adversaries import refuse_unknown
 from sada_gym.benchmark.folder import BenchmarkSettings, rule
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
@@ -19,7 +18,7 @@ from sada_gym.benchmark.results import (
     run_order,
 )
 from sada_gym.benchmark.suite import Table
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import read_model, write_model
 from sada_gym.runs.packages import in_order
 from sada_gym.runs.record import refuse_other

@@ -9,10 +9,9 @@ from typing import Any, Literal
 from pydantic import Field
 
 from sada_gym import adversaries
-from sada_gym.adversaries import refuse_unknown
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS
-from sada_gym.errors import refuse_number
+from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
 from sada_gym.runs.ideal import IDEAL

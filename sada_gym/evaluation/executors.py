@@ -16,6 +16,7 @@ from typing import Any
 from typing_extensions import Self
 
 from sada_gym.errors import MissingExtra, UserError
+from sada_gym.evaluation.spawn import restore_environment
 from sada_gym.evaluation.workers import _inherited_settings
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
@@ -42,11 +43,7 @@ class _Environment:
 
     def close(self, timeout: float = 0.0) -> None:  # noqa: ARG002 - closed as Dask's objects are
         """Put them back, so that other processes that start from here find them as they were."""
-        for name, value in self._before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        restore_environment(self._before)
 
 
 class OpenExecutor:

@@ -11,7 +11,7 @@ import multiprocessing.util
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
@@ -55,6 +55,15 @@ def spawn_context() -> SpawnContext:
     return _Context()
 
 
+def restore_environment(before: Mapping[str, str | None]) -> None:
+    """Give variables of the environment the values that they had; None takes one away."""
+    for name, value in before.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
 @contextmanager
 def _safe_path() -> Iterator[None]:
     """Let interpreters that start here leave the current folder out."""
@@ -69,10 +78,7 @@ def _environment() -> Iterator[None]:
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[_SAFE_PATH]
-        else:
-            os.environ[_SAFE_PATH] = before
+        restore_environment({_SAFE_PATH: before})
 
 
 @contextmanager

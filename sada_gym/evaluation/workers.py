@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError, WorkerError
-from sada_gym.evaluation.spawn import spawn_context
+from sada_gym.evaluation.spawn import restore_environment, spawn_context
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
@@ -247,11 +247,7 @@ def _inherited_settings() -> Iterator[None]:
     finally:
         if masks:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        restore_environment(before)
 
 
 def _initialise(
