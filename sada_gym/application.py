@@ -55,8 +55,8 @@ class Application(ABC):
     """A frozen agent in a world built from mu, scored over a whole episode.
 
     A subclass sets the class attributes and `parameters`, and implements `_evaluate`; it may add
-    `render`, `view` and `replay`. `_evaluate` must be pure: Q(mu, seed) is the same to the last bit
-    whatever else is in the batch. `sada-gym check` tests that.
+    `render`, `observation` and `replay`. `_evaluate` must be pure: Q(mu, seed) is the same to the
+    last bit whatever else is in the batch. `sada-gym check` tests that.
 
     Attributes:
         name: The general environment's id without its version, such as `SADA-Detection`.
@@ -170,7 +170,7 @@ class Application(ABC):
             f"{type(self).__name__} draws no pictures. Implement `render(mu, seed)` in it."
         )
 
-    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """What the agent sees first in the world of mu, shape (d,), with nothing drawn into it.
 
         By it images of worlds are compared. The default, `render`, serves applications whose

@@ -170,7 +170,7 @@ def image_neighbours(
         neighbours: How many of the queries nearest in mu to draw, at least 1.
         others: How many random other queries to draw.
         seed: Picks the random queries.
-        frame: Draws the images; by default `application.view`.
+        frame: Draws the images; by default `application.observation`.
 
     Returns:
         One for each sample; none where the application draws no images.
@@ -185,7 +185,7 @@ def image_neighbours(
             "Expected at least 1 query, neighbours >= 1 and others >= 0, got "
             f"{len(asked)} queries, neighbours={neighbours}, others={others}."
         )
-    draw, rng = frame or application.view, np.random.default_rng(seed)
+    draw, rng = frame or application.observation, np.random.default_rng(seed)
     found = []
     for mu, world in zip(points, checked, strict=True):
         distances = np.linalg.norm(asked.astype(np.float64) - mu, axis=1)

@@ -185,8 +185,10 @@ def check_pictures(application: Application) -> str:
     if type(application).render is Application.render:
         return "It draws none, which is allowed."
     mu = np.zeros(len(application.parameters), dtype=np.float32)
-    own_view = type(application).view is not Application.view
-    for draw in (application.view, application.render) if own_view else (application.render,):
+    draws = [application.render]
+    if type(application).observation is not Application.observation:
+        draws.append(application.observation)
+    for draw in draws:
         frame = draw(mu, 0)
         _require(
             isinstance(frame, np.ndarray)

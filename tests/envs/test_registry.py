@@ -169,7 +169,7 @@ def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) 
     frames, score = env.replay(mu, 11)
     assert score == info["score"]
     assert len(frames) >= 1
-    for frame in [*frames, env.render(), env.application.view(mu, 11)]:
+    for frame in [*frames, env.render(), env.application.observation(mu, 11)]:
         assert isinstance(frame, np.ndarray)
         assert frame.dtype == np.uint8
         assert frame.ndim == 3
@@ -178,7 +178,7 @@ def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) 
 
 def test_pictures_of_a_bad_seed_are_refused(env: AdversaryEnv, env_id: str) -> None:
     (mu,) = proposals(env_id, 1)
-    draws = (env.replay, env.application.render, env.application.view)
+    draws = (env.replay, env.application.render, env.application.observation)
     for draw, seed in product(draws, [-1, 2**31, 1.5, "x"]):
         with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\)"):
             draw(mu, seed)

@@ -153,7 +153,11 @@ def test_an_action_keeps_its_mask_until_it_is_refused() -> None:
     env = AdversaryEnv(AnalyticApplication(), render_mode="rgb_array")
     env.reset(seed=0)
     masked = np.ma.array([0.1, 0.2], mask=[True, False])
-    for use in (env.step, lambda mu: env.replay(mu, 3), lambda mu: env.application.view(mu, 3)):
+    for use in (
+        env.step,
+        lambda mu: env.replay(mu, 3),
+        lambda mu: env.application.observation(mu, 3),
+    ):
         with pytest.raises(ValueError, match="Expected mu without a mask"):
             use(masked)
     with pytest.raises(TypeError, match="Expected mu to be an array of real numbers, got dtype"):

@@ -134,7 +134,7 @@ def test_the_view_is_what_the_detector_sees():
     application.agent = lambda images: seen.extend(images) or detector(images)
     application.evaluate(mu[None], [3])
     shown = (255 * seen[0].permute(1, 2, 0)).round().numpy()
-    np.testing.assert_array_equal(application.view(mu, 3), shown)
+    np.testing.assert_array_equal(application.observation(mu, 3), shown)
     assert application.render(mu, 3).shape != shown.shape
 
 

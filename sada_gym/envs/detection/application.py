@@ -183,7 +183,7 @@ class DetectionApplication(Application):
         detections = detect(self.agent, [rendering.image], self.tile)[0]
         return annotate(rendering, detections, names, self.label)
 
-    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The frame that the detector sees."""
         return self._rendering(mu, seed).image
 

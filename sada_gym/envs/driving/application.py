@@ -122,13 +122,13 @@ class DrivingApplication(Application):
 
         return summary(self.rollout(mu, seed))
 
-    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The camera's image at the start of the first route."""
-        from sada_gym.envs.driving.pictures import view
+        from sada_gym.envs.driving.pictures import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
         drives = self.drives(row, [seed])
-        return view(drives.starts[0], drives.states[0])
+        return observation(drives.starts[0], drives.states[0])
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """All five drives, one after another: the camera's image beside a map."""

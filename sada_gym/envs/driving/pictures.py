@@ -72,7 +72,7 @@ def frames(rollout: Rollout) -> list[Frame]:
     return drawn
 
 
-def view(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
+def observation(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
     """The camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
@@ -89,7 +89,7 @@ def _world(rollout: Rollout) -> str:
 
 
 def _view(rollout: Rollout, i: int, step: int) -> Frame:
-    return view(rollout.starts[i], rollout.states[i][step], step)
+    return observation(rollout.starts[i], rollout.states[i][step], step)
 
 
 def _map(

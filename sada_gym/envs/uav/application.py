@@ -154,13 +154,13 @@ class UAVApplication(Application):
 
         return summary(self.rollout(mu, seed))
 
-    def view(self, mu: npt.ArrayLike, seed: int) -> Frame:
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The camera's image at the start."""
-        from sada_gym.envs.uav.pictures import view
+        from sada_gym.envs.uav.pictures import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
         (start,) = benchmark_starts(self.tracks(row), [seed])
-        return view(start, start.state)
+        return observation(start, start.state)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """The whole race: the camera's image beside a map."""

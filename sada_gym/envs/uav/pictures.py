@@ -100,10 +100,10 @@ def _pair(
     state = rollout.states[step]
     drone = np.array([*state[:2], headings(state[None])[0]])
     plan = Plan(rollout.start.gates, rollout.line).picture(endings, ways, drone)
-    return _beside(Image.fromarray(view(rollout.start, state)), plan)
+    return _beside(Image.fromarray(observation(rollout.start, state)), plan)
 
 
-def view(start: Start, state: Array) -> Frame:
+def observation(start: Start, state: Array) -> Frame:
     """What the drone's camera sees, large, from a state (13,)."""
     of = camera(VIEW_ROWS, VIEW_COLUMNS)
     frame: Frame

@@ -49,7 +49,7 @@ def test_a_batch_is_rendered_in_one_call():
     np.testing.assert_array_equal(infos[0]["box"], np.zeros(4))
     (scenes,) = renderer.scenes
     assert [scene.seed for scene in scenes] == [0, 1, 2, 3, 4]
-    np.testing.assert_array_equal(application.view(MU[0], 0), np.full((128, 128, 3), 128))
+    np.testing.assert_array_equal(application.observation(MU[0], 0), np.full((128, 128, 3), 128))
 
 
 def test_settings_hold_the_identity_hashed():
