@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 from sada_gym.benchmark.plan import Group, Plan
 from sada_gym.benchmark.suite import Table
-from sada_gym.errors import UserError
+from sada_gym.errors import StoreInUse, UserError
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
 from sada_gym.files import Strict, read_model, write_file, write_folder, write_model
 from sada_gym.runs.packages import in_order
 from sada_gym.runs.record import (
@@ -118,16 +119,25 @@ def sole_user(out: Path) -> Iterator[None]:
     """Keep other benchmarks out of a folder; the system ends that even when this one is killed.
 
     Raises:
-        ValueError: If another benchmark is at work there.
+        StoreInUse: If another benchmark is at work there.
+        StoreError: If the folder cannot be locked.
     """
-    with closing(sqlite3.connect(out / ".lock", timeout=0.0, isolation_level=None)) as lock:
-        try:
-            lock.execute("BEGIN EXCLUSIVE")
-        except sqlite3.OperationalError as error:
-            raise UserError(
-                f"Expected to be the only benchmark in {out}, but another is at work there. Wait "
-                "for it to end, or name another folder."
-            ) from error
+    path = out / ".lock"
+    refuse_unusable(path)
+    with ExitStack() as stack:
+        with explained(path):
+            lock = stack.enter_context(
+                closing(sqlite3.connect(path, timeout=0, isolation_level=None))
+            )
+            try:
+                lock.execute("BEGIN EXCLUSIVE")
+            except sqlite3.OperationalError as error:
+                if not in_use(error):
+                    raise
+                raise StoreInUse(
+                    f"Expected to be the only benchmark in {out}, but another is at work there. "
+                    "Wait for it to end, or name another folder."
+                ) from error
         yield
 
 

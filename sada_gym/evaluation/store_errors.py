@@ -71,6 +71,11 @@ def explained(path: Path) -> Iterator[None]:
         raise _translated(error, path) from error
 
 
+def in_use(error: sqlite3.OperationalError) -> bool:
+    """Whether a lock was refused because another holds it; assumed where Python tells no code."""
+    return getattr(error, "sqlite_errorcode", _BUSY) & _PRIMARY_CODE in (_BUSY, _LOCKED)
+
+
 def corrupt(path: Path, reason: str) -> str:
     """Give the sentence on a store that is damaged."""
     return (

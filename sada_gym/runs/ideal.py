@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from safetensors.numpy import load_file, save_file
+from safetensors import safe_open
+from safetensors.numpy import save_file
 from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
@@ -52,11 +54,16 @@ class Ideal(Adversary):
         return drawn
 
     def save(self, folder: Path) -> None:
-        """Write the fooling set."""
-        save_file({"mu": np.ascontiguousarray(self._fooling_set)}, folder / _FILE)
+        """Write the fooling set and the generator's state."""
+        generator = json.dumps(self.rng.bit_generator.state)
+        points = np.ascontiguousarray(self._fooling_set)
+        save_file({"mu": points}, folder / _FILE, metadata={"generator": generator})
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read what `save` wrote; it draws anew, with another seed."""
-        points = load_file(folder / _FILE)["mu"]
-        return cls(points.shape[1], fooling_set=points)
+        """Read what `save` wrote; it samples as the saved one would have gone on."""
+        with safe_open(folder / _FILE, framework="numpy") as file:
+            points, generator = file.get_tensor("mu"), file.metadata()["generator"]
+        ideal = cls(points.shape[1], fooling_set=points)
+        ideal.rng.bit_generator.state = json.loads(generator)
+        return ideal

@@ -16,7 +16,7 @@ from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.benchmark.suite import choose
-from sada_gym.errors import WorkerError
+from sada_gym.errors import StoreError, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 
@@ -121,6 +121,12 @@ def test_two_at_once_are_refused(tmp_path, references):
     claim(out, make_plan(chosen, references))
     with sole_user(out), pytest.raises(ValueError, match="another is at work there"):
         run_benchmark(chosen, out, references=references)
+
+
+def test_a_folder_whose_lock_is_no_database_is_not_taken_for_one_in_use(tmp_path):
+    (tmp_path / ".lock").write_text("mine")
+    with pytest.raises(StoreError, match="got something else in"), sole_user(tmp_path):
+        pass
 
 
 def test_a_bug_stops_it_and_names_the_run(tmp_path, references):

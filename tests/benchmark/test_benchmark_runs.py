@@ -140,7 +140,8 @@ def test_the_ideal_is_an_adversary_like_any_other(tmp_path):
     points = np.arange(20, dtype=np.float32).reshape(10, 2) / 20
     ideal = Ideal(2, seed=0, fooling_set=points)
     ideal.save(tmp_path)
-    loaded = Ideal.load(tmp_path).sample(30)
+    loaded = Ideal.load(tmp_path).sample(300)
+    assert (loaded == ideal.sample(300)).all()
     assert {row.tobytes() for row in loaded} == {row.tobytes() for row in points}
     with pytest.raises(ValueError, match=r"fooling set of shape \(m, 3\), m >= 1, got \(10, 2\)"):
         Ideal(3, fooling_set=points)
