@@ -18,7 +18,7 @@ from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import AdversaryError
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
-_TRIES = 1_000
+_TRIES = 50
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -76,10 +76,15 @@ def observation(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> 
     """The camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
-    rays, weather = _LENS.rays(start.mount.pitch_deg)[None], np.array([start.weather])
+    rays, weather = _rays(start.mount.pitch_deg)[None], np.array([start.weather])
     frame: Frame
     (frame,) = camera(LAYOUT).draw(_LENS, rays, np.zeros(1, np.int64), pose, weather, key)
     return frame
+
+
+@lru_cache(maxsize=2)
+def _rays(pitch_deg: float) -> npt.NDArray[np.float32]:
+    return _LENS.rays(pitch_deg)
 
 
 def _world(rollout: Rollout) -> str:
