@@ -57,7 +57,7 @@ def test_leads_random_where_the_world_is_random_and_boosting_is_no_worse():
     rate = {}
     for kind in (BBGAN, BoostedBBGAN):
         landscape = Landscape(0)
-        adversary = kind(8, seed=0)
+        adversary = kind(8, seed=0, steps=150)
         oracle = FunctionOracle(landscape, 2000)
         adversary.train(oracle)
         assert oracle.remaining == 0

@@ -84,14 +84,16 @@ def test_a_rare_set_is_walked_in():
 @pytest.mark.parametrize("volume", [0.25, 1.0])
 def test_the_sampled_set_keeps_a_part_of_the_volume_predicted_to_fool(volume):
     waves = Landscape(3, rate=0.05, noise=1.0)  # of which 500 queries make no mu sure to fool
-    adversary, _ = trained(waves, dimension=8, volume=volume)
+    adversary, _ = trained(waves, dimension=8, volume=volume, rounds=2)
     p = adversary._surrogate(np.random.default_rng(0).uniform(-1, 1, (20_000, 8)))
     assert (p >= 0.5).mean() < 0.2 * p.mean()
     assert (p >= adversary.level).mean() == pytest.approx(volume * p.mean(), rel=0.2)
 
 
 def test_where_none_fools_it_says_so_and_takes_the_likeliest():
-    adversary, _ = trained(lambda mu: 0.5 + 0.4 * np.abs(mu[:, 0]), dimension=2, budget=300)
+    adversary, _ = trained(
+        lambda mu: 0.5 + 0.4 * np.abs(mu[:, 0]), dimension=2, budget=300, rounds=1
+    )
     assert NONE_FOOLED in adversary.flags
     assert np.abs(adversary.sample(100)[:, 0]).mean() < 0.2
 

@@ -102,7 +102,8 @@ def threads_of_blas(mu):
     return np.full(len(mu), float(os.environ.get("OMP_NUM_THREADS", "0")))
 
 
-def test_workers_have_one_thread_each_and_the_parent_keeps_its_own():
+def test_workers_have_one_thread_each_and_the_parent_keeps_its_own(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
     before = dict(os.environ)
     found = scores(threads_of_blas, dimension=3, threshold=0.3, workers=2)
     assert set(found) == {1.0}
