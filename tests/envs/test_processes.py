@@ -66,7 +66,6 @@ if __name__ == "__main__":
 IDS = ("SADA-Detection-Car-v0", "SADA-Driving-Straight-v0", "SADA-UAV-3Anchors-v0")
 DETECTION, DRIVING, RACING = IDS
 FAST = {
-    (DETECTION, "gymnasium", "default", "fresh"),
     (DRIVING, "gymnasium", "default", "used"),
     (RACING, "gymnasium", "default", "fresh"),
     (DETECTION, "sb3", "default", "used"),

@@ -41,10 +41,15 @@ def test_torchvisions_convention(name):
     assert model.labels == {name: i + 1 for i, name in enumerate(CLASSES)}
 
 
+@pytest.fixture(scope="module")
+def known():
+    """Frames as photographers take them."""
+    return validation_frames(12, photograph, image_size=128, seed=5)
+
+
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
-def test_the_shipped_detectors_know_the_prior(name):
+def test_the_shipped_detectors_know_the_prior(name, known):
     """A small part of the model card's measurement; the card has 240 frames a class."""
-    known = validation_frames(12, photograph, image_size=128, seed=5)
     found = detect(agents.load_detector(name), known.images)
     precision = [average_precision(found, known, k + 1) for k in range(len(CLASSES))]
     assert np.mean(precision) > 0.9

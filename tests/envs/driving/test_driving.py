@@ -5,7 +5,6 @@ from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
 from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Start
-from sada_gym.envs.driving.pictures import frames as frames_of
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
@@ -80,10 +79,11 @@ def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
         drive(self, drives, on_step)
 
     monkeypatch.setattr(DrivingApplication, "drive", counted)
-    wet = [0.0, 0.0, 0.9]
-    outcomes = application.evaluate([MU[0], wet, MU[0], wet], [1, 1, 2, 2])
+    dry, wet = MU[0], [0.0, 0.0, 0.9]
+    worlds = [(dry, 1), (wet, 1), (dry, 2), (wet, 2)]
+    outcomes = application.evaluate(*zip(*worlds, strict=True))
     assert counts == [15]
-    for i, (mu, seed) in enumerate([(MU[0], 1), (wet, 1), (MU[0], 2), (wet, 2)]):
+    for i, (mu, seed) in enumerate(worlds):
         alone = application.evaluate([mu], [seed])
         assert alone.score[0] == outcomes.score[i]
         assert alone.infos[0]["seed"] == outcomes.infos[i]["seed"] == seed
@@ -93,9 +93,9 @@ def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
 def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
     rollout = application.rollout(MU[2], 7)
     info = application.evaluate([MU[2]], [7]).infos[0]
-    assert rollout.score == info["score"]
     assert [ending.name.lower() for ending in rollout.endings] == info["endings"]
-    frames = frames_of(rollout)
+    frames, score = application.replay(MU[2], 7)
+    assert score == rollout.score == info["score"]
     assert DrivingEnv.metadata["render_fps"] == DrivingVectorEnv.metadata["render_fps"] == POLICY_HZ
     steps = sum(len(states) for states in rollout.states)
     assert len(frames) == steps + 4 * len(rollout.states)  # a second's stay at each end
@@ -104,6 +104,13 @@ def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
     red = (last[..., 0] > 200) & (last[..., 1] < 60) & (last[..., 2] < 60)
     assert red.sum() > 20  # the cross where it left its lane
     assert (np.abs(first - last).max(axis=2) > 30).mean() > 0.2
+
+
+def test_a_picture_marks_where_drives_failed(application):
+    arrived, failed = (application.render(mu, 7)[224:-26].astype(int) for mu in (MU[0], MU[2]))
+    for town_map, fewest, most in ((arrived, 0, 0), (failed, 100, 10_000)):
+        red = (town_map[..., 0] > 200) & (town_map[..., 1] < 60) & (town_map[..., 2] < 60)
+        assert fewest <= red.sum() <= most
 
 
 def test_an_unknown_task_lists_the_known_ones():

@@ -38,25 +38,35 @@ def said(outcome):
     ]
 
 
+BRIEF = [3, 4, 7, 8, 9, 10, 12, 13, 17, 19]
+"""Races of `waypoint-pid` that are over soon; in the ninth it touches two frames."""
+TOUCHING = [0, 2, 5, 9, 10, 13, 14, 15, 17, 18, 19, 20, 22, 23, 28, 29, 31, 45]
+"""Races of `ppo` that touch frames, more than fly in one world.
+
+When a frame was one body of four bars, number 13 depended on number 22.
+"""
+
+
 @pytest.mark.parametrize(
-    ("agent", "count"),
+    ("agent", "numbers"),
     [
-        ("waypoint-pid", 20),
-        ("ppo", 48),  # it touches frames in most of them, some with two bars at once
-        pytest.param("waypoint-pid", 256, marks=pytest.mark.slow),
-        pytest.param("ppo", 256, marks=pytest.mark.slow),
+        ("waypoint-pid", BRIEF),
+        ("ppo", TOUCHING),
+        pytest.param("waypoint-pid", range(256), marks=pytest.mark.slow),
+        pytest.param("ppo", range(256), marks=pytest.mark.slow),
     ],
 )
-def test_a_race_does_not_depend_on_the_others_in_the_batch(agent, count):
+def test_a_race_does_not_depend_on_the_others_in_the_batch(agent, numbers):
     application = UAVApplication(5, agent=agent)
-    mu = np.random.default_rng(1).uniform(-1, 1, (count, 10)).astype(np.float32)
-    seeds, turned = list(range(count)), np.random.default_rng(2).permutation(count)
-    together = said(application.evaluate(mu, seeds))
+    seeds = np.array(numbers)
+    mu = np.random.default_rng(1).uniform(-1, 1, (256, 10)).astype(np.float32)[seeds]
+    turned = np.random.default_rng(3).permutation(len(seeds))
+    together = said(application.evaluate(mu, seeds.tolist()))
     assert any(any(info["touched"]) for info in together)
-    shuffled = said(application.evaluate(mu[turned], turned.tolist()))
+    shuffled = said(application.evaluate(mu[turned], seeds[turned].tolist()))
     assert shuffled == [together[i] for i in turned]
-    for i in (0, 9, 17):
-        assert said(application.evaluate(mu[i : i + 1], [i])) == [together[i]]
+    for i in (0, 4, 5):
+        assert said(application.evaluate(mu[i : i + 1], seeds[i : i + 1].tolist())) == [together[i]]
 
 
 @pytest.mark.parametrize("kind", ["network", "model"])
