@@ -32,7 +32,10 @@ SMALLER = (
     (r"\bnum_envs=64\b", "num_envs=16"),
     (r"\bbudget=1_000\b", "budget=200"),
     (r"\bsamples=3\b", "samples=1"),
-    (r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)", r"num_envs=4))\1\2.learn(128)"),
+    (
+        r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)",
+        r"num_envs=4))\1\2.learn(128)",
+    ),
 )
 """Fewer queries and steps of training; the numbers on a page are a reader's."""
 
