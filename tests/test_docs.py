@@ -30,7 +30,7 @@ SMALLER = (
     (r"(\bmake\(\"bbgan\", dimension=\d, seed=0)\)", r"\1, steps=60)"),
     (r"\bbudget=500\b", "budget=60"),
     (r"\bnum_envs=64\b", "num_envs=16"),
-    (r"\bbudget=1_000\b", "budget=200"),
+    (r"(Oracle\(\"[\w-]+\", )budget=1_000\b", r"\1budget=200"),
     (r"\bsamples=3\b", "samples=1"),
     (
         r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)",

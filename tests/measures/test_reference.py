@@ -155,17 +155,18 @@ touches a frame goes on otherwise.
 def assert_evaluates_the_same(entry, application, reference):
     """Evaluate three points of a set anew.
 
-    Where the processor rounds as the set's, all must agree. Elsewhere one of them may differ, and
-    one of six more: a change of the world or of the agent shows in every point.
+    Where the processor rounds as the set's, all must agree. Elsewhere, where one of them does not,
+    eighteen more are evaluated and most of all must agree: a change of the world or of the agent
+    shows in every point, the other rounding in few. (Without AVX-512: 33 of 120 with dining tables,
+    15 with motorbikes, 9 with buses, 6 with trucks, none with the other classes, and none of ten on
+    each track of driving and racing.)
     """
-    rng = np.random.default_rng(len(entry.file))
-    points, others = (rng.choice(entry.points, n, replace=False) for n in (3, 6))
-    differing = differences(entry, application, reference, points)
+    points = np.random.default_rng(len(entry.file)).choice(entry.points, 21, replace=False)
+    differing = differences(entry, application, reference, points[:3])
     if differing and not rounds_as_the_sets_processor():
-        assert len(differing) == 1, differing
-        more = differences(entry, application, reference, others)
-        assert len(more) <= 1, more
-        assert all(by <= ELSEWHERE[application.name] for by in differing + more), differing + more
+        differing += differences(entry, application, reference, points[3:])
+        assert len(differing) < len(points) / 2, differing
+        assert all(by <= ELSEWHERE[application.name] for by in differing), differing
     else:
         assert differing == []
 
