@@ -66,6 +66,8 @@ TABLE: tuple[Registration, ...] = (
     _track("UAV", "-3Anchors", anchors=3),
     _track("UAV", "-4Anchors", anchors=4),
     _track("UAV", "-5Anchors", anchors=5),
+    _track("Digits"),
+    *(_track("Digits", f"-{digit}", digit=digit) for digit in range(10)),
 )
 
 INNER_TASKS: tuple[Registration, ...] = (

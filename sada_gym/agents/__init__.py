@@ -20,6 +20,7 @@ __all__ = [
     "fingerprint",
     "identity",
     "load",
+    "load_classifier",
     "load_detector",
     "load_driver",
     "load_pilot",
@@ -122,6 +123,15 @@ AGENTS = (
         "sada_gym.envs.uav.agent.weights:load",
         "pilot",
     ),
+    AgentCard(
+        "cnn",
+        "SADA-Digits",
+        "digits/agent/cnn.safetensors",
+        "20310308027458ca18818a87c2c3b8d3bb544d0b454c2f36779d18bae9bfa9cc",
+        "a small CNN, trained on 1,352 real digits; the default",
+        "sada_gym.envs.digits.agent.weights:load",
+        "classifier",
+    ),
 )
 
 
@@ -184,6 +194,8 @@ load_driver = partial(load, application="SADA-Driving")
 """`load` for drivers."""
 load_pilot = partial(load, application="SADA-UAV")
 """`load` for pilots."""
+load_classifier = partial(load, application="SADA-Digits")
+"""`load` for classifiers of digits."""
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:

@@ -38,12 +38,19 @@ SAME_WORLDS = {
 
 That it is the same is tested; what is expensive is then tested on the track alone.
 """
+OWN_WORLDS = ("SADA-Analytic-v0", "SADA-Digits-v0")
+"""General ids that are no track's: one without tracks, one whose seeds pick any digit."""
 WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
 SLOW_FAMILIES = ("SADA-Driving", "SADA-UAV")
 """Where an evaluation is a whole episode in closed loop, or many."""
-FULL = ["SADA-Analytic-v0", *SAME_WORLDS.values()]
+FULL = [*OWN_WORLDS, *SAME_WORLDS.values()]
 """One world a family, for what all its tracks share: networks, tiles, lockstep."""
-SHIPPED = ("SADA-Detection-Car-v0", "SADA-Driving-Straight-v0", "SADA-UAV-4Anchors-v0")
+SHIPPED = (
+    "SADA-Detection-Car-v0",
+    "SADA-Driving-Straight-v0",
+    "SADA-UAV-4Anchors-v0",
+    "SADA-Digits-v0",
+)
 """One track of each family: tests that need the shipped agent on one track have it there."""
 BRIEF = {
     "SADA-Driving-Straight-v0": 5,
@@ -95,6 +102,9 @@ PURITY = {
     # tiles of 8 drones; test_racing_pilot.py flies more than one tile
     "SADA-UAV": PurityCase(2, ()),
     "SADA-UAV-4Anchors-v0": PurityCase(3, (2,)),
+    # tiles of 16 images
+    "SADA-Digits": PurityCase(3, (2,)),
+    "SADA-Digits-v0": PurityCase(40, (2, 15, 16, 17, 31, 33)),
     "SADA-Analytic": PurityCase(70, tuple(range(1, 71))),
 }
 
@@ -374,7 +384,7 @@ def test_a_general_id_is_its_default_track(general: str, track: str) -> None:
 def test_every_id_is_a_world_or_the_same_as_one() -> None:
     assert {*WORLDS, *SAME_WORLDS} == set(IDS)
     assert set(SAME_WORLDS.values()) <= set(WORLDS)
-    assert set(SAME_WORLDS) == {row.id for row in TABLE if not row.kwargs} - {"SADA-Analytic-v0"}
+    assert set(SAME_WORLDS) == {row.id for row in TABLE if not row.kwargs} - {*OWN_WORLDS}
 
 
 def test_the_general_id_with_its_keyword_is_the_track() -> None:

@@ -1,0 +1,44 @@
+"""The classifier under attack: two convolutions and two linear layers."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from sada_gym.determinism import generators_kept
+
+CLASSES = 10
+
+
+class DigitNetwork(nn.Module):
+    """Classifies 8 x 8 grey images of digits."""
+
+    # fingerprints hold this name and the weights: they outlive a move of the class
+    fingerprint_name: ClassVar[str] = "sada_gym digits"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(1, 16, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(512, 64),
+            nn.ReLU(),
+            nn.Linear(64, CLASSES),
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Give the logits (B, 10) of images (B, 1, 8, 8) in [0, 1]."""
+        logits: Tensor = self.layers(images - 0.5)
+        return logits
+
+
+def new_network(seed: int) -> DigitNetwork:
+    """Make an untrained network; the seed fixes its weights."""
+    with generators_kept():
+        torch.manual_seed(seed)
+        return DigitNetwork()

@@ -1,0 +1,194 @@
+"""What attacks on image classifiers share: the images, the classifier, the pictures."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym import agents
+from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.envs.digits.classifier import Classifier, ClassifierLike
+from sada_gym.envs.digits.images import checked_images, test_images
+from sada_gym.envs.digits.picture import beside, enlarged
+from sada_gym.errors import UserError
+from sada_gym.parameters import Mu
+
+_PIXELS_AT_ONCE = 2**18
+
+
+class ClassifierApplication(Application):
+    """A frozen classifier looks at changed images.
+
+    A subclass sets `parameters` and says how mu changes images and what the classifier's
+    probabilities score.
+
+    Args:
+        image: Index among the images: always this one, so that the seed changes nothing.
+        digit: The seed picks an image of this class; None: of any.
+        agent: A shipped classifier's name, a file of weights, or a torch module: (B, 1, height,
+            width) in [0, 1] to (B, K) logits.
+        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
+        images: (n, height, width) floats in [0, 1]; by default the test images of the digits.
+        labels: (n,) the true classes of `images`.
+        tile: Images in one call of the classifier; by default 16 for the shipped architecture and
+            1 for a user's own.
+
+    Raises:
+        UserError: If the agent, the images or the labels are not as described, there is no such
+            image or digit, or the classifier gets no image of it right.
+    """
+
+    def __init__(
+        self,
+        *,
+        image: int | None = None,
+        digit: int | None = None,
+        agent: str | Path | ClassifierLike = "cnn",
+        agent_id: str | None = None,
+        images: npt.ArrayLike | None = None,
+        labels: npt.ArrayLike | None = None,
+        tile: int | None = None,
+    ) -> None:
+        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
+        self._agent_id = agent_id
+        self._classifier = Classifier(self.agent, tile)
+        self._own_images = images is not None or labels is not None
+        self.images = checked_images(images, labels) if self._own_images else test_images()
+        self.image = None if image is None else self._checked_image(image)
+        self.digit = None if digit is None else self._checked_digit(digit)
+        self.indices = self._attackable()
+
+    @property
+    def tile(self) -> int:
+        """Images in one call of the classifier."""
+        return self._classifier.tile
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The resolved keywords that a score depends on."""
+        digit = self.digit if self.image is None else None
+        return {"image": self.image, "digit": digit, "tile": self.tile}
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the classifier's identity and, where a user brought them, the images.
+
+        None where the classifier has no identity.
+        """
+        weights = agents.fingerprint(self.agent)
+        agent = agents.identity(weights, self.agent, self._agent_id)
+        if agent is None:
+            return None
+        parts = [agent, self.images.sha256 if self._own_images else ""]
+        return hashlib.sha256("|".join(parts).encode()).hexdigest()
+
+    def _checked_image(self, image: Any) -> int:
+        whole = isinstance(image, int | np.integer) and not isinstance(image, bool)
+        if not whole or not 0 <= image < len(self.images):
+            raise UserError(
+                f"Expected image to be an index from 0 to {len(self.images) - 1}, got {image!r}."
+            )
+        return int(image)
+
+    def _checked_digit(self, digit: Any) -> int:
+        known = np.unique(self.images.labels).tolist()
+        if isinstance(digit, bool) or digit not in known:
+            raise UserError(
+                f"Expected digit to be a class among {', '.join(map(str, known))}, got {digit!r}."
+            )
+        if self.image is not None and self.images.labels[self.image] != digit:
+            label = int(self.images.labels[self.image])
+            raise UserError(
+                f"Expected an image of digit {digit}, got image {self.image}, whose label is "
+                f"{label}. Leave digit= or image= out."
+            )
+        return int(digit)
+
+    def _attackable(self) -> npt.NDArray[np.intp]:
+        """Indices of the images that seeds pick from."""
+        labels = self.images.labels
+        if self.image is not None:
+            rows = np.array([self.image])
+        elif self.digit is not None:
+            rows = np.flatnonzero(labels == self.digit)
+        else:
+            rows = np.arange(len(labels))
+        found = self._classifier.probabilities(self.images.images[rows])
+        if labels.max() >= found.shape[1]:
+            raise UserError(
+                f"Expected labels below {found.shape[1]}, the number of the classifier's classes, "
+                f"got {labels.max()}. Pass the labels that it was trained with, from 0."
+            )
+        if self.image is not None:
+            return rows
+        right: npt.NDArray[np.intp] = rows[found.argmax(axis=1) == labels[rows]]
+        if not len(right):
+            raise UserError(
+                f"Expected a classifier that gets some of the {len(rows)} unchanged images right, "
+                f"got {self.agent_name}, which gets none: there is nothing to attack. Check that "
+                "labels= counts classes as the classifier does."
+            )
+        return right
+
+    @abstractmethod
+    def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+        """Change images: mu (n, d), positions (n,) within `indices`, to (n, height, width)."""
+
+    @abstractmethod
+    def _score(
+        self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.float64]:
+        """Score probabilities (n, K) by the true classes (n,): Q, (n,)."""
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        positions = self._positions(seeds)
+        rows = self.indices[positions]
+        labels = self.images.labels[rows]
+        found = self._looked_at(mu, positions)
+        columns = (rows, labels, found.argmax(axis=1))
+        extras = [
+            {"image": image, "label": label, "predicted": predicted}
+            for image, label, predicted in zip(*(c.tolist() for c in columns), strict=True)
+        ]
+        return Scored(self._score(found, labels), extras)
+
+    def _positions(self, seeds: Sequence[int]) -> npt.NDArray[np.intp]:
+        return np.array([seed % len(self.indices) for seed in seeds], dtype=np.intp)
+
+    def _looked_at(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+        """The classifier's probabilities on the changed images, (n, K)."""
+        pixels = self.images.images[0].size
+        step = max(1, _PIXELS_AT_ONCE // pixels)
+        parts = [
+            self._classifier.probabilities(
+                self._change(mu[start : start + step], positions[start : start + step])
+            )
+            for start in range(0, len(mu), step)
+        ]
+        return np.concatenate(parts)
+
+    def attacked_image(
+        self, mu: npt.ArrayLike, seed: int
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """The unchanged image of a seed and the one that mu, (d,), makes of it: (height, width)."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        positions = self._positions([seed])
+        return self.images.images[self.indices[positions[0]]], self._change(row, positions)[0]
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """The unchanged image beside the changed one, with what the classifier takes each for."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        (index,) = self.indices[self._positions([seed])]
+        pictures = np.stack(self.attacked_image(row[0], seed))
+        found = self._classifier.probabilities(pictures)
+        return beside(pictures, found, int(self.images.labels[index]))
+
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """The changed image, which the classifier sees, enlarged."""
+        return enlarged(self.attacked_image(mu, seed)[1])

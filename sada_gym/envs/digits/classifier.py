@@ -1,0 +1,116 @@
+"""The classifier as the applications call it: in tiles, and with what it gives checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.determinism import one_thread
+from sada_gym.errors import UserError, UserTypeError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+TILE = 16
+"""Images in one call of a classifier of the shipped architecture; a part of the scores."""
+
+MAX_TILE = 1_024
+
+ClassifierLike = Callable[["Tensor"], "Tensor"]
+"""Takes (B, 1, height, width) float32 in [0, 1], gives (B, K) logits: a torch module, mostly."""
+
+_CONVENTION = (
+    "The classifier must take (B, 1, height, width) and return (B, K) logits, one for each of K "
+    "classes, before any softmax."
+)
+
+
+class Classifier:
+    """Calls a network with tiles of one fixed size, filled up with black images.
+
+    A network's float32 output depends on the batch's size, so the size never varies.
+
+    Args:
+        network: Takes (B, 1, height, width), gives (B, K) logits.
+        tile: Images in one call; by default 16 for the shipped architecture and 1 for others.
+
+    Raises:
+        UserError: If the network cannot be called or is in training mode, or the tile is no int
+            from 1 to `MAX_TILE`.
+    """
+
+    def __init__(self, network: ClassifierLike, tile: int | None = None) -> None:
+        if not callable(network):
+            raise UserTypeError(
+                f"Expected agent to be a shipped classifier's name, a file of weights or a torch "
+                f"module, got {type(network).__name__}."
+            )
+        if getattr(network, "training", False):
+            raise UserError(
+                f"Expected a classifier in evaluation mode, got {type(network).__name__} in "
+                "training mode, in which looking at images changes it. Call model.eval() first."
+            )
+        self.network = network
+        self.tile = _default_tile(network) if tile is None else _checked_tile(tile)
+
+    def probabilities(self, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+        """Softmax over the classes of images (n, height, width): (n, K).
+
+        Raises:
+            UserError: If the network's output is not (B, K) finite numbers with K of at least 2.
+        """
+        import torch
+
+        found = []
+        with torch.inference_mode(), one_thread():
+            for start in range(0, len(images), self.tile):
+                chosen = images[start : start + self.tile]
+                batch = np.zeros((self.tile, 1, *images.shape[1:]), dtype=np.float32)
+                batch[: len(chosen), 0] = chosen
+                logits = _checked(self.network(torch.from_numpy(batch)), self.tile)
+                found.append(torch.softmax(logits.double(), dim=1).cpu().numpy()[: len(chosen)])
+        if len({part.shape[1] for part in found}) > 1:
+            raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
+        return np.concatenate(found)
+
+
+def _default_tile(network: ClassifierLike) -> int:
+    from sada_gym.envs.digits.agent.network import DigitNetwork
+
+    return TILE if isinstance(network, DigitNetwork) else 1
+
+
+def _checked_tile(tile: Any) -> int:
+    whole = isinstance(tile, int | np.integer) and not isinstance(tile, bool)
+    if not whole or not 1 <= tile <= MAX_TILE:
+        raise UserError(
+            f"Expected tile, the images in one call of the classifier, to be an int from 1 to "
+            f"{MAX_TILE}, got {tile!r}."
+        )
+    return int(tile)
+
+
+def _checked(logits: Any, count: int) -> Tensor:
+    import torch
+
+    if not isinstance(logits, torch.Tensor):
+        raise UserError(
+            f"Expected a tensor from the classifier, got {type(logits).__name__}. {_CONVENTION}"
+        )
+    if logits.ndim != 2 or len(logits) != count or logits.shape[1] < 2:
+        raise UserError(
+            f"Expected an output of shape ({count}, K) from the classifier, K of at least 2, got "
+            f"{tuple(logits.shape)}. {_CONVENTION}"
+        )
+    if not logits.is_floating_point():
+        raise UserError(
+            f"Expected an output of floats from the classifier, got {logits.dtype}. {_CONVENTION}"
+        )
+    if not torch.isfinite(logits).all():
+        raise UserError(
+            f"Expected finite numbers from the classifier, got NaN or infinity. {_CONVENTION}"
+        )
+    return logits
