@@ -2,8 +2,15 @@
 
     python studies/designs.py --family sada --seeds 2
 
-The tracks are analytic boxes, synthetic landscapes with a random world and, for the family `sada`,
-two detection classes (car and chair, which are training tracks for that reason) with both agents.
+The tracks are analytic boxes, synthetic landscapes with a random world and, for the families `sada`
+and `level-set`, two detection classes (car and chair, which are training tracks for that reason)
+with both agents. `level-set` has images of the digits 0 to 4 as well: `digits-D-K` is the first
+test image of the digit K that D parameters can harm, with the threshold at the lowest tenth of its
+scores, which often lies at 1e-4. The digits 5 to 9 are held out:
+
+    python studies/designs.py --designs --adversaries level-set trees --budget 1000 --samples 250 \\
+        --tracks digits-{2,3,4,6}-{5,6,7,8,9} --seeds 3
+
 Each design learns from N = 2,000 queries. Then 500 samples are held against points that it never
 saw:
 
@@ -30,13 +37,12 @@ import numpy.typing as npt
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Query
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.envs.digits.application import DigitsApplication
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import load_reference
 from sada_gym.testing.landscapes import THRESHOLD, FunctionOracle, Landscape
-
-BUDGET, SAMPLES = 2_000, 500
 
 DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
     "bbgan": {
@@ -66,14 +72,24 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "a quarter of the volume": ("sada", {"volume": 0.25}),
         "half of the volume": ("sada", {"volume": 0.5}),
     },
+    "level-set": {
+        "**default**": ("level-set", {}),
+        "scores, not ranks": ("sada", {}),
+        "trees alone": ("level-set", {"models": ["trees"]}),
+        "Gaussian process alone": ("level-set", {"models": ["process"]}),
+        "extra-trees, rejection": ("trees", {}),
+    },
 }
+_SADA_TRACKS = (
+    *("boxes-2", "boxes-5", "boxes-8", "boxes-16"),
+    *("waves-35", "waves-20", "waves-8", "waves-4", "waves-2"),
+    *("Car", "Chair", "Car:surveyor", "Chair:surveyor"),
+)
+_DIGITS = ("digits-2-0", "digits-2-1", "digits-3-2", "digits-4-3", "digits-6-4")
 TRACKS = {
     "bbgan": ("boxes-2", "boxes-5", "boxes-8", "waves-35", "waves-20"),
-    "sada": (
-        *("boxes-2", "boxes-5", "boxes-8", "boxes-16"),
-        *("waves-35", "waves-20", "waves-8", "waves-4", "waves-2"),
-        *("Car", "Chair", "Car:surveyor", "Chair:surveyor"),
-    ),
+    "sada": _SADA_TRACKS,
+    "level-set": (*_SADA_TRACKS, *_DIGITS),
 }
 
 Mu = npt.NDArray[np.float32]
@@ -85,14 +101,14 @@ class Track:
 
     Attributes:
         dimension: d.
-        oracle: Makes an oracle with the budget, for a seed.
+        oracle: Makes an oracle, for a seed and a budget.
         rate: Fooling rates of mu (n, d): true ones, or 0 and 1 of one evaluation each.
         fooling_set: Held-out points of it.
         ideal_rate: Mean fooling rate of its points.
     """
 
     dimension: int
-    oracle: Callable[[int], Query]
+    oracle: Callable[[int, int], Query]
     rate: Callable[[Mu], npt.NDArray[np.float64]]
     fooling_set: Mu
     ideal_rate: float
@@ -102,6 +118,7 @@ def analytic(
     dimension: int,
     make: Callable[[], Callable[[Any], Any]],
     rate: Callable[[Mu], npt.NDArray[np.float64]],
+    threshold: float = THRESHOLD,
 ) -> Track:
     uniform = np.random.default_rng(12345).uniform(-1.0, 1.0, (60_000, dimension))
     mu = uniform.astype(np.float32)
@@ -109,7 +126,7 @@ def analytic(
     inside = rates >= 0.5
     return Track(
         dimension,
-        lambda seed: FunctionOracle(make(), BUDGET, THRESHOLD),  # noqa: ARG005
+        lambda seed, budget: FunctionOracle(make(), budget, threshold),  # noqa: ARG005
         rate,
         mu[inside],
         float(rates[inside].mean()),
@@ -146,18 +163,43 @@ def detection(object_class: str, agent: str | None, workers: int) -> Track:
         test = Oracle(evaluator, budget=len(mu), seed=0, stream="test")
         return (test(mu) <= test.threshold).astype(np.float64)
 
-    rows = np.random.default_rng(0).choice(len(reference.fooling_set), SAMPLES)
+    rows = np.random.default_rng(0).choice(len(reference.fooling_set), 500)
     return Track(
         8,
-        lambda seed: Oracle(evaluator, budget=BUDGET, seed=seed),
+        lambda seed, budget: Oracle(evaluator, budget=budget, seed=seed),
         rate,
         reference.fooling_set,
         float(rate(reference.fooling_set[rows]).mean()),
     )
 
 
+def digits(dimension: int, digit: int) -> Track:
+    """The first test image of a digit of which a tenth of the box leaves Q below 0.95."""
+    names = DigitsApplication().parameters.names[:dimension]
+    uniform = np.random.default_rng(54321).uniform(-1.0, 1.0, (20_000, dimension))
+    for image in DigitsApplication(digit=digit).indices.tolist():
+        application = DigitsApplication(image=image, parameters=names)
+
+        def score(mu: Mu, application: DigitsApplication = application) -> npt.NDArray[np.float64]:
+            return application.evaluate(mu, [0] * len(mu)).score
+
+        threshold = float(np.quantile(score(uniform.astype(np.float32)), 0.1))
+        if threshold < 0.95:
+            break
+    else:
+        raise ValueError(f"Expected {dimension} parameters that can harm the digit {digit}.")
+
+    def rate(mu: Mu) -> npt.NDArray[np.float64]:
+        return (score(mu) <= threshold).astype(np.float64)
+
+    return analytic(dimension, lambda: score, rate, threshold)
+
+
 def load(name: str, workers: int) -> Track:
     kind, _, number = name.partition("-")
+    if kind == "digits":
+        dimension, _, digit = number.partition("-")
+        return digits(int(dimension), int(digit))
     if kind == "boxes":
         return boxes(int(number))
     if kind == "waves":
@@ -181,6 +223,8 @@ def main() -> None:
     parser.add_argument("--adversaries", nargs="*", default=[], help="by name, beside them")
     parser.add_argument("--tracks", nargs="*")
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--budget", type=int, default=2_000)
+    parser.add_argument("--samples", type=int, default=500)
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args()
     designs = DESIGNS[chosen.family]
@@ -197,8 +241,8 @@ def main() -> None:
         rng = np.random.default_rng(99)
         draws = []
         for _ in range(4):
-            rows = rng.choice(len(track.fooling_set), SAMPLES)
-            fooled = rng.random(SAMPLES) < track.ideal_rate
+            rows = rng.choice(len(track.fooling_set), chosen.samples)
+            fooled = rng.random(chosen.samples) < track.ideal_rate
             mu = track.fooling_set[rows]
             draws.append(fooling_coverage(mu, fooled, track.fooling_set).coverage)
         coverages[name] = float(np.mean(draws))
@@ -211,9 +255,9 @@ def main() -> None:
             for seed in range(chosen.seeds):
                 adversary = adversaries.make(kind, track.dimension, seed=seed, **options)
                 start = time.process_time()
-                adversary.train(track.oracle(seed))
+                adversary.train(track.oracle(seed, chosen.budget))
                 seconds += time.process_time() - start
-                mu = adversary.sample(SAMPLES)
+                mu = adversary.sample(chosen.samples)
                 afr, coverage = measure(track, mu, np.random.default_rng(seed))
                 figures.append((afr, coverage / coverages[name]))
                 merits.append(min(afr / track.ideal_rate, 1.0) * min(figures[-1][1], 1.0))

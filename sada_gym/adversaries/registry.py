@@ -26,6 +26,8 @@ _TABLE: dict[str, str] = {
     "smc": "sada_gym.adversaries.smc:SMC",
     "cma-mae": "sada_gym.adversaries.cma_mae:CMAMAE",
     "sada": "sada_gym.adversaries.sada:SADA",
+    "trees": "sada_gym.adversaries.trees:Trees",
+    "level-set": "sada_gym.adversaries.level_set:LevelSet",
 }
 
 

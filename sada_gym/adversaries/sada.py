@@ -75,12 +75,14 @@ class SADA(Learner):
     See `SADAOptions`.
 
     Attributes:
+        ranks: Whether the surrogate predicts ranks of scores.
         omega: All points evaluated in training.
         level: Samples are drawn where p >= level.
         flags: What a reader of the result must know, such as that no point fooled.
     """
 
     name: ClassVar[str] = "sada"
+    ranks: ClassVar[bool] = False
     options_class = SADAOptions
     options: SADAOptions
     level: float = 0.5
@@ -98,10 +100,13 @@ class SADA(Learner):
         )
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for part in _split(budget - first, self.options.rounds):
-            surrogate = Surrogate(omega, self.threshold, self.rng, self.options.models)
+            surrogate = self._learnt(omega, self.rng)
             pool = self._uniform(max(_pool_size(budget), 4 * part))
             omega += evaluate(self._informative(surrogate, pool, part), oracle)
         return omega
+
+    def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
+        return Surrogate(omega, self.threshold, rng, self.options.models, ranks=self.ranks)
 
     def _informative(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
@@ -118,7 +123,7 @@ class SADA(Learner):
         if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
-        self._surrogate = Surrogate(omega, self.threshold, rng, self.options.models)
+        self._surrogate = self._learnt(omega, rng)
         self._find_level(_pool_size(len(omega)))
 
     def _find_level(self, size: int) -> None:

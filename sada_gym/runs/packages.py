@@ -51,6 +51,8 @@ _OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
     "smc": ("scikit-learn",),
     "cma-mae": ("scikit-learn", "torch", "numba", "ribs"),
     "sada": ("scikit-learn",),
+    "trees": ("scikit-learn",),
+    "level-set": ("scikit-learn",),
 }
 
 

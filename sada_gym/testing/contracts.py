@@ -24,10 +24,14 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.measures.coverage import fooling_coverage
+from sada_gym.measures.rates import FoolingRate, attack_fooling_rate
 from sada_gym.parameters import validate_mu
 from sada_gym.testing import rules
+from sada_gym.testing.landscapes import FunctionOracle
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
+from sada_gym.testing.scales import scales
 
 __all__ = ["AdversaryContract", "ApplicationContract", "RecordingOracle", "assert_pure"]
 
@@ -80,11 +84,14 @@ class AdversaryContract:
         budget: Queries that train the adversary to the point of sampling, in a second or so.
         continuous: Whether fresh samples never repeat: False for an adversary that draws from a
             finite set.
+        uses_values: Whether the adversary's definition works with the values of Q, so that what it
+            learns depends on how Q is scaled. Otherwise it must not.
     """
 
     dimension: int = 2
     budget: int = 200
     continuous: bool = True
+    uses_values: bool = False
 
     def make(self, dimension: int, seed: int) -> Adversary:
         """Make the adversary, cheap to train."""
@@ -179,6 +186,34 @@ class AdversaryContract:
             if path.suffix == ".npz":
                 with np.load(path, allow_pickle=False) as arrays:
                     assert all(arrays[key].dtype != object for key in arrays)
+
+    def test_what_it_learns_does_not_depend_on_the_scale_of_q(self) -> None:
+        if self.uses_values:
+            pytest.skip("its definition works with the values of Q")
+        boxes = AnalyticApplication(dimension=self.dimension)
+        truth = boxes.sample_fooling_set(1_000, np.random.default_rng(0))
+
+        def score(mu: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+            return boxes.evaluate(mu, range(len(mu))).score
+
+        found: list[tuple[str, FoolingRate, float]] = []
+        uniform = np.random.default_rng(1).uniform(-1.0, 1.0, (5_000, self.dimension))
+        for scale in scales(score(uniform.astype(np.float32))):
+            threshold = float(scale.map(boxes.fooling_threshold))
+            oracle = FunctionOracle(
+                lambda mu, scale=scale: scale.map(score(mu)), self.budget, threshold
+            )
+            adversary = self.make(self.dimension, 0)
+            adversary.train(oracle)
+            mu = adversary.sample(250)
+            afr = attack_fooling_rate(score(mu), boxes.fooling_threshold)
+            fooled = score(mu) <= boxes.fooling_threshold
+            found.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
+        assert max(rate.low for _, rate, _ in found) <= min(rate.high for _, rate, _ in found), (
+            found
+        )
+        coverages = [coverage for _, _, coverage in found]
+        assert max(coverages) - min(coverages) <= 0.1, found
 
     def test_sampling_before_training_is_refused(self) -> None:
         with pytest.raises(RuntimeError, match="train"):

@@ -11,11 +11,15 @@ QUICK = {"candidates": 512, "components": (1, 4)}
 
 
 class TestBayesian(AdversaryContract):
+    uses_values = True
+
     def make(self, dimension, seed):
         return Bayesian(dimension, seed=seed, **QUICK)
 
 
 class TestBatchedBayesian(AdversaryContract):
+    uses_values = True
+
     def make(self, dimension, seed):
         return Bayesian(dimension, seed=seed, batch=16, initial=30, **QUICK)
 

@@ -20,6 +20,8 @@ QUICK = {
     "bbgan-boost": {"steps": 5, "batch": 16, "generator": (16,), "discriminator": (16,)},
     "bayesian": {"candidates": 512, "components": (1, 2)},
     "sada": {"rounds": 1, "models": ["trees"]},
+    "trees": {"trees": 20},
+    "level-set": {"rounds": 1, "models": ["trees"]},
 }
 
 

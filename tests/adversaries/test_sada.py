@@ -11,6 +11,7 @@ from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 
 class TestSADA(AdversaryContract):
+    uses_values = True
     budget = 100
 
     def make(self, dimension, seed):

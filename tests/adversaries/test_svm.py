@@ -11,6 +11,8 @@ from sada_gym.testing.landscapes import FunctionOracle, Landscape
 
 
 class TestSVM(AdversaryContract):
+    uses_values = True
+
     def make(self, dimension, seed):
         return SVM(dimension, seed=seed, subset=50)
 

@@ -28,8 +28,8 @@ with tempfile.TemporaryDirectory() as folder:
     [
         ("SADA-Analytic-v0", 1_000, 10_000),
         pytest.param("SADA-Detection-Car-v0", 1_000, 10_000, marks=pytest.mark.slow),
-        pytest.param("SADA-Driving-Navigation-v0", 300, 2_000, marks=pytest.mark.slow),
-        pytest.param("SADA-UAV-5Anchors-v0", 300, 2_000, marks=pytest.mark.slow),
+        pytest.param("SADA-Driving-Navigation-v0", 200, 800, marks=pytest.mark.slow),
+        pytest.param("SADA-UAV-5Anchors-v0", 200, 800, marks=pytest.mark.slow),
     ],
 )
 def test_memory_does_not_grow_with_evaluations(track, first, more):

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import rankdata
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
@@ -86,6 +87,7 @@ class Surrogate:
         threshold: The fooling threshold.
         rng: All randomness.
         models: Which of `MODELS` take part.
+        ranks: Whether they predict the score's rank among all evaluated points, not the score.
 
     Attributes:
         raised: Whether the threshold was raised.
@@ -97,6 +99,8 @@ class Surrogate:
         threshold: float,
         rng: np.random.Generator,
         models: Sequence[str] = tuple(MODELS),
+        *,
+        ranks: bool = False,
     ) -> None:
         x = omega.mu.astype(np.float64)
         least = min(_LEAST_FOOLING, len(omega))
@@ -106,9 +110,10 @@ class Surrogate:
         self._stack: LogisticRegression | None = None
         if fooled.all():
             return
+        y = rankdata(omega.score) / len(omega) if ranks else omega.score
         # more threads would give other last bits
         with threadpool_limits(1):
-            self._regressions = [MODELS[name](x, omega.score, rng) for name in models]
+            self._regressions = [MODELS[name](x, y, rng) for name in models]
             predicted = np.stack([r.held_out for r in self._regressions], axis=1)
             self._centre, self._scale = predicted.mean(axis=0), predicted.std(axis=0) + 1e-12
             standard = (predicted - self._centre) / self._scale

@@ -1,0 +1,68 @@
+"""`trees`: a plain classifier of what fooled, and rejection. The simplest adversary that works."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.ensemble import ExtraTreesClassifier
+
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.options import Options, option
+
+_POOL = 20_000
+_MOST_POOLS = 10
+
+
+@dataclass(frozen=True)
+class TreesOptions(Options):
+    """The options of `trees`.
+
+    Attributes:
+        trees: Number of trees.
+        level: A candidate is kept where at least this share of the trees says that it fools.
+    """
+
+    trees: int = option(500, 1, 100_000)
+    level: float = option(0.5, 0, 1)
+
+
+class Trees(Learner):
+    """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
+
+    The reference for every adversary that learns a surrogate: thirty lines around scikit-learn.
+    Where no candidate of 200,000 reaches the level, the likeliest are taken.
+
+    See `TreesOptions`.
+    """
+
+    name: ClassVar[str] = "trees"
+    uniform_queries = True
+    options_class = TreesOptions
+    options: TreesOptions
+
+    def _fit(self, omega: Omega) -> None:
+        fooled = omega.score <= self.threshold
+        if not fooled.any():
+            self.flags.append(NONE_FOOLED)
+            fooled = omega.score <= np.sort(omega.score)[len(omega) // 100]
+        self._forest = ExtraTreesClassifier(
+            self.options.trees, random_state=int(self.rng.integers(2**31))
+        ).fit(omega.mu, fooled)
+
+    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:  # noqa: ARG002 - as many as there are
+        best = np.zeros((0, self.dimension), np.float32)
+        most = -1.0
+        for _ in range(_MOST_POOLS):
+            pool = self.rng.uniform(-1.0, 1.0, (_POOL, self.dimension)).astype(np.float32)
+            # one column where every query fooled, or none
+            p = self._forest.predict_proba(pool)[:, -1]
+            kept: npt.NDArray[np.float32] = pool[p >= self.options.level]
+            if len(kept):
+                return kept
+            if p.max() > most:
+                best, most = pool[p == p.max()], float(p.max())
+        return best
