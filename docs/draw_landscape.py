@@ -106,7 +106,7 @@ def main() -> None:
         fooled = application.evaluate(mu, [0] * len(mu)).fooled.mean()
         draw_map(axes, application, score)
         axes.scatter(*application.parameters.physical(mu).T, s=5, color=DOTS, linewidths=0)
-        axes.set_title(f"{name}: {100 * fooled:.0f} % fool", fontsize=10, color=INK)
+        axes.set_title(f"{name}: {100 * fooled:.1f} % fool", fontsize=10, color=INK)
         print(f"{name}: {100 * fooled:.1f} % of {len(mu)} samples fool", flush=True)
     for axes in small[len(arguments.adversaries) :]:
         axes.axis("off")
