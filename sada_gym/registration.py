@@ -68,6 +68,7 @@ TABLE: tuple[Registration, ...] = (
     _track("UAV", "-5Anchors", anchors=5),
     _track("Digits"),
     *(_track("Digits", f"-{digit}", digit=digit) for digit in range(10)),
+    _track("Pixel"),
 )
 
 INNER_TASKS: tuple[Registration, ...] = (

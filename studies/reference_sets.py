@@ -32,7 +32,7 @@ from sada_gym.registration import find_spec, make_application, tracks
 BLOCK = 500
 CHUNK = 112
 SOBOL_SEED = 0
-SIZES = {"SADA-Detection": (20_000, 8)}
+SIZES = {"SADA-Detection": (20_000, 8), "SADA-Digits": (20_000, 8)}
 OTHER_SIZE = (4_000, 3)
 
 

@@ -18,7 +18,7 @@ LOADERS = {
     "SADA-Detection": agents.load_detector,
     "SADA-Driving": agents.load_driver,
     "SADA-UAV": agents.load_pilot,
-    "SADA-Digits": agents.load_classifier,
+    "SADA-Digits": agents.load_classifier,  # SADA-Pixel's are the same
 }
 
 

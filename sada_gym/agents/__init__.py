@@ -132,6 +132,15 @@ AGENTS = (
         "sada_gym.envs.digits.agent.weights:load",
         "classifier",
     ),
+    AgentCard(
+        "cnn",
+        "SADA-Pixel",
+        "digits/agent/cnn.safetensors",
+        "20310308027458ca18818a87c2c3b8d3bb544d0b454c2f36779d18bae9bfa9cc",
+        "the same classifier as of SADA-Digits; the default",
+        "sada_gym.envs.digits.agent.weights:load",
+        "classifier",
+    ),
 )
 
 

@@ -34,6 +34,7 @@ _OF_APPLICATION: Mapping[str, tuple[str, ...]] = {
     "SADA-Driving": ("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
     "SADA-UAV": ("torch", "stable-baselines3", "pybullet", "numba"),
     "SADA-Digits": ("scikit-learn", "torch"),
+    "SADA-Pixel": ("scikit-learn", "torch"),
 }
 _OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
     "ideal": (),

@@ -38,8 +38,8 @@ SAME_WORLDS = {
 
 That it is the same is tested; what is expensive is then tested on the track alone.
 """
-OWN_WORLDS = ("SADA-Analytic-v0", "SADA-Digits-v0")
-"""General ids that are no track's: one without tracks, one whose seeds pick any digit."""
+OWN_WORLDS = ("SADA-Analytic-v0", "SADA-Digits-v0", "SADA-Pixel-v0")
+"""General ids that are no track's: they have none, or their seeds pick any digit."""
 WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
 SLOW_FAMILIES = ("SADA-Driving", "SADA-UAV")
 """Where an evaluation is a whole episode in closed loop, or many."""
@@ -105,6 +105,7 @@ PURITY = {
     # tiles of 16 images
     "SADA-Digits": PurityCase(3, (2,)),
     "SADA-Digits-v0": PurityCase(40, (2, 15, 16, 17, 31, 33)),
+    "SADA-Pixel": PurityCase(40, (2, 15, 16, 17, 31, 33)),
     "SADA-Analytic": PurityCase(70, tuple(range(1, 71))),
 }
 

@@ -26,7 +26,8 @@ def test_only_what_the_run_loads_counts():
 
 def test_every_adversary_and_application_of_ours_has_its_row():
     assert set(module._OF_ADVERSARY) == {"ideal", *adversaries.names()}
-    names = {"SADA-Analytic", "SADA-Detection", "SADA-Driving", "SADA-UAV", "SADA-Digits"}
+    names = {"SADA-Analytic", "SADA-Detection", "SADA-Driving", "SADA-UAV"}
+    names |= {"SADA-Digits", "SADA-Pixel"}
     assert set(module._OF_APPLICATION) == names
     rows = [*module._OF_ADVERSARY.values(), *module._OF_APPLICATION.values(), module._EVERY_RUN]
     assert {name for row in rows for name in row} <= set(module._ORDER)
