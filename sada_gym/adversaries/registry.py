@@ -25,6 +25,10 @@ _TABLE: dict[str, str] = {
     "cross-entropy": "sada_gym.adversaries.cross_entropy:CrossEntropy",
     "smc": "sada_gym.adversaries.smc:SMC",
     "cma-mae": "sada_gym.adversaries.cma_mae:CMAMAE",
+    "reinforce": "sada_gym.adversaries.reinforce:Reinforce",
+    "ppo": "sada_gym.adversaries.ppo:PPO",
+    "sac": "sada_gym.adversaries.sac:SAC",
+    "td3": "sada_gym.adversaries.td3:TD3",
     "sada": "sada_gym.adversaries.sada:SADA",
 }
 

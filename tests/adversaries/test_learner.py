@@ -20,6 +20,9 @@ QUICK = {
     "bbgan-boost": {"steps": 5, "batch": 16, "generator": (16,), "discriminator": (16,)},
     "bayesian": {"candidates": 512, "components": (1, 2)},
     "sada": {"rounds": 1, "models": ["trees"]},
+    "ppo": {"hidden": (16,)},
+    "sac": {"hidden": (16,), "updates": 0.1},
+    "td3": {"hidden": (16,), "updates": 0.1},
 }
 
 
