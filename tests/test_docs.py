@@ -32,6 +32,7 @@ SMALLER = (
     (r"\bnum_envs=64\b", "num_envs=16"),
     (r"(Oracle\(\"[\w-]+\", )budget=1_000\b", r"\1budget=200"),
     (r"\bsamples=3\b", "samples=1"),
+    (r"\bBUDGET = 8_192\b", "BUDGET = 1_024"),
     (
         r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)",
         r"num_envs=4))\1\2.learn(128)",

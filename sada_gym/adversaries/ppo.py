@@ -29,7 +29,7 @@ class PPOOptions(SB3Options):
     """
 
     rollout: int = option(50, 2, 100_000)
-    epochs: int = option(10, 1, 1_000)
+    epochs: int = option(30, 1, 1_000)
     log_deviation: float = option(-1.0, -10, 2)
     entropy: float = option(0.0, 0, 100)
 

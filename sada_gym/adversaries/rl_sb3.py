@@ -130,7 +130,7 @@ class OffPolicyOptions(SB3Options):
         batch: Queries in a step of Adam.
     """
 
-    updates: float = option(1.0, 0, 100, inside=True)
+    updates: float = option(0.5, 0, 100, inside=True)
     batch: int = option(128, 1, 100_000)
 
 

@@ -24,6 +24,7 @@ class TD3Options(OffPolicyOptions):
             It is the entropy that this policy has.
     """
 
+    updates: float = option(1.0, 0, 100, inside=True)
     noise: float = option(0.1, 0, 10, inside=True)
 
 
