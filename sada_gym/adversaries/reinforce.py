@@ -30,7 +30,7 @@ class ReinforceOptions(RLOptions):
     learning_rate: float = option(0.05, 0, 1, inside=True)
     components: int = option(20, 1, 1_024)
     deviation: float = option(0.3, 0, 10, inside=True)
-    entropy: float = option(0.0, 0, 100)
+    entropy: float = option(0.05, 0, 100)
 
 
 class Reinforce(RLAdversary):
@@ -48,7 +48,7 @@ class Reinforce(RLAdversary):
     options_class = ReinforceOptions
     presets: ClassVar[Mapping[str, ReinforceOptions]] = {
         "default": ReinforceOptions(),
-        "plain": ReinforceOptions(components=1, deviation=1.0),
+        "plain": ReinforceOptions(components=1, deviation=1.0, entropy=0.0),
     }
     options: ReinforceOptions
 

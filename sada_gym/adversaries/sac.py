@@ -22,9 +22,11 @@ class SACOptions(OffPolicyOptions):
     """The options of `sac`, beside those of `OffPolicyOptions`.
 
     Attributes:
+        dissimilarity: The weight of the bonus for failures far from those already found.
         entropy: The temperature: what a nat of the policy's entropy is worth.
     """
 
+    dissimilarity: float = option(0.5, 0, 100)
     entropy: float = option(0.05, 0, 100)
 
 
@@ -41,7 +43,7 @@ class SAC(OffPolicyAdversary):
     options_class = SACOptions
     presets: ClassVar[Mapping[str, SACOptions]] = {
         "default": SACOptions(),
-        "plain": SACOptions(starts="centre"),
+        "plain": SACOptions(starts="centre", dissimilarity=0.0),
     }
     options: SACOptions
 
