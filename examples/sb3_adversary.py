@@ -1,28 +1,58 @@
-"""A reinforcement-learning adversary: PPO of Stable-Baselines3 proposes mu, its reward is -Q.
+"""PPO of Stable-Baselines3 as the adversary, on a counted budget that survives being killed.
 
-Run it: python examples/sb3_adversary.py
+One proposal an episode makes the policy a sampler of failures. With more proposals an episode the
+policy sees the last mu and its score, and searches: what it finds is shown as an anytime curve.
+
+Run it, stop it, and run it again, which repeats no evaluation: python examples/sb3_adversary.py
 """
 
 from __future__ import annotations
 
-import gymnasium as gym
+from contextlib import suppress
+
 import numpy as np
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 import sada_gym
+from sada_gym.evaluation.env import OracleVectorEnv
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.oracle import Oracle
+from sada_gym.measures.search import anytime
+from sada_gym.oracle import BudgetExhausted, Evaluations, Oracle
+from sada_gym.sb3 import SB3VecEnv, sample_policy
 
 ENV_ID = "SADA-Analytic-v0"
-QUERIES = 8_192
+BUDGET = 8_192
+ENVS = 64  # a step asks for so many worlds at once
 
 
-def sample(model: PPO, n: int) -> np.ndarray:
-    """Draw n mu from the policy, (n, d) float32: each is the first proposal of an episode."""
-    first, _ = gym.make(ENV_ID).reset(seed=0)  # the same for every seed: no proposal yet
-    mu, _ = model.predict(np.tile(first, (n, 1)), deterministic=False)
-    return mu
+def train(horizon: int) -> tuple[PPO, Evaluations]:
+    """Train with so many proposals an episode: the model, and all that it asked."""
+    heard: list[int] = [0]
+    # the same seed asks for the same worlds, so a second run finds them in the store
+    with Oracle(
+        ENV_ID,
+        budget=BUDGET,
+        seed=0,
+        store="sb3.sqlite",
+        progress=lambda done, total, known: heard.append(known),  # noqa: ARG005
+    ) as oracle:
+        env = SB3VecEnv(OracleVectorEnv(oracle, ENVS, horizon=horizon))
+        model = PPO(
+            "MlpPolicy",
+            env,
+            n_steps=max(2, horizon),
+            batch_size=128,
+            n_epochs=20,
+            learning_rate=1e-2,
+            gamma=0.0 if horizon == 1 else 0.9,  # with one proposal there is no future
+            seed=0,
+            device="cpu",
+        )
+        with suppress(BudgetExhausted):  # a rollout that the budget cuts
+            model.learn(oracle.remaining)
+        record = oracle.record
+    print(f"horizon {horizon}: {len(record):,} queries, the store knew {heard[-1]:,} of them")
+    return model, record
 
 
 def fooling_rate(mu: np.ndarray) -> str:
@@ -32,24 +62,23 @@ def fooling_rate(mu: np.ndarray) -> str:
 
 
 def main() -> None:
-    """Train, then measure."""
-    envs = DummyVecEnv([lambda: gym.make(ENV_ID) for _ in range(16)])
-    model = PPO(
-        "MlpPolicy",
-        envs,
-        n_steps=8,  # 128 queries an update
-        batch_size=128,
-        learning_rate=1e-2,
-        gamma=0.0,  # an episode is one proposal
-        seed=0,
-        device="cpu",
-    )
-    print(f"before: {fooling_rate(sample(model, 250))}")
-    model.learn(QUERIES)  # one step is one query
-    mu = sample(model, 250)
+    """Train a sampler and a searcher; measure the one's samples and what both found."""
+    application = sada_gym.make_application(ENV_ID)
+    model, record = train(horizon=1)
+    mu = sample_policy(model, dimension=2, n=250, seed=0)
+    region = application.fooling_region(mu)  # -1 outside
+    print(f"before: {fooling_rate(record.mu[:ENVS])}")
     print(f"after:  {fooling_rate(mu)}")
-    region = sada_gym.make_application(ENV_ID).fooling_region(mu)  # -1 outside
     print("samples in each of the four regions:", [int((region == i).sum()) for i in range(4)])
+
+    _, searched = train(horizon=8)
+    truth = application.sample_fooling_set(1_000, np.random.default_rng(0))
+    threshold, checkpoints = application.fooling_threshold, [BUDGET // 16, BUDGET // 4, BUDGET]
+    print("share of the fooling set that the queries have reached:")
+    for what, asked in (("horizon 1", record), ("horizon 8", searched)):
+        curve = anytime(asked.mu, asked.score, threshold, truth, checkpoints)
+        points = ", ".join(f"{p.coverage:.0%} after {p.queries:,}" for p in curve)
+        print(f"{what}: {points}")
 
 
 if __name__ == "__main__":

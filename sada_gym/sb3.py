@@ -1,17 +1,25 @@
-"""Our batched environments for Stable-Baselines3, which does not take Gymnasium's."""
+"""For Stable-Baselines3: our batched environments, a callback, and samples of a policy."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import TensorBoardOutputFormat
+from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
 
-from sada_gym.errors import UserError
+from sada_gym.determinism import generators_kept
+from sada_gym.errors import UserError, refuse_number
+
+if TYPE_CHECKING:
+    from sada_gym.evaluation.oracle import Oracle
 
 
 class SB3VecEnv(VecEnv):
@@ -110,3 +118,128 @@ def _row(infos: dict[str, Any], i: int) -> dict[str, Any]:
             value = _row(values, i) if isinstance(values, dict) else values[i]
             row[key] = value.item() if isinstance(value, np.generic) else value
     return row
+
+
+class AttackCallback(BaseCallback):
+    """Writes to TensorBoard what a training asks an oracle and what comes of it.
+
+    Every `every` queries it writes, of the queries since the last time: `attack/score` (mean Q),
+    `attack/fooling_rate`, `attack/budget_left` (queries), and for each parameter its mean
+    `mu_mean/NAME`, standard deviation `mu_sd/NAME` and histogram `mu/NAME`. The step of an entry is
+    the number of queries spent. When the budget is spent the training ends by itself.
+
+    Args:
+        oracle: What the training environment queries (`OracleEnv`, `OracleVectorEnv`).
+        every: Queries between two entries, at least 1.
+
+    Raises:
+        ValueError: If `every` is below 1, or, when the training starts, the model was made without
+            `tensorboard_log`.
+
+    Example:
+        >>> model = PPO("MlpPolicy", OracleEnv(oracle), tensorboard_log="runs/tensorboard")
+        >>> model.learn(oracle.remaining, callback=AttackCallback(oracle))
+    """
+
+    def __init__(self, oracle: Oracle, every: int = 100) -> None:
+        refuse_number("every", every, 1)
+        super().__init__()
+        self.oracle = oracle
+        self.every = every
+        self._written = 0
+
+    @property
+    def _spent(self) -> int:
+        return self.oracle.budget - self.oracle.remaining
+
+    def _on_training_start(self) -> None:
+        self._writer = _summary_writer(self.model)
+        self._written = self._spent
+
+    def _on_step(self) -> bool:
+        if self._spent - self._written >= self.every:
+            self._write()
+        return self.oracle.remaining > 0
+
+    def _on_training_end(self) -> None:
+        self._write()
+
+    def _write(self) -> None:
+        """Write about the queries since the last time, if there are any."""
+        record, step = self.oracle.record, self._spent
+        mu, score = record.mu[self._written :], record.score[self._written :]
+        if not len(score):
+            return
+        self._written = step
+        self._writer.add_scalar("attack/score", score.mean(), step)
+        self._writer.add_scalar(
+            "attack/fooling_rate", (score <= self.oracle.threshold).mean(), step
+        )
+        self._writer.add_scalar("attack/budget_left", self.oracle.remaining, step)
+        for name, column in zip(self._names(), mu.T, strict=True):
+            self._writer.add_scalar(f"mu_mean/{name}", column.mean(), step)
+            self._writer.add_scalar(f"mu_sd/{name}", column.std(), step)
+            self._writer.add_histogram(f"mu/{name}", column, step)
+        self._writer.flush()
+
+    def _names(self) -> list[str]:
+        """Give the parameters' names; a function's are numbers."""
+        application = self.oracle.application
+        if application is None:
+            return [str(i) for i in range(self.oracle.dimension)]
+        return list(application.parameters.names)
+
+
+def sample_policy(
+    model: BaseAlgorithm, dimension: int, n: int, *, seed: int
+) -> npt.NDArray[np.float32]:
+    """Draw n mu from a trained policy: each is the first proposal of an episode.
+
+    Args:
+        model: Trained on an environment of this package (an adversary's, `OracleEnv`).
+        dimension: d, the number of semantic parameters.
+        n: How many.
+        seed: Fixes the draws; the global generators stay as they are.
+
+    Returns:
+        (n, d) in [-1, 1]. What a policy puts outside of the box, Stable-Baselines3 clips.
+
+    Raises:
+        ValueError: If the model's spaces are not those of such an environment, or n or the seed
+            is negative.
+    """
+    refuse_number("n", n, 0)
+    refuse_number("seed", seed, 0, 2**32 - 1)
+    expected = (
+        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
+        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
+    )
+    for what, space, own in zip(
+        ("observation", "action"),
+        expected,
+        (model.observation_space, model.action_space),
+        strict=True,
+    ):
+        if own != space:
+            raise UserError(
+                f"Expected a policy whose {what} space is {space}, got {own}. Train it on an "
+                f"environment of this package with {dimension} parameters."
+            )
+    if n == 0:
+        return np.zeros((0, dimension), np.float32)
+    first = np.zeros((n, dimension + 2), np.float32)
+    first[:, -1] = 1.0
+    with generators_kept():
+        set_random_seed(seed)
+        mu, _ = model.predict(first, deterministic=False)
+    return np.asarray(mu, np.float32)
+
+
+def _summary_writer(model: BaseAlgorithm) -> Any:
+    for output in model.logger.output_formats:
+        if isinstance(output, TensorBoardOutputFormat):
+            return output.writer
+    raise UserError(
+        "Expected a model that writes to TensorBoard, got one that does not. Make it with "
+        "tensorboard_log=FOLDER."
+    )

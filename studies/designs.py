@@ -44,6 +44,11 @@ from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import load_reference
 from sada_gym.testing.landscapes import THRESHOLD, FunctionOracle, Landscape
 
+PLAIN: dict[str, Any] = {"starts": "centre", "dissimilarity": 0.0}
+NO_BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.0}
+BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.5}
+WIDE: dict[str, Any] = {**PLAIN, "log_deviation": 0.0}
+
 DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
     "bbgan": {
         "random": ("random", {}),
@@ -57,6 +62,42 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "without refusals": ("bbgan", {"acceptance": 0.0}),
         "s = 100": ("bbgan", {"induced_size": 100}),
         "**default, boosted**": ("bbgan-boost", {}),
+    },
+    "rl": {
+        "random": ("random", {}),
+        "reinforce, one Gaussian": (
+            "reinforce",
+            {"components": 1, "deviation": 1.0, "entropy": 0.0, "dissimilarity": 0.0},
+        ),
+        "reinforce, no entropy, no bonus": ("reinforce", {"entropy": 0.0, "dissimilarity": 0.0}),
+        "reinforce, entropy 0.05": ("reinforce", {"entropy": 0.05, "dissimilarity": 0.0}),
+        "reinforce, entropy 0.1": ("reinforce", {"entropy": 0.1, "dissimilarity": 0.0}),
+        "reinforce, bonus 0.3": ("reinforce", {"entropy": 0.0, "dissimilarity": 0.3}),
+        "reinforce, entropy 0.05, bonus 0.3": (
+            "reinforce",
+            {"entropy": 0.05, "dissimilarity": 0.3},
+        ),
+        "reinforce, entropy 0.1, bonus 0.3": ("reinforce", {"entropy": 0.1, "dissimilarity": 0.3}),
+        "ppo, one start": ("ppo", {**WIDE, "entropy": 0.0}),
+        "ppo, one start, entropy 0.05": ("ppo", {**WIDE, "entropy": 0.05}),
+        "ppo, one start, bonus 0.5": ("ppo", {**WIDE, "entropy": 0.0, "dissimilarity": 0.5}),
+        "ppo, uniform starts": ("ppo", {**NO_BONUS, "entropy": 0.0}),
+        "ppo, uniform starts, entropy 0.01": ("ppo", {**NO_BONUS, "entropy": 0.01}),
+        "ppo, uniform starts, bonus 0.5": ("ppo", {**BONUS, "entropy": 0.0}),
+        "ppo, uniform starts, both": ("ppo", {**BONUS, "entropy": 0.01}),
+        "sac, one start, entropy 0.05": ("sac", {**PLAIN, "entropy": 0.05}),
+        "sac, one start, entropy 0.2": ("sac", {**PLAIN, "entropy": 0.2}),
+        "sac, one start, bonus 0.5": ("sac", {**PLAIN, "entropy": 0.05, "dissimilarity": 0.5}),
+        "sac, uniform starts, entropy 0.02": ("sac", {**NO_BONUS, "entropy": 0.02}),
+        "sac, uniform starts, entropy 0.05": ("sac", {**NO_BONUS, "entropy": 0.05}),
+        "sac, uniform starts, entropy 0.02, bonus 0.5": ("sac", {**BONUS, "entropy": 0.02}),
+        "sac, uniform starts, entropy 0.05, bonus 0.5": ("sac", {**BONUS, "entropy": 0.05}),
+        "td3, one start, noise 0.1": ("td3", {**PLAIN, "noise": 0.1}),
+        "td3, one start, noise 0.3": ("td3", {**PLAIN, "noise": 0.3}),
+        "td3, one start, bonus 0.5": ("td3", {**PLAIN, "noise": 0.1, "dissimilarity": 0.5}),
+        "td3, uniform starts, noise 0.05": ("td3", {**NO_BONUS, "noise": 0.05}),
+        "td3, uniform starts, noise 0.1": ("td3", {**NO_BONUS, "noise": 0.1}),
+        "td3, uniform starts, noise 0.1, bonus 0.5": ("td3", {**BONUS, "noise": 0.1}),
     },
     "sada": {
         "**default**": ("sada", {}),
@@ -88,6 +129,7 @@ _SADA_TRACKS = (
 _DIGITS = ("digits-2-0", "digits-2-1", "digits-3-2", "digits-4-3", "digits-6-4")
 TRACKS = {
     "bbgan": ("boxes-2", "boxes-5", "boxes-8", "waves-35", "waves-20"),
+    "rl": ("boxes-2", "boxes-5", "boxes-8", "waves-35", "waves-20"),
     "sada": _SADA_TRACKS,
     "level-set": (*_SADA_TRACKS, *_DIGITS),
 }

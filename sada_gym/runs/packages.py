@@ -51,6 +51,8 @@ _OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
     "cross-entropy": ("scikit-learn",),
     "smc": ("scikit-learn",),
     "cma-mae": ("scikit-learn", "torch", "numba", "ribs"),
+    "reinforce": ("scikit-learn", "torch"),
+    **dict.fromkeys(("ppo", "sac", "td3"), ("scikit-learn", "torch", "stable-baselines3")),
     "sada": ("scikit-learn",),
     "trees": ("scikit-learn",),
     "level-set": ("scikit-learn",),

@@ -22,6 +22,9 @@ QUICK = {
     "sada": {"rounds": 1, "models": ["trees"]},
     "trees": {"trees": 20},
     "level-set": {"rounds": 1, "models": ["trees"]},
+    "ppo": {"hidden": (16,)},
+    "sac": {"hidden": (16,), "updates": 0.1},
+    "td3": {"hidden": (16,), "updates": 0.1},
 }
 
 

@@ -1,0 +1,95 @@
+"""`ppo`: proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.options import option
+from sada_gym.adversaries.rl import Proposals
+from sada_gym.adversaries.rl_sb3 import SB3Adversary, SB3Options
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PPOOptions(SB3Options):
+    """The options of `ppo`, beside those of `SB3Options`.
+
+    Attributes:
+        epochs: Steps of Adam on each rollout.
+        log_deviation: Logarithm of the Gaussian's first standard deviation.
+        entropy: The weight of the policy's entropy in the loss.
+    """
+
+    rollout: int = option(50, 2, 100_000)
+    epochs: int = option(30, 1, 1_000)
+    log_deviation: float = option(-1.0, -10, 2)
+    entropy: float = option(0.0, 0, 100)
+
+
+class PPO(SB3Adversary):
+    """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
+
+    Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3. Of the uniform
+    queries only the scores' order is used: they are no actions of the policy.
+    See `PPOOptions`.
+    """
+
+    name: ClassVar[str] = "ppo"
+    options_class = PPOOptions
+    presets: ClassVar[Mapping[str, PPOOptions]] = {
+        "default": PPOOptions(),
+        "plain": PPOOptions(starts="centre", log_deviation=0.0),
+    }
+    options: PPOOptions
+
+    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:  # noqa: ARG002 - it forgets them
+        import stable_baselines3
+
+        o = self.options
+        return stable_baselines3.PPO(
+            "MlpPolicy",
+            env,
+            learning_rate=o.learning_rate,
+            n_steps=o.rollout,
+            batch_size=o.rollout,
+            n_epochs=o.epochs,
+            ent_coef=o.entropy,
+            policy_kwargs={"net_arch": list(o.hidden), "log_std_init": o.log_deviation},
+            device="cpu",
+        )
+
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        normal = self._model.policy.get_distribution(start).distribution
+        return normal.mean, normal.stddev
+
+    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+        import torch
+
+        start, action = (
+            torch.as_tensor(array, dtype=torch.float32)
+            for array in (proposals.start, proposals.action)
+        )
+        with torch.no_grad():
+            values, log_densities, _ = self._model.policy.evaluate_actions(start, action)
+        buffer = self._model.rollout_buffer
+        buffer.reset()
+        begun = np.ones(1)
+        for i in range(len(rewards)):
+            buffer.add(
+                proposals.start[i],
+                proposals.action[i],
+                rewards[i],
+                begun,
+                values[i],
+                log_densities[i],
+            )
+        buffer.compute_returns_and_advantage(last_values=torch.zeros(1), dones=np.ones(1))
+        return self._update()

@@ -1,0 +1,108 @@
+"""`reinforce`: the score-function gradient (Williams 1992) on a mixture of Gaussians."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.special import softmax
+
+from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.options import option
+from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
+from sada_gym.determinism import one_thread
+
+
+@dataclass(frozen=True)
+class ReinforceOptions(RLOptions):
+    """The options of `reinforce`, beside those of `RLOptions`.
+
+    Attributes:
+        components: Gaussians of the mixture.
+        deviation: Their first standard deviation, in each dimension.
+        entropy: What a nat of the mixture's entropy is worth.
+    """
+
+    learning_rate: float = option(0.05, 0, 1, inside=True)
+    components: int = option(20, 1, 1_024)
+    deviation: float = option(0.3, 0, 10, inside=True)
+    entropy: float = option(0.05, 0, 100)
+
+
+class Reinforce(RLAdversary):
+    """A mixture of Gaussians whose weights, means and scales follow the score-function gradient.
+
+    REINFORCE (Williams 1992) for a bandit: after each rollout, one step of Adam along
+    the mean of (payment - baseline) x gradient of log density. The baseline of a query is the mean
+    payment of the rollout's others (Kool, van Hoof & Welling 2019). The entropy's
+    gradient is estimated likewise: each query is paid `entropy` times its negative log density.
+    Gaussians have diagonal covariances and live in unbounded space, reflected at the box's faces.
+    See `ReinforceOptions`.
+    """
+
+    name: ClassVar[str] = "reinforce"
+    options_class = ReinforceOptions
+    presets: ClassVar[Mapping[str, ReinforceOptions]] = {
+        "default": ReinforceOptions(),
+        "plain": ReinforceOptions(components=1, deviation=1.0, entropy=0.0),
+    }
+    options: ReinforceOptions
+
+    def _begin(self, queries: int) -> None:  # noqa: ARG002 - it keeps none
+        import torch
+
+        o, shape = self.options, (self.options.components, self.dimension)
+        means = self.rng.uniform(-1.0, 1.0, shape) if o.components > 1 else np.zeros(shape)
+        self._logits = torch.zeros(o.components, dtype=torch.float64, requires_grad=True)
+        self._means = torch.tensor(means, requires_grad=True)
+        self._log_deviations = torch.full(
+            shape, math.log(o.deviation), dtype=torch.float64, requires_grad=True
+        )
+        self._adam = torch.optim.Adam(self._parameters, o.learning_rate)
+
+    @property
+    def _parameters(self) -> list[Any]:
+        return [self._logits, self._means, self._log_deviations]
+
+    def _act(self, n: int) -> Proposals:
+        logits, means, log_deviations = (p.detach().numpy() for p in self._parameters)
+        chosen = self.rng.choice(len(logits), n, p=softmax(logits))
+        noise = self.rng.normal(size=(n, self.dimension))
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverged is refused by name
+            action = means[chosen] + np.exp(log_deviations[chosen]) * noise
+        return Proposals(np.zeros_like(action), action)
+
+    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+        import torch
+
+        with one_thread():
+            log_density = self._log_density(torch.as_tensor(proposals.action))
+            paid = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
+            others = (paid.sum() - paid) / (len(paid) - 1)
+            loss = -((paid - others) * log_density).mean()
+            self._adam.zero_grad()
+            torch.autograd.backward(loss)
+            self._adam.step()
+        return all(bool(parameter.isfinite().all()) for parameter in self._parameters)
+
+    def _log_density(self, points: Any) -> Any:
+        """Give the mixture's log density at points (n, d), before reflection: (n,)."""
+        scaled = (points[:, None] - self._means) / self._log_deviations.exp()
+        normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - self._log_deviations
+        return (normal.sum(dim=2) + self._logits.log_softmax(dim=0)).logsumexp(dim=1)
+
+    def _arrays(self) -> Arrays:
+        named = zip(("logits", "means", "log_deviations"), self._parameters, strict=True)
+        return {name: parameter.detach().numpy() for name, parameter in named}
+
+    def _restore(self, arrays: Arrays) -> None:
+        import torch
+
+        count = self.options.components
+        self._logits = torch.tensor(take(arrays, "logits", count))
+        self._means = torch.tensor(take(arrays, "means", count, self.dimension))
+        self._log_deviations = torch.tensor(take(arrays, "log_deviations", count, self.dimension))

@@ -1,0 +1,140 @@
+"""What the adversaries that learn by reinforcement share: rollouts of a policy, and rewards."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.models.failure_reward import failure_rewards
+from sada_gym.adversaries.models.mixture import Array, reflect
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.options import Options, option
+from sada_gym.errors import BudgetTooSmall, TrainingDiverged
+
+
+@dataclass(frozen=True)
+class RLOptions(Options):
+    """The options of every adversary that learns by reinforcement.
+
+    Attributes:
+        uniform_share: The least share of the budget that is uniform. Its scores are the first that
+            others are ranked among, and it takes the queries that fill no rollout.
+        rollout: Queries between two updates of the policy; they are evaluated together.
+        learning_rate: Adam's.
+        rank: The most that a query is paid that did not fool; one that fooled is paid 1.
+        dissimilarity: The weight of the bonus for failures far from those already found.
+    """
+
+    uniform_share: float = option(0.1, 0, 1, inside=True)
+    rollout: int = option(20, 2, 100_000)
+    learning_rate: float = option(0.003, 0, 1, inside=True)
+    rank: float = option(0.5, 0, 1)
+    dissimilarity: float = option(0.0, 0, 100)
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What a policy proposes, a row a meta-episode.
+
+    Attributes:
+        start: What the policy observes, the place that the episode starts from: (n, d) in [-1, 1].
+        action: The way from there, (n, d).
+    """
+
+    start: Array
+    action: Array
+
+    @property
+    def mu(self) -> npt.NDArray[np.float32]:
+        """Where the ways end, reflected at the faces of the box: (n, d) in [-1, 1]."""
+        return reflect(self.start + self.action).astype(np.float32)
+
+
+class RLAdversary(Learner):
+    """An adversary whose policy proposes mu, rollout after rollout, and is paid for failures.
+
+    An episode is one proposal, so the policy at the first observation is the learnt distribution.
+    What a query is paid depends on the order of the scores alone, see `failure_rewards`.
+
+    A subclass implements `_begin`, `_act`, `_learn` and `_arrays`, `_restore`.
+    """
+
+    options: RLOptions
+
+    @abstractmethod
+    def _begin(self, queries: int) -> None:
+        """Make a new policy, which will see so many queries."""
+
+    @abstractmethod
+    def _act(self, n: int) -> Proposals:
+        """Let the policy propose n rows; all randomness is the adversary's generator."""
+
+    @abstractmethod
+    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+        """Improve the policy by its last rollout; tell whether all weights are finite."""
+
+    def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
+        """Take what uniform queries tell, where the algorithm can learn from others' actions."""
+
+    def _train(self, oracle: Query) -> Omega:
+        size, budget = self.options.rollout, oracle.remaining
+        rollouts = self._rollouts(budget)
+        if rollouts < 1:
+            raise BudgetTooSmall(
+                f"Expected a budget of at least {self.least_budget} queries for {self.name}, got "
+                f"{budget}: it needs some uniform queries and a whole rollout of {size}. Raise the "
+                "budget, or lower the option rollout."
+            )
+        omega = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
+        self._begin(budget)
+        nothing = Omega(omega.mu[:0], omega.score[:0])
+        self._learn_uniform(omega, self._rewards(omega, nothing))
+        for done in range(rollouts):
+            proposals = self._act(size)
+            if not np.isfinite(proposals.action).all():
+                raise self._diverged(done)
+            asked = evaluate(proposals.mu, oracle)
+            if not self._learn(proposals, self._rewards(asked, omega)):
+                raise self._diverged(done + 1)
+            omega += asked
+        self._fit(omega)
+        return omega
+
+    def _fit(self, omega: Omega) -> None:
+        """Say whether there were failures; the policy has learnt from its rollouts by now."""
+        self.flags = [NONE_FOOLED] if (omega.score > self.threshold).all() else []
+
+    @property
+    def least_budget(self) -> int:
+        """The smallest budget that it can learn from, in queries."""
+        budget = math.floor(self.options.rollout / (1.0 - self.options.uniform_share))
+        while self._rollouts(budget) < 1:
+            budget += 1
+        return budget
+
+    def _rollouts(self, budget: int) -> int:
+        """Count the whole rollouts that a budget has room for beside the uniform share."""
+        uniform = max(1, math.ceil(self.options.uniform_share * budget))
+        return (budget - uniform) // self.options.rollout
+
+    def _rewards(self, asked: Omega, seen: Omega) -> Array:
+        o = self.options
+        return failure_rewards(
+            asked, seen, self.threshold, rank=o.rank, dissimilarity=o.dissimilarity
+        )
+
+    def _diverged(self, rollouts: int) -> TrainingDiverged:
+        return TrainingDiverged(
+            f"Expected the training of {self.name} to stay finite, but the policy's numbers became "
+            f"infinite or NaN after {rollouts} rollouts. Lower learning_rate (it is "
+            f"{self.options.learning_rate:g})."
+        )
+
+    def _draw(self, n: int) -> npt.NDArray[np.float32]:
+        return self._act(n).mu

@@ -1,0 +1,169 @@
+"""The adapter to Stable-Baselines3: its models learn from our rollouts, by our seeds."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+from sada_gym.adversaries.learner import Arrays
+from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.options import option
+from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
+from sada_gym.determinism import generators_kept, one_thread
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+_PREFIX = "policy."
+
+
+@dataclass(frozen=True)
+class SB3Options(RLOptions):
+    """The options of the adversaries of Stable-Baselines3, beside those of `RLOptions`.
+
+    Attributes:
+        starts: Where episodes start: at the `centre` of the box, or anywhere in it, `uniform`.
+        hidden: Widths of the hidden layers of each network.
+    """
+
+    starts: str = option("uniform", choices=("centre", "uniform"))
+    hidden: tuple[int, ...] = option((64, 64), 1, 1_024)
+
+
+class SB3Adversary(RLAdversary):
+    """An adversary whose policy and update rule are those of Stable-Baselines3.
+
+    We draw the actions, query the oracle and pay; then the model's own `train` improves the policy.
+    So a rollout is one call of the oracle, the last one is learnt from too, and the oracle never
+    runs while the global generators are in the hands of Stable-Baselines3.
+
+    Where all episodes start at the centre of the box, the policy is one Gaussian. With uniform
+    starts it observes where an episode starts and proposes a way from there: the learnt
+    distribution may then lie in many places at once.
+
+    A subclass implements `_make`, `_moments` and `_learn`, and `_squash` where it needs it.
+    """
+
+    options: SB3Options
+
+    @abstractmethod
+    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
+        """Make the model for the spaces of env, with room for so many queries."""
+
+    @abstractmethod
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        """Give mean and standard deviation of the actions at the starts (n, d), each (n, d)."""
+
+    def _squash(self, drawn: Array) -> Array:
+        """Turn draws of the Gaussian, (n, d), into actions."""
+        return drawn
+
+    def _begin(self, queries: int) -> None:
+        from stable_baselines3.common.logger import configure
+
+        with self._seeded():
+            self._model = self._make(Spaces(self.dimension), queries)
+        self._model.set_logger(configure(None, []))
+
+    def _act(self, n: int) -> Proposals:
+        import torch
+
+        start = np.zeros((n, self.dimension))
+        if self.options.starts == "uniform":
+            start = self.rng.uniform(-1.0, 1.0, (n, self.dimension))
+        try:
+            with torch.no_grad(), one_thread():
+                mean, deviation = self._moments(torch.as_tensor(start, dtype=torch.float32))
+        except ValueError:  # torch refuses a normal distribution of NaN; the caller says why
+            return Proposals(start, np.full(start.shape, np.nan))
+        drawn = mean.numpy() + deviation.numpy() * self.rng.normal(size=(n, self.dimension))
+        return Proposals(start, self._squash(drawn))
+
+    def _update(self, **settings: Any) -> bool:
+        """Let the model train; tell whether its weights are finite."""
+        try:
+            with self._seeded():
+                self._model.train(**settings)
+        except ValueError:  # torch refuses a normal distribution of NaN
+            return False
+        return all(bool(weights.isfinite().all()) for weights in self._model.policy.parameters())
+
+    @contextmanager
+    def _seeded(self) -> Iterator[None]:
+        """Seed the global generators by ours, in one thread; afterwards they are as before."""
+        from stable_baselines3.common.utils import set_random_seed
+
+        seed = int(self.rng.integers(2**31))
+        with generators_kept(), one_thread():
+            set_random_seed(seed)
+            yield
+
+    def _arrays(self) -> Arrays:
+        weights = self._model.policy.state_dict()
+        return {f"{_PREFIX}{name}": tensor.numpy() for name, tensor in weights.items()}
+
+    def _restore(self, arrays: Arrays) -> None:
+        import torch
+
+        self._begin(queries=1)
+        weights = {
+            name.removeprefix(_PREFIX): torch.tensor(array)
+            for name, array in arrays.items()
+            if name.startswith(_PREFIX)
+        }
+        self._model.policy.load_state_dict(weights)
+
+
+@dataclass(frozen=True)
+class OffPolicyOptions(SB3Options):
+    """The options of `sac` and `td3` that they share, beside those of `SB3Options`.
+
+    Attributes:
+        updates: Steps of Adam for each query.
+        batch: Queries in a step of Adam.
+    """
+
+    updates: float = option(0.5, 0, 100, inside=True)
+    batch: int = option(128, 1, 100_000)
+
+
+class OffPolicyAdversary(SB3Adversary):
+    """An adversary of Stable-Baselines3 that learns from all queries, the uniform ones included."""
+
+    options: OffPolicyOptions
+
+    def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
+        mu = omega.mu.astype(np.float64)
+        start = np.zeros_like(mu)
+        if self.options.starts == "uniform":  # an action reaches no further than 1
+            start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
+        self._remember(Proposals(start, mu - start), rewards)
+
+    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+        self._remember(proposals, rewards)
+        steps = max(1, round(self.options.updates * self.options.rollout))
+        return self._update(gradient_steps=steps, batch_size=self.options.batch)
+
+    def _remember(self, proposals: Proposals, rewards: Array) -> None:
+        over = np.ones(1)
+        for start, action, reward in zip(proposals.start, proposals.action, rewards, strict=True):
+            self._model.replay_buffer.add(start, start, action, reward, over, [{}])
+
+
+class Spaces(gym.Env[Any, Any]):
+    """What Stable-Baselines3 needs of an environment that it never steps: its spaces.
+
+    Args:
+        dimension: d, of observation and action.
+    """
+
+    def __init__(self, dimension: int) -> None:
+        self.observation_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)

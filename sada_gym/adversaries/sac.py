@@ -1,0 +1,69 @@
+"""`sac`: the soft actor-critic (Haarnoja et al. 2018), by Stable-Baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.options import option
+from sada_gym.adversaries.rl_sb3 import OffPolicyAdversary, OffPolicyOptions
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class SACOptions(OffPolicyOptions):
+    """The options of `sac`, beside those of `OffPolicyOptions`.
+
+    Attributes:
+        dissimilarity: The weight of the bonus for failures far from those already found.
+        entropy: The temperature: what a nat of the policy's entropy is worth.
+    """
+
+    dissimilarity: float = option(0.5, 0, 100)
+    entropy: float = option(0.05, 0, 100)
+
+
+class SAC(OffPolicyAdversary):
+    """A Gaussian policy, squashed into the box, that climbs a critic of all queries so far.
+
+    The soft actor-critic (Haarnoja et al. 2018), by Stable-Baselines3, with a fixed temperature:
+    at its optimum an action's density is proportional to exp(payment / temperature), as far as a
+    squashed Gaussian can have it.
+    See `SACOptions`.
+    """
+
+    name: ClassVar[str] = "sac"
+    options_class = SACOptions
+    presets: ClassVar[Mapping[str, SACOptions]] = {
+        "default": SACOptions(),
+        "plain": SACOptions(starts="centre", dissimilarity=0.0),
+    }
+    options: SACOptions
+
+    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
+        import stable_baselines3
+
+        o = self.options
+        return stable_baselines3.SAC(
+            "MlpPolicy",
+            env,
+            learning_rate=o.learning_rate,
+            buffer_size=queries,
+            ent_coef=o.entropy,
+            policy_kwargs={"net_arch": list(o.hidden)},
+            device="cpu",
+        )
+
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)
+        return mean, log_deviation.exp()
+
+    def _squash(self, drawn: Array) -> Array:
+        return np.tanh(drawn)
