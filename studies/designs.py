@@ -1,6 +1,7 @@
 """Compare designs of adversaries on training tracks: how the defaults were chosen.
 
     python studies/designs.py --family sada --seeds 2
+    python studies/designs.py --family rl --seeds 2
 
 The tracks are analytic boxes, synthetic landscapes with a random world and, for the families `sada`
 and `level-set`, two detection classes (car and chair, which are training tracks for that reason)
@@ -86,14 +87,12 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
         "ppo, uniform starts, bonus 0.5": ("ppo", {**BONUS, "entropy": 0.0}),
         "ppo, uniform starts, both": ("ppo", {**BONUS, "entropy": 0.01}),
         "sac, one start, entropy 0.05": ("sac", {**PLAIN, "entropy": 0.05}),
-        "sac, one start, entropy 0.2": ("sac", {**PLAIN, "entropy": 0.2}),
         "sac, one start, bonus 0.5": ("sac", {**PLAIN, "entropy": 0.05, "dissimilarity": 0.5}),
         "sac, uniform starts, entropy 0.02": ("sac", {**NO_BONUS, "entropy": 0.02}),
         "sac, uniform starts, entropy 0.05": ("sac", {**NO_BONUS, "entropy": 0.05}),
         "sac, uniform starts, entropy 0.02, bonus 0.5": ("sac", {**BONUS, "entropy": 0.02}),
         "sac, uniform starts, entropy 0.05, bonus 0.5": ("sac", {**BONUS, "entropy": 0.05}),
         "td3, one start, noise 0.1": ("td3", {**PLAIN, "noise": 0.1}),
-        "td3, one start, noise 0.3": ("td3", {**PLAIN, "noise": 0.3}),
         "td3, one start, bonus 0.5": ("td3", {**PLAIN, "noise": 0.1, "dissimilarity": 0.5}),
         "td3, uniform starts, noise 0.05": ("td3", {**NO_BONUS, "noise": 0.05}),
         "td3, uniform starts, noise 0.1": ("td3", {**NO_BONUS, "noise": 0.1}),

@@ -25,7 +25,7 @@ class TD3Options(OffPolicyOptions):
     """
 
     updates: float = option(1.0, 0, 100, inside=True)
-    noise: float = option(0.1, 0, 10, inside=True)
+    noise: float = option(0.05, 0, 10, inside=True)
 
 
 class TD3(OffPolicyAdversary):
