@@ -53,9 +53,9 @@ class Trees(Learner):
             self.options.trees, random_state=int(self.rng.integers(2**31))
         ).fit(omega.mu, fooled)
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:  # noqa: ARG002 - as many as there are
-        best = np.zeros((0, self.dimension), np.float32)
-        most = -1.0
+    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+        pools: list[npt.NDArray[np.float32]] = []
+        predicted: list[npt.NDArray[np.float64]] = []
         for _ in range(_MOST_POOLS):
             pool = self.rng.uniform(-1.0, 1.0, (_POOL, self.dimension)).astype(np.float32)
             # one column where every query fooled, or none
@@ -63,6 +63,7 @@ class Trees(Learner):
             kept: npt.NDArray[np.float32] = pool[p >= self.options.level]
             if len(kept):
                 return kept
-            if p.max() > most:
-                best, most = pool[p == p.max()], float(p.max())
-        return best
+            pools.append(pool)
+            predicted.append(p)
+        likeliest = np.argsort(-np.concatenate(predicted), kind="stable")[:n]
+        return np.concatenate(pools)[likeliest]

@@ -18,7 +18,7 @@ class TestLevelSet(AdversaryContract):
 
 
 def trained(kind, score, threshold, budget, dimension=2):
-    adversary = kind(dimension, seed=0, rounds=2)
+    adversary = kind(dimension, seed=0, rounds=1)
     adversary.train(FunctionOracle(score, budget, threshold))
     return adversary
 
@@ -50,7 +50,7 @@ def test_it_holds_where_a_softmax_decides_and_the_threshold_is_tiny():
     threshold = float(np.quantile(score(uniform), 0.1))
     assert threshold < 0.001
     rates = {
-        kind: (score(trained(kind, score, threshold, 600).sample(250)) <= threshold).mean()
+        kind: (score(trained(kind, score, threshold, 400).sample(250)) <= threshold).mean()
         for kind in (LevelSet, SADA)
     }
     assert rates[LevelSet] > 0.9
