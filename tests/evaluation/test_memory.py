@@ -28,7 +28,7 @@ with tempfile.TemporaryDirectory() as folder:
     [
         ("SADA-Analytic-v0", 1_000, 10_000),
         pytest.param("SADA-Detection-Car-v0", 1_000, 10_000, marks=pytest.mark.slow),
-        pytest.param("SADA-Driving-Navigation-v0", 200, 800, marks=pytest.mark.slow),
+        pytest.param("SADA-Driving-Straight-v0", 200, 600, marks=pytest.mark.slow),
         pytest.param("SADA-UAV-5Anchors-v0", 200, 800, marks=pytest.mark.slow),
     ],
 )
