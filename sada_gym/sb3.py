@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
 
 from sada_gym.determinism import generators_kept
 from sada_gym.errors import UserError, refuse_number
+from sada_gym.parameters import proposal_spaces
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle
@@ -210,15 +211,10 @@ def sample_policy(
     """
     refuse_number("n", n, 0)
     refuse_number("seed", seed, 0, 2**32 - 1)
-    expected = (
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-    )
-    for what, space, own in zip(
-        ("observation", "action"),
-        expected,
-        (model.observation_space, model.action_space),
-        strict=True,
+    action, observation = proposal_spaces(dimension)
+    for what, space, own in (
+        ("observation", observation, model.observation_space),
+        ("action", action, model.action_space),
     ):
         if own != space:
             raise UserError(

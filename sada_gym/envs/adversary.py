@@ -21,6 +21,7 @@ from sada_gym.envs.checks import (
 )
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError
+from sada_gym.parameters import proposal_spaces
 
 Observation = npt.NDArray[np.float32]
 
@@ -83,7 +84,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self.application = application
         self.horizon = _checked_horizon(horizon)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        self.action_space, self.observation_space = _spaces(application)
+        self.action_space, self.observation_space = proposal_spaces(len(application.parameters))
         self._episodes = _Episodes(application, horizon, count=1)
 
     def reset(
@@ -160,7 +161,9 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         self.application = application  # first: older Gymnasiums close what was refused
         super().__init__(num_envs=num_envs, render_mode=render_mode)
         self.horizon = _checked_horizon(horizon)
-        self.single_action_space, self.single_observation_space = _spaces(application)
+        self.single_action_space, self.single_observation_space = proposal_spaces(
+            len(application.parameters)
+        )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._episodes = _Episodes(application, horizon, count=num_envs)
@@ -286,14 +289,6 @@ class _Episodes:
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
         return self._application.render(*shown)
-
-
-def _spaces(application: Application) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    dimension = len(application.parameters)
-    return (
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-    )
 
 
 def _folded(seed: int | None) -> int | None:

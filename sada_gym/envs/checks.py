@@ -14,6 +14,9 @@ from sada_gym.errors import UserError
 
 RESET_MASK = "reset_mask"
 
+MAX_TILE = 1_024
+"""Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
+
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
     """Give a render mode back.
@@ -24,6 +27,25 @@ def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | 
     if render_mode is not None and not (isinstance(render_mode, str) and render_mode in known):
         raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
     return render_mode
+
+
+def checked_tile(tile: Any, network: str) -> int:
+    """Give a tile back as an int.
+
+    Args:
+        tile: Images in one call of a network.
+        network: What the message calls it, such as `detector`.
+
+    Raises:
+        UserError: If it is no int from 1 to `MAX_TILE`.
+    """
+    whole = isinstance(tile, int | np.integer) and not isinstance(tile, bool)
+    if not whole or not 1 <= tile <= MAX_TILE:
+        raise UserError(
+            f"Expected tile, the images in one call of the {network}, to be an int from 1 to "
+            f"{MAX_TILE}, got {tile!r}."
+        )
+    return int(tile)
 
 
 def warn_without_render_mode() -> None:

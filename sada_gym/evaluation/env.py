@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.errors import BudgetExhausted, UserError
+from sada_gym.parameters import proposal_spaces
 
 Observation = npt.NDArray[np.float32]
 
@@ -80,7 +81,7 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def __init__(self, oracle: Queried, horizon: int = 1) -> None:
         self._proposals = _Proposals(oracle, horizon, count=1)
-        self.action_space, self.observation_space = _spaces(oracle.dimension)
+        self.action_space, self.observation_space = proposal_spaces(oracle.dimension)
 
     @property
     def oracle(self) -> Queried:
@@ -137,7 +138,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
             raise UserError(f"Expected num_envs of at least 1, got {num_envs}.")
         self.num_envs = num_envs
         self._proposals = _Proposals(oracle, horizon, count=num_envs)
-        self.single_action_space, self.single_observation_space = _spaces(oracle.dimension)
+        self.single_action_space, self.single_observation_space = proposal_spaces(oracle.dimension)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
@@ -235,10 +236,3 @@ class _Proposals:
         self.observation[:, -2] = np.clip(scores, -1.0, 1.0)
         self.observation[:, -1] = self._steps_left / self._horizon
         return scores
-
-
-def _spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    return (
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-    )

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.envs.checks import checked_tile
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import (
     TILE,
     DetectorLike,
     checked_detector,
-    checked_tile,
     default_tile,
     detect,
     listed,
@@ -102,7 +102,7 @@ class DetectionApplication(Application):
         self._renderer = None if renderer is None else checked_renderer(renderer)
         self.agent_name, found = agents.resolve(agent, self.name, agent_id)
         self.agent = checked_detector(found)
-        self.tile = default_tile(self.agent) if tile is None else checked_tile(tile)
+        self.tile = default_tile(self.agent) if tile is None else checked_tile(tile, "detector")
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
 

@@ -19,9 +19,6 @@ TILE = 14
 """Images in one call of a detector of the shipped architecture; a part of the benchmark's scores.
 Larger tiles make a batch cheaper and a single evaluation dearer."""
 
-MAX_TILE = 1_024
-"""Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
-
 TOP_DETECTIONS = 20
 """Detections an image that are looked at, best first."""
 
@@ -51,24 +48,6 @@ def default_tile(agent: DetectorLike) -> int:
     from sada_gym.envs.detection.agent.network import Detector
 
     return TILE if isinstance(agent, Detector) else 1
-
-
-def checked_tile(tile: Any) -> int:
-    """Give a tile back as an int.
-
-    Raises:
-        UserError: If it is no int from 1 to `MAX_TILE`.
-    """
-    if (
-        isinstance(tile, bool)
-        or not isinstance(tile, int | np.integer)
-        or not 1 <= tile <= MAX_TILE
-    ):
-        raise UserError(
-            f"Expected tile, the images in one call of the detector, to be an int from 1 to "
-            f"{MAX_TILE}, got {tile!r}."
-        )
-    return int(tile)
 
 
 def detect(agent: DetectorLike, images: Sequence[Frame], tile: int) -> list[Detections]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.determinism import one_thread
+from sada_gym.envs.checks import checked_tile
 from sada_gym.errors import UserError, UserTypeError
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
 TILE = 16
 """Images in one call of a classifier of the shipped architecture; a part of the scores."""
-
-MAX_TILE = 1_024
 
 ClassifierLike = Callable[["Tensor"], "Tensor"]
 """Takes (B, 1, height, width) float32 in [0, 1], gives (B, K) logits: a torch module, mostly."""
@@ -54,7 +53,7 @@ class Classifier:
                 "training mode, in which looking at images changes it. Call model.eval() first."
             )
         self.network = network
-        self.tile = _default_tile(network) if tile is None else _checked_tile(tile)
+        self.tile = _default_tile(network) if tile is None else checked_tile(tile, "classifier")
 
     def probabilities(self, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         """Softmax over the classes of images (n, height, width): (n, K).
@@ -81,16 +80,6 @@ def _default_tile(network: ClassifierLike) -> int:
     from sada_gym.envs.digits.agent.network import DigitNetwork
 
     return TILE if isinstance(network, DigitNetwork) else 1
-
-
-def _checked_tile(tile: Any) -> int:
-    whole = isinstance(tile, int | np.integer) and not isinstance(tile, bool)
-    if not whole or not 1 <= tile <= MAX_TILE:
-        raise UserError(
-            f"Expected tile, the images in one call of the classifier, to be an int from 1 to "
-            f"{MAX_TILE}, got {tile!r}."
-        )
-    return int(tile)
 
 
 def _checked(logits: Any, count: int) -> Tensor:

@@ -10,9 +10,10 @@ import trimesh
 from safetensors.torch import save_file
 
 import sada_gym  # noqa: F401
+from sada_gym.envs.checks import MAX_TILE
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector
-from sada_gym.envs.detection.detector import MAX_TILE, TILE
+from sada_gym.envs.detection.detector import TILE
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.oracle import Oracle
 

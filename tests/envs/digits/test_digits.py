@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from sada_gym import agents
+from sada_gym.envs.checks import MAX_TILE
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.agent.data import batches, training_images
 from sada_gym.envs.digits.agent.evaluate import accuracy
@@ -16,7 +17,7 @@ from sada_gym.envs.digits.agent.network import DigitNetwork
 from sada_gym.envs.digits.agent.recipe import RECIPES, Recipe
 from sada_gym.envs.digits.agent.train import train
 from sada_gym.envs.digits.application import NAMES
-from sada_gym.envs.digits.classifier import MAX_TILE, TILE, Classifier
+from sada_gym.envs.digits.classifier import TILE, Classifier
 from sada_gym.envs.digits.images import all_digits
 from sada_gym.envs.digits.images import test_images as shipped_images
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
