@@ -18,7 +18,7 @@ from sada_gym.evaluation.oracle import Oracle
 from sada_gym.testing.processes import in_fresh_process
 
 N, DIMENSION, SAMPLES = 20_000, 8, 250
-_OTHERS = "gaussian gmm10 gmm50 bbgan bbgan-boost cross-entropy smc cma-mae reinforce sada"
+_OTHERS = "gaussian gmm10 gmm50 bbgan bbgan-boost cross-entropy smc cma-mae reinforce level-set"
 LIMITS = {"svm": (300.0, 4.0), "gp": (600.0, 8.0)} | dict.fromkeys(_OTHERS.split(), (60.0, 4.0))
 LIMITS |= dict.fromkeys(("ppo", "sac", "td3"), (300.0, 4.0))
 """Seconds on two cores, and GiB."""

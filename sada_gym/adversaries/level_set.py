@@ -1,20 +1,221 @@
-"""`level-set`: learn where the agent fails from the ranks of all scores, and sample it evenly."""
+"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own)."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from sada_gym.adversaries.sada import SADA
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.options import Options, option
+from sada_gym.errors import BudgetTooSmall
+from sada_gym.measures.coverage import density_and_coverage
+
+Array = npt.NDArray[np.float64]
+
+LEAST_BUDGET = 20
+
+_POOL_PER_QUERY = 10
+_LEAST_POOL, _MOST_POOL = 2_000, 20_000
+_MOST_POOLS = 10
+_LEAST_SET = 1_000
+_RARE = 0.002
+_WALK_STEPS = 60
+_LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
+_SAMPLES, _DRAWS = 250, 10
 
 
-class LevelSet(SADA):
-    """Learns from the ranks of all scores where the agent fails, and samples that set evenly.
+@dataclass(frozen=True)
+class LevelSetOptions(Options):
+    """The options of `level-set`.
 
-    `sada` regresses the scores themselves. A softmax is near 0 or 1 almost everywhere, and the
-    threshold may lie at 1e-4: the differences that decide are then invisible to a squared error.
-    A rank knows no scale, so what this adversary learns does not depend on how Q is scaled. All
-    else is as in `sada`, whose place it is to take.
+    Attributes:
+        uniform: Share of the budget that is uniform from the start.
+        rounds: Number of rounds for the rest.
+        explore: Share of each round that is uniform.
+        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
+        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
+        models: What the surrogate stacks: `trees`, `process`.
+    """
+
+    uniform: float = option(0.4, 0.05, 1)
+    rounds: int = option(4, 0, 100)
+    explore: float = option(0.25, 0, 1)
+    coverage: float = option(0.98, 0, 1)
+    volume: float = option(1.0 / 3.0, 0, 1)
+    models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), most=len(MODELS))
+
+
+class LevelSet(Learner):
+    """Learns the probability of fooling from all queries; samples evenly where it is high.
+
+    1. A part of the budget is uniform (Omega); the rest is spent in rounds. Each fits a
+       `Surrogate` to all queries so far and asks about random mu with probability in proportion to
+       p (1 - p), highest at the boundary of the fooling set {p >= 1/2}: where a query is the most
+       informative about which side mu is on (compare Bryan et al. 2005, "Active learning for
+       identifying function threshold boundaries"). A part of each round stays uniform, because a
+       surrogate is confident where it has never looked. Where hardly any query fools yet, the
+       rounds go to the lowest predicted scores first.
+    2. The last surrogate is calibrated on held-out queries. Samples are uniform over
+       {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
+       Metropolis walk within it.
+    3. The level is 1/2, raised as far as the coverage of {p >= 1/2} allows: of samples that fool
+       with their predicted probability, at least `coverage` of what level 1/2 covers has to be
+       left (density and coverage of Naeem et al. 2020, within the surrogate's own world). But
+       where few queries fool, a calibrated surrogate is sure of hardly any mu, and {p >= 1/2} is a
+       speck of the fooling set. So the level is never so high that the sampled set has less than
+       `volume` of the volume that is predicted to fool, which is the mean of p.
+
+    See `LevelSetOptions`.
+
+    Attributes:
+        ranks: Whether the surrogate predicts ranks of scores.
+        omega: All points evaluated in training.
+        level: Samples are drawn where p >= level.
+        flags: What a reader of the result must know, such as that no point fooled.
     """
 
     name: ClassVar[str] = "level-set"
     ranks: ClassVar[bool] = True
+    options_class = LevelSetOptions
+    options: LevelSetOptions
+    level: float = 0.5
+
+    def _query(self, oracle: Query) -> Omega:
+        budget = oracle.remaining
+        if budget < LEAST_BUDGET:
+            raise BudgetTooSmall(
+                f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
+            )
+        first = (
+            budget
+            if not self.options.rounds
+            else max(int(self.options.uniform * budget), LEAST_BUDGET)
+        )
+        omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
+        for part in _split(budget - first, self.options.rounds):
+            surrogate = self._learnt(omega, self.rng)
+            pool = self._uniform(max(_pool_size(budget), 4 * part))
+            omega += evaluate(self._chosen(surrogate, pool, part), oracle)
+        return omega
+
+    def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
+        return Surrogate(omega, self.threshold, rng, self.options.models, ranks=self.ranks)
+
+    def _chosen(
+        self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
+    ) -> npt.NDArray[np.float32]:
+        """Choose mu of the pool to ask about: (count, d)."""
+        p = surrogate(pool)
+        # too few fool to know the boundary: go where the scores are lowest
+        odds = (p**4 if surrogate.raised else self._worth(surrogate, pool, p)) + 1e-12
+        odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
+        return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
+
+    def _worth(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
+        """Say how much a query of each mu of the pool is worth that fools with chance p: (m,)."""
+        del surrogate, pool
+        return p * (1.0 - p)
+
+    def _fit(self, omega: Omega) -> None:
+        """Fit the last surrogate, and choose the level."""
+        if (omega.score > self.threshold).all():
+            self.flags.append(NONE_FOOLED)
+        rng = np.random.default_rng(int(self.rng.integers(2**62)))
+        self._surrogate = self._learnt(omega, rng)
+        self._find_level(_pool_size(len(omega)))
+
+    def _find_level(self, size: int) -> None:
+        """Choose the level, and keep what the walk starts from."""
+        pool, p = self._predicted_pool(size)
+        rows = np.flatnonzero(p >= 0.5)
+        if not len(rows):
+            self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
+        # at least the likeliest hundredth of a per cent, so that there is something to sample
+        least = max(self.options.volume * float(p.mean()), 0.0001)
+        highest = float(np.quantile(p, 1.0 - least))
+        self.level = min(0.5, highest)
+        if self.options.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
+            self._raise_level(pool, p, rows, highest)
+        inside = p >= self.level
+        self._share = float(inside.mean())
+        self._starts = pool[inside][:_LEAST_SET]
+
+    def _raise_level(
+        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp], highest: float
+    ) -> None:
+        """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
+        real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
+        least = self.options.coverage * self._covered(pool, p, others, real)
+        for level in (level for level in _LEVELS if level <= highest):
+            higher = others[p[others] >= level]
+            if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
+                return
+            self.level = level
+
+    def _predicted_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
+        """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
+        pools: list[npt.NDArray[np.float32]] = []
+        predicted: list[Array] = []
+        while len(pools) < _MOST_POOLS:
+            pools.append(self._uniform(size))
+            predicted.append(self._surrogate(pools[-1]))
+            if sum((p >= 0.5).sum() for p in predicted) >= 4 * _LEAST_SET:
+                break
+        return np.concatenate(pools), np.concatenate(predicted)
+
+    def _covered(
+        self,
+        pool: npt.NDArray[np.float32],
+        p: Array,
+        rows: npt.NDArray[np.intp],
+        real: npt.NDArray[np.float32],
+    ) -> float:
+        """Predict the coverage of samples from some rows of the pool, that fool with chance p."""
+        covered = []
+        for _ in range(_DRAWS):
+            samples = self.rng.choice(rows, _SAMPLES, replace=False)
+            fooling = pool[samples[self.rng.random(_SAMPLES) < p[samples]]]
+            held = real[self.rng.choice(len(real), _SAMPLES, replace=False)]
+            covered.append(density_and_coverage(held, fooling).coverage)
+        return float(np.mean(covered))
+
+    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+        if self._share < _RARE:
+            return self._walk(n)
+        pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MOST_POOLS * _MOST_POOL))
+        return pool[self._surrogate(pool) >= self.level]
+
+    def _walk(self, n: int) -> npt.NDArray[np.floating[Any]]:
+        """Walk within {p >= level} from the points known to lie in it (Metropolis; Ter Braak 2006).
+
+        Steps are differences of two random points of the set, so that they have its shape.
+        """
+        mu = self._starts[self.rng.integers(len(self._starts), size=n)].astype(np.float64)
+        for _ in range(_WALK_STEPS):
+            pair = self._starts[self.rng.integers(len(self._starts), size=(2, n))]
+            size = self.rng.choice([0.1, 0.3, 1.0], size=(n, 1))
+            step = size * (pair[0] - pair[1]) + 0.01 * self.rng.normal(size=mu.shape)
+            proposed = reflect(mu + step)  # which keeps the proposal symmetric
+            accepted = self._surrogate(proposed) >= self.level
+            mu[accepted] = proposed[accepted]
+        return mu
+
+    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
+
+
+def _pool_size(queries: int) -> int:
+    return min(max(_POOL_PER_QUERY * queries, _LEAST_POOL), _MOST_POOL)
+
+
+def _split(total: int, parts: int) -> list[int]:
+    """Split a budget into parts of nearly one size; none is empty."""
+    sizes = [total * (i + 1) // parts - total * i // parts for i in range(parts)]
+    return [size for size in sizes if size]

@@ -24,13 +24,22 @@ from sada_gym.runs.packages import in_order
 from sada_gym.runs.record import refuse_other
 
 
-def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ()) -> Results:
+def merge_files(
+    files: Sequence[Path],
+    out: Path,
+    *,
+    tables: Sequence[str] = (),
+    tracks: Sequence[str] = (),
+    contenders: Sequence[str] = (),
+) -> Results:
     """Merge files of results, and write results.json and table.md.
 
     Args:
         files: Each a results.json, or a folder that holds one.
         out: The folder to write to; it is made.
         tables: Names of the tables to take over; all by default.
+        tracks: Ids of the environments to take over; all by default.
+        contenders: Labels of the rows to take over; all by default.
 
     Raises:
         ValueError: If a file is none of ours, they do not belong together, or `out` is the folder
@@ -39,23 +48,33 @@ def merge_files(files: Sequence[Path], out: Path, *, tables: Sequence[str] = ())
     paths = [path / RESULTS_FILE if path.is_dir() else path for path in files]
     if out.resolve() in {path.parent.resolve() for path in paths}:
         raise UserError(f"Expected a folder of its own for the report, got {out}, which is merged.")
-    merged = merge([read_model(path, Results) for path in paths], tables=tables)
+    parts = [read_model(path, Results) for path in paths]
+    merged = merge(parts, tables=tables, tracks=tracks, contenders=contenders)
     out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)
     write_tables(out, merged)
     return merged
 
 
-def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
+def merge(
+    parts: Sequence[Results],
+    *,
+    tables: Sequence[str] = (),
+    tracks: Sequence[str] = (),
+    contenders: Sequence[str] = (),
+) -> Results:
     """Put results together as if one benchmark had given them, ranks and all.
 
     Args:
         parts: At least one.
         tables: Names of the tables to take over; all by default.
+        tracks: Ids of the environments to take over; all by default.
+        contenders: Labels of the rows to take over; all by default.
 
     Raises:
         ValueError: If they were made with other packages, rules of a table, or versions of what
-            was attacked; if two hold the same run; or if none holds a table that is asked for.
+            was attacked; if two hold the same run; if none holds a table, a track or a contender
+            that is asked for; or if nothing is left.
     """
     if not parts:
         raise UserError("Expected at least one file of results, got none.")
@@ -81,25 +100,39 @@ def merge(parts: Sequence[Results], *, tables: Sequence[str] = ()) -> Results:
                 raise UserError(f"Expected every run once, got {run} twice. Leave one out.")
             runs[key] = run
         for target in part.targets:
-            place = (target.track, target.agent)
-            other = targets.get(place, target)
+            other = targets.setdefault((target.track, target.agent), target)
             same = target.model_copy(update={"seeds": other.seeds})
             _refuse_unlike(
                 f"{target.track} against {target.agent}", other.model_dump(), same.model_dump()
             )
-            seeds = tuple(sorted({*other.seeds, *target.seeds}))
-            targets[place] = target.model_copy(update={"seeds": seeds})
     refuse_unknown("table", tables, list(known))
-    names = [name for name in known if not tables or name in tables]
+    refuse_unknown("track", tracks, sorted({run.track for run in runs.values()}))
+    refuse_unknown("adversary", contenders, sorted({run.label for run in runs.values()}))
     chosen = sorted(
-        (run for run in runs.values() if run.table in names),
+        (
+            run
+            for run in runs.values()
+            if (not tables or run.table in tables)
+            and (not tracks or run.track in tracks)
+            and (not contenders or run.label in contenders)
+        ),
         key=lambda run: run_order(run, list(known)),
     )
-    attacked = dict.fromkeys((run.track, run.agent) for run in chosen)
+    names = [name for name in known if any(run.table == name for run in chosen)]
+    if runs and not chosen:
+        raise UserError(
+            "Expected runs of these tables, tracks and adversaries, got none in common."
+        )
+    seeds: dict[tuple[str, str], set[int]] = {}
+    for run in chosen:
+        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
     return Results(
         format=FORMAT,
         settings=BenchmarkSettings(tables=tuple(known[name] for name in names), packages=packages),
-        targets=tuple(targets[place] for place in attacked),
+        targets=tuple(
+            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
+            for place, own in seeds.items()
+        ),
         rows=tuple(rows_of_runs(chosen)),
         runs=tuple(chosen),
     )

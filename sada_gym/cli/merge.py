@@ -19,6 +19,21 @@ def merge(
         list[str] | None,
         typer.Option(metavar="NAME", help="A table to take over; repeatable.", show_default="all"),
     ] = None,
+    tracks: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID", help="An environment to take over; repeatable.", show_default="all"
+        ),
+    ] = None,
+    adversaries: Annotated[
+        list[str] | None,
+        typer.Option(
+            *("--adversaries", "-a"),
+            metavar="NAME",
+            help="A row to take over, as the tables name it; repeatable.",
+            show_default="all",
+        ),
+    ] = None,
 ) -> None:
     """Put the results of several benchmarks into one: other applications, seeds or machines.
 
@@ -27,6 +42,12 @@ def merge(
     with errors_as_sentences():
         from sada_gym.benchmark.merge import merge_files
 
-        merged = merge_files(results, out_folder, tables=tables or ())
+        merged = merge_files(
+            results,
+            out_folder,
+            tables=tables or (),
+            tracks=tracks or (),
+            contenders=adversaries or (),
+        )
     text = f"{len(merged.runs):,} runs, {len(merged.targets)} tracks and agents: "
     say("", f"{text}{out_folder}/ (results.json, table.md)")

@@ -31,7 +31,7 @@ def test_options_are_resolved_from_what_is_given_the_preset_and_the_defaults():
     )
     assert default["batch"] == paper["batch"] == 7
     assert (default["induced_size"], paper["induced_size"]) == (0, 100)
-    assert adversaries.resolve("sada", {})["rounds"] == 4
+    assert adversaries.resolve("level-set", {})["rounds"] == 4
     with pytest.raises(ValueError, match="preset to be one of default, paper"):
         adversaries.resolve("bbgan", {"preset": "papers"})
 

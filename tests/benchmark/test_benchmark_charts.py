@@ -90,7 +90,7 @@ def test_the_charts_draw_without_a_warning(recwarn):
     figures = [
         anytime_curves([Curve(("a", "b", "c"), queries, queries / 3, None)], "one"),
         anytime_curves(
-            [Curve((name,), queries, queries / 2, queries / 300) for name in ("sada", "mine")],
+            [Curve((name,), queries, queries / 2, queries / 300) for name in ("level-set", "mine")],
             "two",
         ),
         marginal_strips(space, {"random": mu}, None, "many"),

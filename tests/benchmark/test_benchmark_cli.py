@@ -90,7 +90,8 @@ def test_report_alone_runs_nothing(done, references):
     [
         (
             ["--suite", "papers"],
-            "Expected the suite to be one of paper, quick, driving, racing, table-1; got 'papers'",
+            "Expected the suite to be one of paper, quick, driving, racing, digits, table-1; "
+            "got 'papers'",
         ),
         (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
         (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),

@@ -46,6 +46,23 @@ def test_one_table_can_be_taken_over(whole):
     assert merged.rows == tuple(row for row in whole.rows if row.table == "n60")
 
 
+def test_some_tracks_and_rows_can_be_taken_over(whole):
+    merged = merge([whole], tracks=[ANALYTIC], contenders=["ideal", "random"])
+    assert {run.label for run in merged.runs} == {"ideal", "random"}
+    assert len(merged.runs) == 2 * 2 * 2  # rows, tables, seeds
+    assert merged.targets == whole.targets
+    assert merge([merged, merge([whole], contenders=["archive"])]) == whole
+    for wrong, message in (
+        ({"contenders": ["gp"]}, "adversary to be one of archive, ideal, random"),
+        ({"tracks": ["SADA-UAV-3Anchors-v0"]}, f"track to be one of {ANALYTIC}"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            merge([whole], **wrong)
+    one = part(whole, lambda run: run.label == "ideal" or run.table == "n60")
+    with pytest.raises(ValueError, match="none in common"):
+        merge([one], tables=["n90"], contenders=["random"])
+
+
 def test_a_folder_that_is_merged_is_not_written_over(whole, tmp_path):
     write_model(tmp_path / "results.json", whole)
     before = (tmp_path / "results.json").read_bytes()

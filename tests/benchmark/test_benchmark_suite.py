@@ -64,6 +64,14 @@ def test_the_suites_of_driving_and_racing(suite, application):
     assert {find_contender(label).label for label in second.contenders} == set(second.contenders)
 
 
+def test_the_suite_of_digits_has_all_adversaries_rl_included():
+    one = find_suite("digits")
+    assert set(one.tracks) == {track for track in tracks() if "Digits" in track}
+    assert {c.label for c in CONTENDERS} - {c.label for c in one.contenders} == {"sada"}
+    assert {table.budget.queries for table in one.tables} == {1_000}
+    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 14
+
+
 def test_the_suite_of_table_1_fills_all_ten_columns():
     one = find_suite("table-1")
     columns = {track for track in paper.TABLE_1_COLUMNS.values() if track}
@@ -120,13 +128,13 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
     changed = choose(
         one,
         tracks=["x"],
-        contenders=["sada", "bbgan:paper"],
+        contenders=["level-set", "bbgan:paper"],
         agents=["surveyor"],
         seeds=2,
         budget=9,
     )
     assert changed.tracks == ("x",)
-    assert [c.label for c in changed.contenders] == ["sada", "bbgan (paper)"]
+    assert [c.label for c in changed.contenders] == ["level-set", "bbgan (paper)"]
     assert changed.agents == ("surveyor",)
     assert changed.seeds_on("SADA-Detection-Truck-v0") == range(2)
     assert [table.budget.queries for table in changed.tables] == [9, 9]
@@ -218,9 +226,9 @@ def test_the_papers_tables_are_whole():
     assert paper.table_1("bbgan", "Truck") == 90.8
     assert paper.table_1("bbgan-boost (paper)", paper.AVERAGE) == 80.5
     assert paper.table_1("bayesian", "5 anchors") is None
-    assert paper.table_1("sada", "Truck") is None
+    assert paper.table_1("level-set", "Truck") is None
     assert paper.class_row("gmm50").afr[2] == 16.4
-    assert paper.class_row("sada") is None
+    assert paper.class_row("level-set") is None
 
 
 def test_too_few_samples_to_measure_by_are_refused_beforehand(tmp_path):

@@ -84,7 +84,7 @@ def report(tmp_path, runs, notes=()):
 
 @pytest.fixture
 def whole(tmp_path):
-    rates = {"random": 100, "bbgan": 200, "sada": 240}
+    rates = {"random": 100, "bbgan": 200, "level-set": 240}
     runs = [run(track, label, n) for label, n in rates.items() for track in TRACKS]
     return report(tmp_path, runs)
 
@@ -106,7 +106,13 @@ def test_it_is_laid_out_like_the_papers_table(whole):
     ]
     bbgan = ["bbgan", "80.0 / 44.0", "80.0 / 45.2", "80.0 / 90.8", "80.0 / 74.5"]
     assert line(text, section, "bbgan") == bbgan
-    assert line(text, section, "sada") == ["sada", "**96.0**", "**96.0**", "**96.0**", "96.0"]
+    assert line(text, section, "level-set") == [
+        "level-set",
+        "**96.0**",
+        "**96.0**",
+        "**96.0**",
+        "96.0",
+    ]
 
 
 def test_all_classes_stand_beside_the_appendix(whole):
@@ -121,12 +127,12 @@ def test_all_classes_stand_beside_the_appendix(whole):
 def test_the_measures_stand_with_intervals_and_ranks(whole):
     text, results = whole
     assert "mean over 12 tracks" in text
-    sada = line(text, "### All measures", "sada")
-    [row] = [r for r in results.rows_of("t", "photographer", None) if r.label == "sada"]
+    own = line(text, "### All measures", "level-set")
+    [row] = [r for r in results.rows_of("t", "photographer", None) if r.label == "level-set"]
     low, high = (100 * end for end in row.afr.interval_95)
-    assert sada[1:3] == [f"96.0 ({low:.1f} to {high:.1f})", "1"]
-    assert sada[4:6] == ["75.0", ""]  # one seed a track tells of no interval
-    assert sada[-1] == "12"
+    assert own[1:3] == [f"96.0 ({low:.1f} to {high:.1f})", "1"]
+    assert own[4:6] == ["75.0", ""]  # one seed a track tells of no interval
+    assert own[-1] == "12"
 
 
 def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
@@ -177,14 +183,14 @@ def test_coverage_stands_beside_the_afr_of_every_track(tmp_path):
     runs = [
         run(TRACKS[0], "random", 100, relative=0.5),
         run(TRACKS[1], "random", 100, relative=0.7),
-        run(TRACKS[0], "sada", 240, relative=None),
-        run(TRACKS[1], "sada", 240, relative=0.9),
+        run(TRACKS[0], "level-set", 240, relative=None),
+        run(TRACKS[1], "level-set", 240, relative=0.9),
     ]
     text, _ = report(tmp_path, runs)
     section = "### By class: coverage / ideal, %"
     assert line(text, section, "adversary")[1:] == ["aeroplane", "bench", "mean of 2 tracks"]
     assert line(text, section, "random")[1:] == ["50.0", "70.0", "60.0"]
-    assert line(text, section, "sada")[1:] == ["-", "90.0", "-"]
+    assert line(text, section, "level-set")[1:] == ["-", "90.0", "-"]
 
 
 def test_without_coverage_there_is_no_such_table(tmp_path):
@@ -195,7 +201,7 @@ def test_without_coverage_there_is_no_such_table(tmp_path):
 def test_the_front_counts_tracks_where_nobody_is_better_in_both(tmp_path):
     figures = {  # fooled and coverage on two tracks
         "ideal": ((250, 1.0), (250, 1.0)),
-        "sada": ((200, 0.9), (200, 0.9)),
+        "level-set": ((200, 0.9), (200, 0.9)),
         "gp": ((240, 0.8), (210, 0.95)),
         "random": ((200, 0.9), (100, 0.5)),  # a tie in both is not better
     }
@@ -207,7 +213,7 @@ def test_the_front_counts_tracks_where_nobody_is_better_in_both(tmp_path):
     text, _ = report(tmp_path, runs)
     at = line(text, "### All measures", "adversary").index("front")
     found = {label: line(text, "### All measures", label)[at] for label in figures}
-    assert found == {"ideal": "", "sada": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
+    assert found == {"ideal": "", "level-set": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
 
 
 def test_errors_flags_and_notes_are_told(tmp_path):

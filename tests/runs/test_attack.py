@@ -226,14 +226,15 @@ import sys
 from toy import Greedy, Toy
 from sada_gym.attack import attack
 out, log, resume = sys.argv[1], sys.argv[2], sys.argv[3] == "resume"
-attack(Toy(pause_s=0.004, log=log), Greedy, out=out, budget=300, samples=30, workers=2,
+adversary = sys.argv[4] or Greedy
+attack(Toy(pause_s=0.004, log=log), adversary, out=out, budget=300, samples=30, workers=2,
        chunk_size=10, resume=resume, pictures=False)
 """
 
 
-def start(out, log, how="anew"):
+def start(out, log, adversary, how="anew"):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-c", SCRIPT, str(out), str(log), how]
+    command = [sys.executable, "-c", SCRIPT, str(out), str(log), how, adversary]
     return subprocess.Popen(command, env=environment)
 
 
@@ -264,9 +265,13 @@ def is_alive(process):
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
-def test_killed_and_resumed_it_repeats_nothing_and_ends_the_same(tmp_path):
+@pytest.mark.parametrize(
+    "adversary",
+    [pytest.param("", id="greedy"), pytest.param("ppo", marks=pytest.mark.slow)],
+)
+def test_killed_and_resumed_it_repeats_nothing_and_ends_the_same(tmp_path, adversary):
     first, second = tmp_path / "first.log", tmp_path / "second.log"
-    process = start(tmp_path / "out", first)
+    process = start(tmp_path / "out", first, adversary)
     wait_for(lambda: len(logged(first)) > 100)
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -278,11 +283,11 @@ def test_killed_and_resumed_it_repeats_nothing_and_ends_the_same(tmp_path):
     committed = {seed for (seed,) in rows}
     assert 50 < len(committed) < 330
 
-    assert start(tmp_path / "out", second, "resume").wait() == 0
+    assert start(tmp_path / "out", second, adversary, "resume").wait() == 0
     again = [seed for _, seed in logged(second)]
     assert not committed & set(again)
     assert len(committed) + len(again) == 330
 
-    assert start(tmp_path / "whole", tmp_path / "third.log").wait() == 0
+    assert start(tmp_path / "whole", tmp_path / "third.log", adversary).wait() == 0
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["afr"] > 0

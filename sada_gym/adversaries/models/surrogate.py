@@ -1,4 +1,4 @@
-"""What `sada` learns: the calibrated probability that a mu fools the agent."""
+"""What `level-set` learns: the calibrated probability that a mu fools the agent."""
 
 from __future__ import annotations
 
@@ -39,12 +39,13 @@ class CrossFittedTrees:
 
     Attributes:
         held_out: (n,) each point's prediction by the ensemble that did not see it.
+        ensembles: The ensembles.
     """
 
     def __init__(self, x: Array, y: Array, rng: np.random.Generator) -> None:
         fold = rng.permutation(len(x)) % _FOLDS
         self.held_out: Array = np.zeros(len(x))
-        self._ensembles = []
+        self.ensembles = []
         for left_out in range(_FOLDS):
             ensemble = HistGradientBoostingRegressor(
                 max_iter=150,
@@ -57,11 +58,11 @@ class CrossFittedTrees:
                 random_state=int(rng.integers(2**31)),
             ).fit(x[fold != left_out], y[fold != left_out])
             self.held_out[fold == left_out] = ensemble.predict(x[fold == left_out])
-            self._ensembles.append(ensemble)
+            self.ensembles.append(ensemble)
 
     def __call__(self, x: Array) -> Array:
         """Predict the values at x (m, d): (m,)."""
-        mean: Array = np.mean([ensemble.predict(x) for ensemble in self._ensembles], axis=0)
+        mean: Array = np.mean([ensemble.predict(x) for ensemble in self.ensembles], axis=0)
         return mean
 
 
@@ -73,7 +74,11 @@ MODELS: Mapping[str, Callable[[Array, Array, np.random.Generator], _Regression]]
 
 
 class Surrogate:
-    """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score.
+    """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score's rank.
+
+    Ranks, because a softmax is near 0 or 1 almost everywhere: where the threshold lies at 1e-4, the
+    differences that decide are invisible to a squared error. What is learnt from ranks does not
+    depend on how scores are scaled.
 
     Trees find sharp, axis-aligned regions in many dimensions, a Gaussian process smooth ones. A
     logistic regression of what fooled on both predictions, each made without the point itself,
@@ -91,6 +96,7 @@ class Surrogate:
 
     Attributes:
         raised: Whether the threshold was raised.
+        regressions: The models, which predict ranks.
     """
 
     def __init__(
@@ -100,7 +106,7 @@ class Surrogate:
         rng: np.random.Generator,
         models: Sequence[str] = tuple(MODELS),
         *,
-        ranks: bool = False,
+        ranks: bool = True,
     ) -> None:
         x = omega.mu.astype(np.float64)
         least = min(_LEAST_FOOLING, len(omega))
@@ -113,8 +119,8 @@ class Surrogate:
         y = rankdata(omega.score) / len(omega) if ranks else omega.score
         # more threads would give other last bits
         with threadpool_limits(1):
-            self._regressions = [MODELS[name](x, y, rng) for name in models]
-            predicted = np.stack([r.held_out for r in self._regressions], axis=1)
+            self.regressions = [MODELS[name](x, y, rng) for name in models]
+            predicted = np.stack([r.held_out for r in self.regressions], axis=1)
             self._centre, self._scale = predicted.mean(axis=0), predicted.std(axis=0) + 1e-12
             standard = (predicted - self._centre) / self._scale
             self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
@@ -125,7 +131,11 @@ class Surrogate:
             return np.ones(len(mu))
         x = mu.astype(np.float64)
         with threadpool_limits(1):
-            predicted = np.stack([r(x) for r in self._regressions], axis=1)
-            standard = (predicted - self._centre) / self._scale
-            probability: Array = self._stack.predict_proba(standard)[:, 1]
+            return self.calibrated([r(x) for r in self.regressions])
+
+    def calibrated(self, predicted: Sequence[Array]) -> Array:
+        """Give the probability of fooling where each regression predicts (m,) ranks: (m,)."""
+        assert self._stack is not None
+        standard = (np.stack(predicted, axis=1) - self._centre) / self._scale
+        probability: Array = self._stack.predict_proba(standard)[:, 1]
         return probability
