@@ -196,6 +196,11 @@ def sample_policy(
 ) -> npt.NDArray[np.float32]:
     """Draw n mu from a trained policy: each is the first proposal of an episode.
 
+    A policy trained with gSDE (`use_sde=True`) gets new noise for each mu. One trained behind
+    `VecNormalize` sees the observation as it did in training; so load it with its environment:
+    `PPO.load(file, env=env)`. The policies of TD3 and DDPG are deterministic, so that all n mu are
+    the same.
+
     Args:
         model: Trained on an environment of this package (an adversary's, `OracleEnv`).
         dimension: d, the number of semantic parameters.
@@ -223,10 +228,16 @@ def sample_policy(
             )
     if n == 0:
         return np.zeros((0, dimension), np.float32)
-    first = np.zeros((n, dimension + 2), np.float32)
+    first: Any = np.zeros((n, dimension + 2), np.float32)
     first[:, -1] = 1.0
+    normaliser = model.get_vec_normalize_env()
+    if normaliser is not None:
+        first = normaliser.normalize_obs(first)
     with generators_kept():
         set_random_seed(seed)
+        if model.use_sde:  # else all rows would share the noise of the training's last step
+            policy: Any = model.policy
+            policy.reset_noise(n)
         mu, _ = model.predict(first, deterministic=False)
     return np.asarray(mu, np.float32)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.vec_env import VecNormalize
 
 import sada_gym
 from sada_gym.determinism import one_thread
@@ -112,13 +113,42 @@ def test_a_policy_is_sampled_by_the_seed_alone():
     assert sample_policy(model, 2, 0, seed=0).shape == (0, 2)
 
 
+def watchful(model):
+    """Let an untrained policy depend on what it observes, with little noise."""
+    with torch.no_grad():
+        model.policy.action_net.weight.mul_(100.0)
+        model.policy.log_std.fill_(-4.0)
+    return model
+
+
 def test_a_policys_samples_are_its_first_proposals():
     env = gym.make(ANALYTIC, horizon=4)
-    model = ppo(env)
+    model = watchful(ppo(env))
     first, _ = env.reset(seed=0)
-    expected = model.predict(first, deterministic=True)[0]
-    mean = sample_policy(model, 2, 4000, seed=0).mean(axis=0)
-    np.testing.assert_allclose(mean, expected, atol=0.06)
+    later, *_ = env.step(np.float32([0.5, -0.5]))
+    expected, other = (model.predict(seen, deterministic=True)[0] for seen in (first, later))
+    assert np.abs(expected - other).max() > 0.1
+    mean = sample_policy(model, 2, 1000, seed=0).mean(axis=0)
+    np.testing.assert_allclose(mean, expected, atol=0.01)
+
+
+def test_a_policy_behind_vec_normalize_sees_what_it_was_trained_on():
+    env = VecNormalize(SB3VecEnv(gym.make_vec(ANALYTIC, num_envs=2, horizon=4)))
+    model = watchful(ppo(env))
+    env.obs_rms.mean, env.obs_rms.var = np.array([0.1, -0.2, 0.3, 0.5]), np.full(4, 0.25)
+    expected, _ = model.predict(env.reset()[0], deterministic=True)
+    plain, _ = model.predict(np.float32([0, 0, 0, 1]), deterministic=True)
+    assert np.abs(expected - plain).max() > 0.1
+    mean = sample_policy(model, 2, 1000, seed=0).mean(axis=0)
+    np.testing.assert_allclose(mean, expected, atol=0.01)
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_a_policy_with_state_dependent_noise_proposes_different_mu(algorithm):
+    model = algorithm("MlpPolicy", gym.make(ANALYTIC), use_sde=True, device="cpu", seed=0)
+    mu = sample_policy(model, 2, 200, seed=0)
+    assert (mu.std(axis=0) > 0.02).all()
+    np.testing.assert_array_equal(sample_policy(model, 2, 200, seed=0), mu)
 
 
 @pytest.mark.parametrize(
