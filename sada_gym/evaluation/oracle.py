@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -131,6 +132,7 @@ class Oracle:
         self._progress = progress
         self._record: list[Evaluations] = []
         self._used = self._known = 0
+        self._process = os.getpid()
         settings: dict[str, Any] = {
             "env_kwargs": env_kwargs,
             "dimension": dimension,
@@ -192,9 +194,16 @@ class Oracle:
             (n,) float64 scores.
 
         Raises:
-            ValueError: If mu is not as described.
+            ValueError: If mu is not as described, or this is a copy in another process, which would
+                count a budget of its own.
             BudgetExhausted: If fewer than n queries are left; none is evaluated then.
         """
+        if os.getpid() != self._process:
+            raise UserError(
+                "Expected all queries in the process that made the oracle, got one in another, "
+                "where a copy would count a budget of its own. Step environments in one process, "
+                "as OracleVectorEnv does, and give the oracle workers=."
+            )
         batch = validate_mu(mu, self.dimension)
         count = len(batch)
         if count > self.remaining:

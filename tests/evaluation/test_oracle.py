@@ -1,3 +1,4 @@
+import multiprocessing
 import os
 import pickle
 import subprocess
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from toy import Toy, paraboloid
 
-from sada_gym.errors import BudgetExhausted, StoreError, WorkerError
+from sada_gym.errors import BudgetExhausted, StoreError, UserError, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator, _chunk_size
 from sada_gym.oracle import Oracle, evaluation_seeds
 
@@ -307,6 +308,21 @@ def test_negative_zero_is_stored_as_zero(tmp_path):
 def test_errors_survive_a_process_boundary():
     for error in (WorkerError("a"), BudgetExhausted("b"), StoreError("c")):
         assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def ask(oracle):
+    return oracle(MU[:1])
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_a_copy_in_another_process_is_refused(method):
+    """As in a SubprocVecEnv: every process would spend the whole budget."""
+    oracle = Oracle(Toy(), budget=2)
+    with ProcessPoolExecutor(1, multiprocessing.get_context(method)) as pool:
+        error = pool.submit(ask, oracle).exception()
+    assert isinstance(error, UserError)
+    assert "in the process that made the oracle" in str(error)
+    assert len(oracle(MU[:2])) == 2
 
 
 def test_importing_is_light():
