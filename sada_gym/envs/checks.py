@@ -48,6 +48,28 @@ def checked_tile(tile: Any, network: str) -> int:
     return int(tile)
 
 
+def refuse_training_mode(network: Any, kind: str) -> None:
+    """Refuse a network that is in training mode, or has a part that is.
+
+    Args:
+        network: A torch module; of anything else its attribute `training` is looked at.
+        kind: What the message calls it, such as `detector`.
+
+    Raises:
+        UserError: If so.
+    """
+    import torch
+
+    is_module = isinstance(network, torch.nn.Module)
+    for name, part in network.named_modules() if is_module else [("", network)]:
+        if getattr(part, "training", False):
+            which = f" with its part {name} ({type(part).__name__})" if name else ""
+            raise UserError(
+                f"Expected a {kind} in evaluation mode, got {type(network).__name__}{which} in "
+                "training mode, in which looking at images changes it. Call model.eval() first."
+            )
+
+
 def warn_without_render_mode() -> None:
     """Say why nothing is drawn."""
     gym.logger.warn(

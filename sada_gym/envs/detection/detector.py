@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Frame
 from sada_gym.determinism import one_thread
+from sada_gym.envs.checks import refuse_training_mode
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,11 +36,7 @@ def checked_detector(agent: DetectorLike) -> DetectorLike:
     Raises:
         UserError: If it is in training mode.
     """
-    if getattr(agent, "training", False):
-        raise UserError(
-            f"Expected a detector in evaluation mode, got {type(agent).__name__} in training mode, "
-            "in which looking at images changes it. Call model.eval() first."
-        )
+    refuse_training_mode(agent, "detector")
     return agent
 
 

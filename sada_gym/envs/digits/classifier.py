@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.determinism import one_thread
-from sada_gym.envs.checks import checked_tile
+from sada_gym.envs.checks import checked_tile, refuse_training_mode
 from sada_gym.errors import UserError, UserTypeError
 
 if TYPE_CHECKING:
@@ -47,11 +47,7 @@ class Classifier:
                 f"Expected agent to be a shipped classifier's name, a file of weights or a torch "
                 f"module, got {type(network).__name__}."
             )
-        if getattr(network, "training", False):
-            raise UserError(
-                f"Expected a classifier in evaluation mode, got {type(network).__name__} in "
-                "training mode, in which looking at images changes it. Call model.eval() first."
-            )
+        refuse_training_mode(network, "classifier")
         self.network = network
         self.tile = _default_tile(network) if tile is None else checked_tile(tile, "classifier")
 
@@ -59,7 +55,8 @@ class Classifier:
         """Softmax over the classes of images (n, height, width): (n, K).
 
         Raises:
-            UserError: If the network's output is not (B, K) finite numbers with K of at least 2.
+            UserError: If the network cannot take such images, or its output is not (B, K) finite
+                numbers with K of at least 2.
         """
         import torch
 
@@ -69,11 +66,20 @@ class Classifier:
                 chosen = images[start : start + self.tile]
                 batch = np.zeros((self.tile, 1, *images.shape[1:]), dtype=np.float32)
                 batch[: len(chosen), 0] = chosen
-                logits = _checked(self.network(torch.from_numpy(batch)), self.tile)
+                logits = _checked(self._called(torch.from_numpy(batch)), self.tile)
                 found.append(torch.softmax(logits.double(), dim=1).cpu().numpy()[: len(chosen)])
         if len({part.shape[1] for part in found}) > 1:
             raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
         return np.concatenate(found)
+
+    def _called(self, batch: Tensor) -> Any:
+        try:
+            return self.network(batch)
+        except (RuntimeError, TypeError, ValueError) as error:  # as torch refuses shapes and dtypes
+            raise UserError(
+                f"Expected a classifier that takes {tuple(batch.shape)} float32 on the CPU, got "
+                f"{type(error).__name__}: {error}. {_CONVENTION}"
+            ) from error
 
 
 def _default_tile(network: ClassifierLike) -> int:

@@ -180,6 +180,12 @@ def test_fingerprints():
 def test_a_detector_in_training_mode_is_refused():
     with pytest.raises(ValueError, match=r"in evaluation mode, got Constant.*model\.eval\(\)"):
         DetectionApplication("car", agent=Constant([], [], []).train(), labels={"car": 1})
+    partly = Constant([], [], [])
+    partly.head = torch.nn.Dropout()
+    with pytest.raises(
+        ValueError, match=r"got Constant with its part head \(Dropout\) in training"
+    ):
+        DetectionApplication("car", agent=partly, labels={"car": 1})
 
 
 @pytest.mark.parametrize(

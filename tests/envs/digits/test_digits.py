@@ -285,6 +285,32 @@ def test_a_classifier_that_cannot_be_attacked_is_refused():
         DigitsApplication(agent=Brightness(), images=grey(0.0, 1.0), labels=[0, 3])
 
 
+def test_a_classifier_with_a_part_in_training_mode_is_refused():
+    """Such as a head that replaced another after model.eval(): its dropout is at work."""
+    model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(20, 3)).eval()
+    model.append(torch.nn.Dropout())
+    with pytest.raises(ValueError, match=r"got Sequential with its part 2 \(Dropout\) in training"):
+        DigitsApplication(agent=model, **OWN)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (
+            torch.nn.Conv2d(3, 4, 3),
+            r"takes \(1, 1, 5, 4\) float32 on the CPU, got RuntimeError: Giv",
+        ),
+        (torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(20, 3)).double(), "same dtype"),
+        (lambda first, second: first, "got TypeError: .*'second'.* must take"),
+    ],
+)
+def test_a_classifier_that_cannot_take_the_images_is_refused(model, message):
+    if isinstance(model, torch.nn.Module):
+        model.eval()
+    with pytest.raises(ValueError, match=message):
+        DigitsApplication(agent=model, **OWN)
+
+
 class Growing(Brightness):
     """A classifier with another K in every call."""
 
