@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.errors import BudgetExhausted, UserError
+from sada_gym.errors import BudgetExhausted, UserError, refuse_number
 from sada_gym.parameters import proposal_spaces
 
 Observation = npt.NDArray[np.float32]
@@ -134,8 +134,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     }
 
     def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
-        if num_envs < 1:
-            raise UserError(f"Expected num_envs of at least 1, got {num_envs}.")
+        refuse_number("num_envs", num_envs, 1)
         self.num_envs = num_envs
         self._proposals = _Proposals(oracle, horizon, count=num_envs)
         self.single_action_space, self.single_observation_space = proposal_spaces(oracle.dimension)

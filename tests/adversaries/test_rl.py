@@ -72,13 +72,21 @@ class AnalyticScore:
 @pytest.mark.parametrize("budget", [23, 56, 100, 133])
 def test_the_whole_budget_is_spent_and_learnt_from(name, budget):
     """A rollout is never cut: what would not fill one is asked uniformly, first."""
-    size = 20
-    adversary, queries = trained(name, budget=budget, rollout=size, dissimilarity=0.5)
-    assert len(queries) == len(adversary.omega) == budget
-    uniform = budget - size * (int(0.9 * budget) // size)
-    expected = np.random.default_rng(0).uniform(-1.0, 1.0, (uniform, 2)).astype(np.float32)
-    assert_array_equal(queries[:uniform], expected)
-    assert not (queries[uniform:] == np.random.default_rng(0).uniform()).any()
+    oracle = FunctionOracle(AnalyticScore(2), budget)
+    options = {**QUICK[name], "rollout": 20, "dissimilarity": 0.5}
+    adversary = adversaries.make(name, 2, seed=0, **options)
+    learnt, learn = [], adversary._learn
+    adversary._learn = lambda proposals, rewards: (
+        learnt.append(proposals.mu) or learn(proposals, rewards)
+    )
+    adversary.train(oracle)
+    rollouts = int(0.9 * budget) // 20
+    uniform, *others = oracle.queries
+    assert [len(mu) for mu in oracle.queries] == [budget - 20 * rollouts, *[20] * rollouts]
+    expected = np.random.default_rng(0).uniform(-1.0, 1.0, (len(uniform), 2)).astype(np.float32)
+    assert_array_equal(uniform, expected)
+    assert_array_equal(others, learnt)
+    assert len(adversary.omega) == budget
 
 
 @pytest.mark.parametrize("name", NAMES)

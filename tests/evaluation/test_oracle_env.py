@@ -190,6 +190,8 @@ def test_bad_actions_and_counts_are_refused():
         env.step(np.full(2, 2.0))
     with pytest.raises(UserError, match="num_envs of at least 1"):
         OracleVectorEnv(oracle_of(3), 0)
+    with pytest.raises(UserError, match="Expected num_envs to be a whole number"):
+        OracleVectorEnv(oracle_of(3), 2.5)
     vector = OracleVectorEnv(oracle_of(3), 2)
     with pytest.raises(UserError, match=r"Expected actions of shape \(2, 2\)"):
         vector.step(np.zeros((3, 2)))

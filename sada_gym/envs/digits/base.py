@@ -89,8 +89,7 @@ class ClassifierApplication(Application):
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
 
     def _checked_image(self, image: Any) -> int:
-        whole = isinstance(image, int | np.integer) and not isinstance(image, bool)
-        if not whole or not 0 <= image < len(self.images):
+        if not _is_whole(image) or not 0 <= image < len(self.images):
             raise UserError(
                 f"Expected image to be an index from 0 to {len(self.images) - 1}, got {image!r}."
             )
@@ -98,7 +97,7 @@ class ClassifierApplication(Application):
 
     def _checked_digit(self, digit: Any) -> int:
         known = np.unique(self.images.labels).tolist()
-        if isinstance(digit, bool) or digit not in known:
+        if not _is_whole(digit) or digit not in known:
             raise UserError(
                 f"Expected digit to be a class among {', '.join(map(str, known))}, got {digit!r}."
             )
@@ -192,3 +191,7 @@ class ClassifierApplication(Application):
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """The changed image, which the classifier sees, enlarged."""
         return enlarged(self.attacked_image(mu, seed)[1])
+
+
+def _is_whole(given: Any) -> bool:
+    return isinstance(given, int | np.integer) and not isinstance(given, bool)

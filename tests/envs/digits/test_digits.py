@@ -357,6 +357,8 @@ def test_bad_images_are_refused(images, labels, message):
         ({"image": 1.0}, "from 0 to 444, got 1.0"),
         ({"digit": 10}, "Expected digit to be a class among 0, 1, .*, 9, got 10"),
         ({"digit": "3"}, "got '3'"),
+        ({"digit": 3.0}, "Expected digit to be a class among .*, got 3.0"),
+        ({"digit": np.array([3, 4])}, r"Expected digit to be .*, got array\(\[3, 4\]\)"),
         ({"digit": 5, "image": 0}, "Expected an image of digit 5, got image 0, whose label is 0"),
         ({"parameters": ["scale", "rotaton_deg"]}, "got 'rotaton_deg'. Did you mean rotation_deg"),
         ({"parameters": ["scale", "scale"]}, "Expected each parameter once, got scale, scale"),
