@@ -127,7 +127,8 @@ class AttackCallback(BaseCallback):
     Every `every` queries it writes, of the queries since the last time: `attack/score` (mean Q),
     `attack/fooling_rate`, `attack/budget_left` (queries), and for each parameter its mean
     `mu_mean/NAME`, standard deviation `mu_sd/NAME` and histogram `mu/NAME`. The step of an entry is
-    the number of queries spent. When the budget is spent the training ends by itself.
+    the number of queries spent. When the last query is spent the training ends by itself. Where a
+    step asks for more queries than are left, `BudgetExhausted` ends it, before the last entry.
 
     Args:
         oracle: What the training environment queries (`OracleEnv`, `OracleVectorEnv`).
@@ -160,7 +161,14 @@ class AttackCallback(BaseCallback):
     def _on_step(self) -> bool:
         if self._spent - self._written >= self.every:
             self._write()
-        return self.oracle.remaining > 0
+        return self.oracle.remaining > 0 or self._ends_by_itself
+
+    @property
+    def _ends_by_itself(self) -> bool:
+        """Whether `learn` ends after this step: stopping it would lose a full last rollout."""
+        state = self.locals
+        full = "n_rollout_steps" in state and state["n_steps"] + 1 == state["n_rollout_steps"]
+        return full and self.num_timesteps >= state["total_timesteps"]
 
     def _on_training_end(self) -> None:
         self._write()

@@ -71,6 +71,20 @@ def test_the_callback_logs_the_queries_and_ends_the_training(tmp_path):
             assert histograms[f"mu/{name}"][stop].num == stop - start
 
 
+def test_the_last_rollout_is_learnt_from_with_the_callback_too(tmp_path):
+    pytest.importorskip("tensorboard")
+    updates = []
+    for logged in (False, True):
+        oracle = Oracle(ANALYTIC, budget=80)
+        model = ppo(SB3VecEnv(OracleVectorEnv(oracle, 2)), tmp_path)
+        callback = AttackCallback(oracle) if logged else None
+        for _ in range(2):  # two rollouts; the second call counts on from the first
+            model.learn(40, callback=callback, reset_num_timesteps=False)
+        assert oracle.remaining == 0
+        updates.append(model._n_updates)
+    assert updates == [2, 2]
+
+
 def test_the_callback_names_a_functions_parameters_by_number_and_goes_on(tmp_path):
     pytest.importorskip("tensorboard")
     oracle = Oracle(lambda mu: mu[:, 0] ** 2, dimension=2, threshold=0.1, budget=60)
