@@ -27,14 +27,14 @@ ENVS = 64  # a step asks for so many worlds at once
 
 def train(horizon: int) -> tuple[PPO, Evaluations]:
     """Train with so many proposals an episode: the model, and all that it asked."""
-    heard: list[int] = [0]
+    known = [0]
     # the same seed asks for the same worlds, so a second run finds them in the store
     with Oracle(
         ENV_ID,
         budget=BUDGET,
         seed=0,
         store="sb3.sqlite",
-        progress=lambda done, total, known: heard.append(known),  # noqa: ARG005
+        progress=lambda done, total, from_store: known.append(from_store),  # noqa: ARG005
     ) as oracle:
         env = SB3VecEnv(OracleVectorEnv(oracle, ENVS, horizon=horizon))
         model = PPO(
@@ -51,7 +51,7 @@ def train(horizon: int) -> tuple[PPO, Evaluations]:
         with suppress(BudgetExhausted):  # a rollout that the budget cuts
             model.learn(oracle.remaining)
         record = oracle.record
-    print(f"horizon {horizon}: {len(record):,} queries, the store knew {heard[-1]:,} of them")
+    print(f"horizon {horizon}: {len(record):,} queries, the store knew {known[-1]:,} of them")
     return model, record
 
 

@@ -4,9 +4,9 @@
 
 The images are the first test images of each digit that the classifier gets right, two of each by
 default. FGSM and PGD know the classifier's gradient, Square and the adversaries its score alone;
-Square gets as many queries as an adversary. All attacks are judged by `SADA-Pixel-v0`: what they
-make is turned into mu and evaluated. What was done is kept in `--work`, and a second call goes on
-where the first was stopped.
+Square proposes as many images as an adversary asks queries. All attacks are judged by
+`SADA-Pixel-v0`: what they make is turned into mu and evaluated. What was done is kept in `--work`,
+and a second call goes on where the first was stopped.
 """
 
 from __future__ import annotations
