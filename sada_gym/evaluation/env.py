@@ -126,6 +126,9 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         oracle: What is queried. It is left open.
         num_envs: Number of environments, the queries of a step.
         horizon: Proposals in one episode.
+
+    Attributes:
+        autoreset_mode: That of `metadata`, once more: some clients look for it here.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -136,6 +139,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
         refuse_number("num_envs", num_envs, 1)
         self.num_envs = num_envs
+        self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self._proposals = _Proposals(oracle, horizon, count=num_envs)
         self.single_action_space, self.single_observation_space = proposal_spaces(oracle.dimension)
         self.action_space = batch_space(self.single_action_space, num_envs)

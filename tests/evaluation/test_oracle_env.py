@@ -170,6 +170,15 @@ def test_gymnasiums_wrappers_take_it():
     assert info["episode"]["r"] == pytest.approx(-info["score"])
 
 
+def test_gymnasiums_vector_wrappers_take_it():
+    env = gym.wrappers.vector.RecordEpisodeStatistics(OracleVectorEnv(oracle_of(8), 4))
+    assert env.unwrapped.autoreset_mode is env.metadata["autoreset_mode"]
+    env.reset()
+    _, reward, *_, infos = env.step(MU[:4])
+    np.testing.assert_allclose(infos["episode"]["r"], reward)
+    assert SB3VecEnv(env).num_envs == 4
+
+
 def test_a_step_before_the_reset_is_refused():
     with pytest.raises(ResetNeeded):
         OracleEnv(oracle_of(3)).step(MU[0])
