@@ -31,7 +31,8 @@ from sada_gym.registration import find_spec, make_application, tracks
 
 BLOCK = 500
 CHUNK = 112
-SOBOL_SEED = 0
+SOBOL_SEEDS = {"SADA-Digits": 2020}
+"""Other than 0: `bayesian` with the seed 0 begins its search at the same Sobol points."""
 SIZES = {"SADA-Detection": (20_000, 8), "SADA-Digits": (20_000, 8)}
 OTHER_SIZE = (4_000, 3)
 
@@ -74,7 +75,8 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
     applications = [application(track, name) for name in names]
     points, seeds = SIZES.get(applications[0].name, OTHER_SIZE)
     rows = range(block * BLOCK, min((block + 1) * BLOCK, points))
-    mu = reference_mu(len(applications[0].parameters), points, SOBOL_SEED)
+    sobol_seed = SOBOL_SEEDS.get(applications[0].name, 0)
+    mu = reference_mu(len(applications[0].parameters), points, sobol_seed)
     pairs = [(row, seed) for row in rows for seed in reference_seeds(row, seeds)]
     scores: list[list[np.ndarray]] = [[] for _ in names]
     for start in range(0, len(pairs), CHUNK):
@@ -118,7 +120,7 @@ def main() -> None:
                     track,
                     make_application(track, agent=agent),
                     of_agent,
-                    sobol_seed=SOBOL_SEED,
+                    sobol_seed=SOBOL_SEEDS.get(name, 0),
                 )
 
 
