@@ -119,6 +119,7 @@ def test_what_the_store_knew_is_shown_and_is_no_speed():
 
 def test_without_a_terminal_a_line_comes_every_while(monkeypatch):
     monkeypatch.setattr(progress, "LINE_EVERY_S", 0.05)
+    monkeypatch.setattr(progress, "will_compile", lambda: False)
     console = pipe()
     with AttackProgress(console) as bars:
         bars("train", 0, 1_234_567, 0)
