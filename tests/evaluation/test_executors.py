@@ -176,7 +176,7 @@ def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster):
     settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 10}
     with pytest.raises(WorkerError, match=r"lost its workers.*\(KilledWorker\).*resume the run"):
         scores(Deadly(), executor=cluster.executor, **settings)
-    client_of(cluster).wait_for_workers(2, timeout=30)
+    client_of(cluster).wait_for_workers(2, timeout=120)
 
 
 def test_a_broken_loky_ends_with_a_sentence():
