@@ -61,11 +61,11 @@ class Own(LevelSet):
 
     share = 0.25
 
-    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:  # noqa: ARG002
+    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         # the level of its samples, before coverage raises it
         volume = self.options.volume * p.mean()
         own = p >= min(0.5, float(np.quantile(p, 1.0 - volume)))
-        worth = p * (1.0 - p)
+        worth = super()._worth(surrogate, pool, p)
         mixed: Array = (1.0 - self.share) * worth / worth.sum() + self.share * own / own.sum()
         return mixed
 

@@ -118,7 +118,6 @@ def merge(
         ),
         key=lambda run: run_order(run, list(known)),
     )
-    names = [name for name in known if any(run.table == name for run in chosen)]
     if runs and not chosen:
         raise UserError(
             "Expected runs of these tables, tracks and adversaries, got none in common."
@@ -126,9 +125,13 @@ def merge(
     seeds: dict[tuple[str, str], set[int]] = {}
     for run in chosen:
         seeds.setdefault((run.track, run.agent), set()).add(run.seed)
+    filled = {run.table for run in chosen}
     return Results(
         format=FORMAT,
-        settings=BenchmarkSettings(tables=tuple(known[name] for name in names), packages=packages),
+        settings=BenchmarkSettings(
+            tables=tuple(table for name, table in known.items() if name in filled),
+            packages=packages,
+        ),
         targets=tuple(
             targets[place].model_copy(update={"seeds": tuple(sorted(own))})
             for place, own in seeds.items()
