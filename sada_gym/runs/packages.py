@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Iterable, Mapping
-from importlib.metadata import PackageNotFoundError, version
+from importlib import metadata
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+
+version = functools.cache(metadata.version)  # which parses a file each time
 
 _ORDER = (
     "python",
@@ -78,7 +81,7 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
     for name in names:
         try:
             found[name] = version(name)
-        except PackageNotFoundError:
+        except metadata.PackageNotFoundError:
             continue
     return in_order(found)
 
