@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection.agent.prior import photograph
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, generate
 from sada_gym.envs.detection.shapes.catalogue import find_shape
+from studies.training.detection.prior import photograph
 
 MU = np.random.default_rng(0).uniform(-1, 1, (8,)).astype(np.float32)
 

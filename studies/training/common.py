@@ -8,14 +8,11 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, is_dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import gymnasium as gym
-from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.policies import MultiInputActorCriticPolicy
-from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
@@ -66,7 +63,7 @@ class Reinforcement(Generic[CourseT]):
         epochs: Passes over a rollout.
         rate: Of learning at the beginning; it falls to nothing.
         discount: Of a reward one step later.
-        begins_as: The shipped agent whose weights it starts from; None: from scratch.
+        initial_agent: The shipped agent whose weights it starts from; None: from scratch.
         value_steps: Steps at first in which the value alone is learnt and the policy is kept: an
             imitator knows no values, and steps by wrong ones would spoil it.
     """
@@ -79,7 +76,7 @@ class Reinforcement(Generic[CourseT]):
     epochs: int
     rate: float
     discount: float
-    begins_as: str | None = None
+    initial_agent: str | None = None
     value_steps: int = 0
 
 
@@ -137,37 +134,6 @@ def parse_options(
     if steps is not None:
         recipe = replace(recipe, steps=steps)
     return Options(given.name, recipe, given.seed, given.out, steps is not None)
-
-
-class ShippedPolicy(MultiInputActorCriticPolicy):
-    """An SB3 policy that takes no settings, so that its weights say everything about what it does.
-
-    A subclass gives `settings` and, where the weights of shipped agents are of it, a
-    `fingerprint_name` of its own.
-
-    Args:
-        observation_space: The task's.
-        action_space: The task's.
-        lr_schedule: Of learning.
-        use_sde: As SB3 passes it; not used.
-    """
-
-    settings: ClassVar[Mapping[str, Any]]
-
-    def __init__(
-        self,
-        observation_space: spaces.Dict,
-        action_space: spaces.Space[Any],
-        lr_schedule: Schedule,
-        use_sde: bool = False,  # noqa: ARG002
-    ) -> None:
-        super().__init__(observation_space, action_space, lr_schedule, **self.settings)
-
-
-def new_ppo(policy: type[ShippedPolicy], env: GymEnv, seed: int, **options: Any) -> PPO:
-    """Make an untrained PPO; the seed fixes its weights, and no global generator is changed."""
-    with generators_kept():
-        return PPO(policy, env, seed=seed, device="cpu", **options)
 
 
 def new_learner(

@@ -8,10 +8,10 @@ from stable_baselines3 import PPO
 from torch import nn
 
 from sada_gym import agents
-from sada_gym.agents.training import Reinforcement, Report, learn, new_learner
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
+from studies.training.common import Reinforcement, Report, learn, new_learner
 
 
 class _ValueFirst(Report):
@@ -41,7 +41,7 @@ def reinforce(settings: Reinforcement[Course], *, seed: int) -> PPO:
         *policy.action_net.parameters(),
         policy.log_std,
     ]
-    if settings.begins_as is not None:
-        known = agents.load_driver(settings.begins_as).policy.state_dict()
+    if settings.initial_agent is not None:
+        known = agents.load_driver(settings.initial_agent).policy.state_dict()
         policy.load_state_dict(known | {"log_std": policy.log_std})
     return learn(model, settings, seed=seed, report=_ValueFirst(driver, settings.value_steps))

@@ -1,6 +1,6 @@
 """Measure a driver: arrivals as trained for, and how often uniform mu fools it.
 
-`python -m sada_gym.envs.driving.agent.evaluate cil` measures a shipped driver anew; one
+`python -m studies.training.driving.evaluate cil` measures a shipped driver anew; one
 of your own is named by its safetensors file.
 """
 

@@ -1,4 +1,4 @@
-"""Train a classifier: `python -m sada_gym.envs.digits.agent.train cnn --seed 0 --out DIR`.
+"""Train a classifier: `python -m studies.training.digits.train cnn --seed 0 --out DIR`.
 
 It learns from the training digits for a fixed number of epochs and keeps the last weights: nothing
 is chosen by a score. Two more are trained with the next seeds, to show by how much they differ. The
@@ -18,14 +18,14 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from sada_gym.agents.training import ModelCard
 from sada_gym.determinism import one_thread
-from sada_gym.envs.digits.agent.data import batches, training_images
-from sada_gym.envs.digits.agent.evaluate import SAMPLES, accuracy, measure, table
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
-from sada_gym.envs.digits.agent.recipe import RECIPES, Recipe
 from sada_gym.envs.digits.agent.weights import save
 from sada_gym.envs.digits.images import LabelledImages
+from studies.training.common import ModelCard
+from studies.training.digits.data import batches, training_images
+from studies.training.digits.evaluate import SAMPLES, accuracy, measure, table
+from studies.training.digits.recipe import RECIPES, Recipe
 
 TRAININGS = 3
 
@@ -80,11 +80,11 @@ digits, 8 x 8 pixels. The test images are the 4th, 8th, 12th ... of each digit i
 order; no training has seen them. The hyper-parameters were chosen on the 3rd, 7th, 11th ... of
 each digit, with trainings that had not seen these (`train --validation`); the shipped weights
 learnt from them, too.""",
-        command=f"python -m sada_gym.envs.digits.agent.train {name} --seed {seed} --out DIR",
+        command=f"python -m studies.training.digits.train {name} --seed {seed} --out DIR",
         training=f"{seconds:.0f} seconds of one core",
         recipe=recipe,
         measured=f"""Measured by
-`python -m sada_gym.envs.digits.agent.evaluate FILE --seed {seed + 1_000}`: the test images as they
+`python -m studies.training.digits.evaluate FILE --seed {seed + 1_000}`: the test images as they
 are, and {SAMPLES:,} uniform mu of `SADA-Digits-v0`, fooled where Q <= 0.1; for the shipped
 training, {SAMPLES:,} of each digit's id, too.""",
         figures=figures,

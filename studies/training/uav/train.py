@@ -1,4 +1,4 @@
-"""Train a pilot: `python -m sada_gym.envs.uav.agent.train waypoint-pid --seed 0 --out DIR`.
+"""Train a pilot: `python -m studies.training.uav.train waypoint-pid --seed 0 --out DIR`.
 
 The last weights are kept (nothing is chosen by a score), measured, and written with a model card to
 --out. The shipped pilots' names and SHA-256 stand in `sada_gym/agents/__init__.py`.
@@ -11,16 +11,16 @@ from pathlib import Path
 
 from stable_baselines3 import PPO
 
-from sada_gym.agents.training import Imitation, ModelCard, Recipe, Reinforcement, parse_options
 from sada_gym.determinism import one_thread
-from sada_gym.envs.uav.agent.evaluate import measure, table
-from sada_gym.envs.uav.agent.imitation import imitate
 from sada_gym.envs.uav.agent.network import WaypointNetwork
-from sada_gym.envs.uav.agent.recipe import MILD, RECIPES
-from sada_gym.envs.uav.agent.reinforcement import reinforce
 from sada_gym.envs.uav.agent.weights import save
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, parse_options
+from studies.training.uav.evaluate import measure, table
+from studies.training.uav.imitation import imitate
+from studies.training.uav.recipe import MILD, RECIPES
+from studies.training.uav.reinforcement import reinforce
 
 _DESCRIPTIONS = {
     Imitation: f"""A perception network (`sada_gym/envs/uav/agent/network.py`) that says from the
@@ -47,7 +47,7 @@ def write_card(
     """Write a model card: how the pilot was trained, its file's SHA-256, what it scores."""
     name = weights.stem
     trial = "" if recipe == RECIPES[name] else f" --steps {recipe.steps}"
-    script = f"python -m sada_gym.envs.uav.agent.train {name}"
+    script = f"python -m studies.training.uav.train {name}"
     ModelCard(
         name=name,
         description=_DESCRIPTIONS[type(recipe)],
@@ -55,7 +55,7 @@ def write_card(
         training=f"{minutes:.1f} minutes of one core, flights included",
         recipe=recipe,
         measured=f"""Measured by
-`python -m sada_gym.envs.uav.agent.evaluate FILE --seed {seed + 1_000}`:
+`python -m studies.training.uav.evaluate FILE --seed {seed + 1_000}`:
 the undisturbed template with 32 seeds; 100 mild tracks that the training did not see; and 400
 uniform mu, fooled where Q <= 0.7, beside the privileged pilot on the same tracks.""",
         figures=figures,

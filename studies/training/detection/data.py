@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.detection.agent.prior import photograph, survey
 from sada_gym.envs.detection.renderers import Renderer, default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes.catalogue import CLASSES, TRAINING_SEED, generate
 from sada_gym.envs.detection.shapes.model import Shape
+from studies.training.detection.prior import photograph, survey
 
 TRAINING_SHAPES = range(TRAINING_SEED, TRAINING_SEED + 120)
 """Shape seeds, of each class, to train on."""

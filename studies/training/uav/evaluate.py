@@ -1,6 +1,6 @@
 """Measure a pilot: gates passed on tracks as trained for, and how often uniform mu fools it.
 
-`python -m sada_gym.envs.uav.agent.evaluate waypoint-pid` measures a shipped pilot anew, a path to a
+`python -m studies.training.uav.evaluate waypoint-pid` measures a shipped pilot anew, a path to a
 file of weights any other.
 """
 
@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym import agents
-from sada_gym.envs.uav.agent.recipe import MILD
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
 from sada_gym.measures.rates import wilson_interval
+from studies.training.uav.recipe import MILD
 
 if TYPE_CHECKING:
     from sada_gym.envs.uav.agent.pilot import PilotLike

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.agents.training import Imitation, Recipe, Reinforcement
 from sada_gym.envs.driving.course import Course
+from studies.training.common import Imitation, Recipe, Reinforcement
 
 NEAR_THE_LANE = Course(lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
 """Default camera, the four training weathers; cars start from anywhere near a lane's middle."""
@@ -37,7 +37,7 @@ RECIPES: dict[str, Recipe[Course]] = {
         epochs=4,
         rate=1e-4,
         discount=0.97,
-        begins_as="cil",
+        initial_agent="cil",
         value_steps=40_000,
     ),
 }

@@ -7,16 +7,17 @@ import pytest
 import torch
 
 from sada_gym import agents
-from sada_gym.agents.training import Reinforcement
-from sada_gym.envs.driving.agent import evaluate, train, weights
+from sada_gym.envs.driving.agent import weights
 from sada_gym.envs.driving.agent.driver import Driver
-from sada_gym.envs.driving.agent.evaluate import TaskFigures, measure, table
-from sada_gym.envs.driving.agent.recipe import RECIPES
+from studies.training.common import Reinforcement
+from studies.training.driving import evaluate, train
+from studies.training.driving.evaluate import TaskFigures, measure, table
+from studies.training.driving.recipe import RECIPES
 
 SHORT = replace(RECIPES["cil"], lockstep=4, rounds=2, steps=16, epochs=1, last_epochs=1, batch=8)
 SHORTER = replace(
     RECIPES["ppo"],
-    begins_as=None,
+    initial_agent=None,
     lockstep=2,
     steps=32,
     value_steps=0,
@@ -43,7 +44,7 @@ def test_a_training_moves_the_weights_that_it_is_to_move(recipe):
 
 def test_a_warm_start_keeps_the_driver_until_values_are_known():
     shipped = agents.load_driver("cil").policy.state_dict()
-    warm = replace(SHORTER, begins_as="cil", value_steps=100)
+    warm = replace(SHORTER, initial_agent="cil", value_steps=100)
     kept = train.train(warm, seed=0).policy.state_dict()
     changed = train.train(replace(warm, value_steps=16, steps=64), seed=0).policy.state_dict()
     name = "features_extractor.convolutions.0.weight"

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.digits.agent.recipe import Recipe
 from sada_gym.envs.digits.images import TEST_EVERY, LabelledImages, all_digits, turns
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
+from studies.training.digits.recipe import Recipe
 
 
 def training_images(*, validation: bool = False) -> tuple[LabelledImages, LabelledImages]:

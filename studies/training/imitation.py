@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
-from sada_gym.agents.training import Imitation
+from studies.training.common import Imitation
 
 
 class Examples:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from stable_baselines3 import PPO
 
-from sada_gym.agents.training import Reinforcement, Report, learn, new_learner
 from sada_gym.envs.uav.agent.network import new_model
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
+from studies.training.common import Reinforcement, Report, learn, new_learner
 
 
 def reinforce(settings: Reinforcement[Course], *, seed: int) -> PPO:

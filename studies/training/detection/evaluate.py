@@ -1,6 +1,6 @@
 """Measure a detector: AP50 and calibration on the prior, fooling rate over uniform mu.
 
-`python -m sada_gym.envs.detection.agent.evaluate photographer` measures a shipped detector anew.
+`python -m studies.training.detection.evaluate photographer` measures a shipped detector anew.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy.typing as npt
 import torch
 
 from sada_gym.agents import load_detector
-from sada_gym.envs.detection.agent.data import LabelledFrames, validation_frames
 from sada_gym.envs.detection.agent.network import Detector, iou
-from sada_gym.envs.detection.agent.prior import photograph
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
+from studies.training.detection.data import LabelledFrames, validation_frames
+from studies.training.detection.prior import photograph
 
 BINS = 10
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sada_gym.agents.training import Imitation, Recipe, Reinforcement
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from studies.training.common import Imitation, Recipe, Reinforcement
 
 MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
 """Tracks of all numbers of anchors, little displaced; races begin between any two gates."""

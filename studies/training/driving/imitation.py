@@ -14,13 +14,13 @@ import torch
 from stable_baselines3 import PPO
 from torch import Tensor
 
-from sada_gym.agents.imitation import Examples, dagger, relight
-from sada_gym.agents.imitation import fit as fit_parameters
-from sada_gym.agents.training import Imitation
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import Drives, Ending
+from studies.training.common import Imitation
+from studies.training.imitation import Examples, dagger, relight
+from studies.training.imitation import fit as fit_parameters
 
 _PUSHES, _PUSH, _FADE = 0.08, 0.25, 0.75
 """How often the expert's wheel is pushed, how hard (1: full lock), what is left a step later."""

@@ -1,6 +1,6 @@
 """Measure a classifier: accuracy on the test images, and how often uniform mu fools it.
 
-`python -m sada_gym.envs.digits.agent.evaluate cnn` measures the shipped classifier anew, a path to
+`python -m studies.training.digits.evaluate cnn` measures the shipped classifier anew, a path to
 a file of weights any other.
 """
 

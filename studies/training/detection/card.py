@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sada_gym.agents.training import ModelCard
-from sada_gym.envs.detection.agent.evaluate import Figures, table
 from sada_gym.envs.detection.agent.network import Detector
-from sada_gym.envs.detection.agent.recipe import Recipe
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
+from studies.training.common import ModelCard
+from studies.training.detection.evaluate import Figures, table
+from studies.training.detection.recipe import Recipe
 
 
 def write_card(
@@ -28,11 +28,11 @@ def write_card(
         description=f"""A single-stage detector of 12 classes ({parameters:,}
 parameters, `sada_gym/envs/detection/agent/network.py`), trained from our own renders of
 procedural shapes that are not the benchmark's. It has never seen a photograph.""",
-        command=f"python -m sada_gym.envs.detection.agent.train {name} --seed {seed}",
+        command=f"python -m studies.training.detection.train {name} --seed {seed} --out DIR",
         training=f"{minutes:.0f} minutes in one thread, rendering included",
         recipe=recipe,
         measured=f"""Measured by
-`python -m sada_gym.envs.detection.agent.evaluate {name} --seed {seed + 1_000}`:
+`python -m studies.training.detection.evaluate {name} --seed {seed + 1_000}`:
 {figures.frames} views of the prior a class on shapes that training never saw;
 {figures.samples:,} uniform mu a class on the benchmark's shapes, fooled where Q <= 0.3.
 Expected calibration error on the prior: {figures.calibration_error:.3f}. No confidence was

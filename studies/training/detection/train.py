@@ -1,7 +1,7 @@
-"""Train a detector: `python -m sada_gym.envs.detection.agent.train photographer`.
+"""Train a detector: `python -m studies.training.detection.train photographer --out DIR`.
 
-Renders the training set, trains for a fixed number of epochs, keeps the last weights (nothing is
-chosen by a score), measures them and writes weights and model card beside this file, or to --out.
+The script renders the training set, trains for a fixed number of epochs and keeps the last weights:
+nothing is chosen by a score. It measures them, and writes weights and model card to --out.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from sada_gym.envs.detection.agent.card import write_card
-from sada_gym.envs.detection.agent.data import LabelledFrames, batches, training_frames
-from sada_gym.envs.detection.agent.evaluate import measure
 from sada_gym.envs.detection.agent.network import STRIDE, Detector, boxes_at
-from sada_gym.envs.detection.agent.recipe import RECIPES, Recipe
 from sada_gym.envs.detection.agent.weights import save
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
+from studies.training.detection.card import write_card
+from studies.training.detection.data import LabelledFrames, batches, training_frames
+from studies.training.detection.evaluate import measure
+from studies.training.detection.recipe import RECIPES, Recipe
 
 
 def train(recipe: Recipe, seed: int, *, checkpoint: Path | None = None) -> Detector:
@@ -119,7 +119,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", choices=sorted(RECIPES))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)

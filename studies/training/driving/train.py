@@ -1,4 +1,4 @@
-"""Train a driver: `python -m sada_gym.envs.driving.agent.train cil --seed 0 --out DIR`.
+"""Train a driver: `python -m studies.training.driving.train cil --seed 0 --out DIR`.
 
 The last weights are kept (nothing is chosen by a score), measured on the benchmark's tasks, and
 written with a model card to --out. With --steps it is a trial: nothing is measured, and no card is
@@ -12,14 +12,14 @@ from pathlib import Path
 
 from stable_baselines3 import PPO
 
-from sada_gym.agents.training import Imitation, ModelCard, Recipe, Reinforcement, parse_options
 from sada_gym.determinism import one_thread
-from sada_gym.envs.driving.agent.evaluate import measure, table
-from sada_gym.envs.driving.agent.imitation import imitate
-from sada_gym.envs.driving.agent.recipe import RECIPES
-from sada_gym.envs.driving.agent.reinforcement import reinforce
 from sada_gym.envs.driving.agent.weights import save
 from sada_gym.envs.driving.course import Course
+from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, parse_options
+from studies.training.driving.evaluate import measure, table
+from studies.training.driving.imitation import imitate
+from studies.training.driving.recipe import RECIPES
+from studies.training.driving.reinforcement import reinforce
 
 
 def train(recipe: Recipe[Course], *, seed: int) -> PPO:
@@ -37,7 +37,7 @@ def write_card(
     name = weights.stem
     how = "imitation of a privileged expert (DAgger)"
     if isinstance(recipe, Reinforcement):
-        how = f"PPO on the driving task, from the weights of {recipe.begins_as or 'nothing'}"
+        how = f"PPO on the driving task, from the weights of {recipe.initial_agent or 'nothing'}"
     ModelCard(
         name=name,
         description=f"""A driver that steers by camera, speed and command
@@ -45,11 +45,11 @@ def write_card(
 by {how},
 in the training town; the benchmark's routes lie in another. It has never seen a photograph, and it
 is not CARLA's.""",
-        command=f"python -m sada_gym.envs.driving.agent.train {name} --seed {seed} --out DIR",
+        command=f"python -m studies.training.driving.train {name} --seed {seed} --out DIR",
         training=f"{minutes:.0f} minutes of one core, driving included",
         recipe=recipe,
         measured=f"""Measured by
-`python -m sada_gym.envs.driving.agent.evaluate {name} --seed {seed + 1_000}`:
+`python -m studies.training.driving.evaluate {name} --seed {seed + 1_000}`:
 the five routes at the default camera in each weather from ten starts, the task's own and nine up to
 0.3 m and 3° beside it; and uniform mu, fooled where Q <= 0.6.""",
         figures=figures,
