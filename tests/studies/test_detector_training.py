@@ -7,7 +7,8 @@ import torch
 from sada_gym import agents
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.renderers import Renderer, Rendering
-from sada_gym.envs.detection.shapes import CLASSES, TRAINING_SEED, benchmark_shapes
+from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
+from studies.shapes.catalogue import TRAINING_SEED
 from studies.training.detection.data import (
     TRAINING_SHAPES,
     VALIDATION_SHAPES,

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from sada_gym.envs.detection.renderers import Renderer, default_renderer
 from sada_gym.envs.detection.scene import Scene
-from sada_gym.envs.detection.shapes.catalogue import CLASSES, TRAINING_SEED, generate
+from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from sada_gym.envs.detection.shapes.model import Shape
+from studies.shapes.catalogue import TRAINING_SEED, generate
 from studies.training.detection.prior import photograph, survey
 
 TRAINING_SHAPES = range(TRAINING_SEED, TRAINING_SEED + 120)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import Part, cylinder, extrude, lathe, scaled, tube
 from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import Part, cylinder, extrude, lathe, scaled, tube
 
 STYLES = ("wine", "beer", "water", "soda", "jug", "spray")
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Part,
     both_sides,
     box,
@@ -15,8 +16,7 @@ from sada_gym.envs.detection.shapes.kit import (
     loft,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.rolling_stock import (
+from studies.shapes.rolling_stock import (
     RAIL,
     bogie,
     buffers,
@@ -24,7 +24,7 @@ from sada_gym.envs.detection.shapes.rolling_stock import (
     track,
     wheelset,
 )
-from sada_gym.envs.detection.shapes.wheels import Cabin, around, panes, spread, wall
+from studies.shapes.wheels import Cabin, around, panes, spread, wall
 
 
 def steam(rng: np.random.Generator) -> list[Part]:

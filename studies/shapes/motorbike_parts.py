@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Part,
     both_sides,
     box,
@@ -17,8 +18,7 @@ from sada_gym.envs.detection.shapes.kit import (
     slab,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.wheels import Outline, around, mudguard, spoked_wheel
+from studies.shapes.wheels import Outline, around, mudguard, spoked_wheel
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.airframe import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.airframe import (
     fin,
     floats,
     fuselage,
@@ -15,8 +16,7 @@ from sada_gym.envs.detection.shapes.airframe import (
     twin,
     wings,
 )
-from sada_gym.envs.detection.shapes.kit import Part, both_sides, box, cylinder, ellipsoid, torus
-from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import Part, both_sides, box, cylinder, ellipsoid, torus
 
 STYLES = ("airliner", "fighter", "glider", "highwing", "biplane", "bizjet")
 

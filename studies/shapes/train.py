@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import Part, both_sides, box
-from sada_gym.envs.detection.shapes.locomotives import diesel, shunter, steam
 from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.rolling_stock import (
+from studies.shapes.kit import Part, both_sides, box
+from studies.shapes.locomotives import diesel, shunter, steam
+from studies.shapes.rolling_stock import (
     bogie,
     buffers,
     canopy,
@@ -18,7 +18,7 @@ from sada_gym.envs.detection.shapes.rolling_stock import (
     shell,
     track,
 )
-from sada_gym.envs.detection.shapes.wheels import around, panes, spread, wall
+from studies.shapes.wheels import around, panes, spread, wall
 
 STYLES = ("steam", "electric", "highspeed", "railcar", "diesel", "tram", "shunter")
 

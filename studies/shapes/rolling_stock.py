@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Array,
     Part,
     both_sides,
@@ -17,7 +18,6 @@ from sada_gym.envs.detection.shapes.kit import (
     loft,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
 
 RAIL = 0.42
 """Height of the rails' top above the ground, in metres."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Part,
     both_sides,
     box,
@@ -16,8 +17,7 @@ from sada_gym.envs.detection.shapes.kit import (
     ring,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.motorbike_parts import (
+from studies.shapes.motorbike_parts import (
     Chassis,
     engine,
     exhaust,
@@ -35,7 +35,7 @@ from sada_gym.envs.detection.shapes.motorbike_parts import (
     wheels,
     windscreen,
 )
-from sada_gym.envs.detection.shapes.wheels import Outline, around, mudguard
+from studies.shapes.wheels import Outline, around, mudguard
 
 STYLES = ("naked", "sport", "cruiser", "scooter", "enduro", "tourer")
 

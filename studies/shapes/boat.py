@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Part,
     Point,
     both_sides,
@@ -16,7 +17,6 @@ from sada_gym.envs.detection.shapes.kit import (
     loft,
     slab,
 )
-from sada_gym.envs.detection.shapes.model import Material
 
 STYLES = ("sailing", "speedboat", "rowing", "trawler", "ferry", "cruiser")
 

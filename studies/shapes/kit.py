@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from sada_gym.envs.detection.shapes.assembly import Part
 from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.polygon import offset_inwards, triangulate
+from studies.shapes.polygon import offset_inwards, triangulate
 
 __all__ = [
     "Array",
@@ -47,19 +47,6 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _CUT_AXES = np.repeat(~np.eye(3, dtype=bool)[None], 8, axis=0)
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A mesh of one material.
-
-    Attributes:
-        mesh: Closed; vertices (v, 3) in metres, faces (f, 3) counter-clockwise seen from outside.
-        material: What all its faces are made of.
-    """
-
-    mesh: trimesh.Trimesh
-    material: Material = Material.PAINT
 
 
 def box(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import Part, box, cylinder, extrude, tube
 from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import Part, box, cylinder, extrude, tube
 
 STYLES = ("park", "backless", "iron", "concrete", "pew", "garden")
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Part,
     both_sides,
     box,
@@ -14,7 +15,6 @@ from sada_gym.envs.detection.shapes.kit import (
     tube,
     turned,
 )
-from sada_gym.envs.detection.shapes.model import Material
 
 STYLES = ("dining", "office", "armchair", "bar", "folding", "windsor")
 

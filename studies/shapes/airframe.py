@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Array,
     Part,
     Point,
@@ -16,7 +17,6 @@ from sada_gym.envs.detection.shapes.kit import (
     ring,
     torus,
 )
-from sada_gym.envs.detection.shapes.model import Material
 
 
 def fuselage(*stations: tuple[float, float, float, float], exponent: float = 2.0) -> Part:

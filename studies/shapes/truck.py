@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import Part, both_sides, box, cylinder, extrude
 from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.truck_loads import (
+from studies.shapes.kit import Part, both_sides, box, cylinder, extrude
+from studies.shapes.truck_loads import (
     FRAME,
     Truck,
     box_load,
@@ -17,7 +17,7 @@ from sada_gym.envs.detection.shapes.truck_loads import (
     tipper_load,
     trailer_load,
 )
-from sada_gym.envs.detection.shapes.wheels import Cabin, around, axle, panes
+from studies.shapes.wheels import Cabin, around, axle, panes
 
 STYLES = ("box", "flatbed", "tipper", "tanker", "semi", "fire", "mixer", "hauler")
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Array,
     Part,
     both_sides,
@@ -18,8 +19,7 @@ from sada_gym.envs.detection.shapes.kit import (
     ring,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.wheels import around, panes, spread, wall
+from studies.shapes.wheels import around, panes, spread, wall
 
 FRAME = 0.95
 """Height of the ladder frame's upper edge, in metres."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Array,
     Part,
     both_sides,
@@ -17,8 +18,7 @@ from sada_gym.envs.detection.shapes.kit import (
     ring,
     tube,
 )
-from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.wheels import around, mudguard, spoked_wheel
+from studies.shapes.wheels import around, mudguard, spoked_wheel
 
 STYLES = ("city", "racing", "mountain", "cruiser", "cargo", "tandem", "bmx", "folding")
 

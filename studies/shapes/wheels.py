@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import (
+from sada_gym.envs.detection.shapes.model import Material
+from studies.shapes.kit import (
     Array,
     Part,
     Point,
@@ -19,7 +20,6 @@ from sada_gym.envs.detection.shapes.kit import (
     slab,
     torus,
 )
-from sada_gym.envs.detection.shapes.model import Material
 
 Outline = list[tuple[float, float]]
 """Points of a side profile, x and z in metres."""

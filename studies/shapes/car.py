@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.kit import Part, both_sides, box, cylinder, slab, torus
 from sada_gym.envs.detection.shapes.model import Material
-from sada_gym.envs.detection.shapes.wheels import (
+from studies.shapes.kit import Part, both_sides, box, cylinder, slab, torus
+from studies.shapes.wheels import (
     Cabin,
     around,
     axle,
