@@ -106,7 +106,9 @@ class LevelSet(Learner):
         return omega
 
     def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
-        return Surrogate(omega, self.threshold, rng, self.options.models, ranks=self.ranks)
+        return Surrogate(
+            omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
+        )
 
     def _chosen(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
