@@ -43,6 +43,7 @@ class BBGAN(Learner):
     """
 
     name: ClassVar[str] = "bbgan"
+    packages = ("torch",)
     uniform_queries: ClassVar[bool] = True
     options_class = BBGANOptions
     presets: ClassVar[Mapping[str, BBGANOptions]] = {

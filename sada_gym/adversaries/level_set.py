@@ -82,6 +82,7 @@ class LevelSet(Learner):
     """
 
     name: ClassVar[str] = "level-set"
+    packages = ("scikit-learn",)
     ranks: ClassVar[bool] = True
     options_class = LevelSetOptions
     options: LevelSetOptions

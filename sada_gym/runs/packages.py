@@ -39,27 +39,6 @@ _OF_APPLICATION: Mapping[str, tuple[str, ...]] = {
     "SADA-Digits": ("scikit-learn", "torch"),
     "SADA-Pixel": ("scikit-learn", "torch"),
 }
-_OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
-    "ideal": (),
-    "random": (),
-    "archive": (),
-    "gp": (),
-    "gaussian": ("scikit-learn",),
-    "gmm10": ("scikit-learn",),
-    "gmm50": ("scikit-learn",),
-    "svm": ("scikit-learn",),
-    "bayesian": ("scikit-learn",),
-    "bbgan": ("torch",),
-    "bbgan-boost": ("torch",),
-    "cross-entropy": ("scikit-learn",),
-    "smc": ("scikit-learn",),
-    "cma-mae": ("scikit-learn", "torch", "numba", "ribs"),
-    "reinforce": ("scikit-learn", "torch"),
-    **dict.fromkeys(("ppo", "sac", "td3"), ("scikit-learn", "torch", "stable-baselines3")),
-    "sada": ("scikit-learn",),
-    "trees": ("scikit-learn",),
-    "level-set": ("scikit-learn",),
-}
 
 
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
@@ -75,7 +54,7 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
     names = {
         *_EVERY_RUN,
         *_declared(application, application.name, _OF_APPLICATION),
-        *_declared(adversary, adversary.name, _OF_ADVERSARY),
+        *_of_adversary(adversary),
     }
     found = {"python": platform.python_version()}
     for name in names:
@@ -93,10 +72,25 @@ def in_order(found: Mapping[str, str]) -> dict[str, str]:
     return {name: found[name] for name in (*known, *others)}
 
 
+def _of_adversary(adversary: type[Adversary]) -> tuple[str, ...]:
+    """Give what an adversary's class or one of its bases declares.
+
+    A class of a user's own may need more than the class of ours that it derives from, so it does
+    not inherit our declaration.
+    """
+    bases = (base for base in adversary.__mro__ if "packages" in vars(base))
+    declared = next(bases, None)
+    if declared is None or _is_ours(declared) != _is_ours(adversary):
+        return _ORDER[1:]
+    return tuple(adversary.packages)
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "sada_gym"
+
+
 def _declared(owner: Any, name: str, table: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     declared: tuple[str, ...] | None = getattr(owner, "packages", None)
     if declared is not None:
         return tuple(declared)
-    module = (owner if isinstance(owner, type) else type(owner)).__module__
-    ours = module.partition(".")[0] == "sada_gym"
-    return table[name] if ours and name in table else _ORDER[1:]
+    return table[name] if _is_ours(type(owner)) and name in table else _ORDER[1:]
