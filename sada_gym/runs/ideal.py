@@ -33,6 +33,8 @@ class Ideal(Adversary):
         fooling_set: (m, d), m >= 1; not the points that coverage is measured by.
     """
 
+    packages = ()
+
     name: ClassVar[str] = IDEAL
 
     def __init__(self, dimension: int, *, seed: int | None = None, fooling_set: Mu) -> None:
