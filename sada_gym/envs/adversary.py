@@ -13,15 +13,11 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
-from sada_gym.envs.checks import (
-    check_reset_options,
-    checked_render_mode,
-    checked_seed,
-    warn_without_render_mode,
-)
+from sada_gym.arrays import shaped
+from sada_gym.envs.checks import checked_render_mode, warn_without_render_mode
 from sada_gym.envs.vector import SeededVectorEnv
-from sada_gym.errors import UserError
-from sada_gym.parameters import proposal_spaces
+from sada_gym.parameters import checked_horizon, proposal_spaces
+from sada_gym.resets import check_reset_options, checked_seed
 
 Observation = npt.NDArray[np.float32]
 
@@ -82,7 +78,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, application: Application, *, horizon: int = 1, render_mode: str | None = None
     ) -> None:
         self.application = application
-        self.horizon = _checked_horizon(horizon)
+        self.horizon = checked_horizon(horizon)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.action_space, self.observation_space = proposal_spaces(len(application.parameters))
         self._episodes = _Episodes(application, horizon, count=1)
@@ -107,10 +103,8 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, action: npt.NDArray[Any]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Evaluate one mu of shape (d,)."""
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        (info,) = self._episodes.step([action], [self.np_random]).infos
+        mu = shaped(action, self.action_space.shape, "an action")
+        (info,) = self._episodes.step(mu[None], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
 
@@ -160,7 +154,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     ) -> None:
         self.application = application  # first: older Gymnasiums close what was refused
         super().__init__(num_envs=num_envs, render_mode=render_mode)
-        self.horizon = _checked_horizon(horizon)
+        self.horizon = checked_horizon(horizon)
         self.single_action_space, self.single_observation_space = proposal_spaces(
             len(application.parameters)
         )
@@ -195,10 +189,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         dict[str, Any],
     ]:
         """Evaluate a batch of mu, (num_envs, d), and begin anew where an episode is over."""
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        outcomes = self._episodes.step(actions, self._generators)
+        mu = shaped(actions, self.action_space.shape, "actions")
+        outcomes = self._episodes.step(mu, self._generators)
         terminated = self._episodes.over
         infos: dict[str, Any] = {}
         for i, info in enumerate(outcomes.infos):
@@ -297,9 +289,3 @@ def _folded(seed: int | None) -> int | None:
 
 def _draw_seed(generator: np.random.Generator) -> int:
     return int(generator.integers(SEED_BOUND))
-
-
-def _checked_horizon(horizon: int) -> int:
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-        raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
-    return horizon

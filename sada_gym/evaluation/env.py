@@ -12,8 +12,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.errors import BudgetExhausted, UserError, refuse_number
-from sada_gym.parameters import proposal_spaces
+from sada_gym.arrays import shaped
+from sada_gym.errors import BudgetExhausted, refuse_number
+from sada_gym.parameters import MAX_ENVS, checked_horizon, proposal_spaces
+from sada_gym.resets import check_reset_options, checked_seed, reset_mask
 
 Observation = npt.NDArray[np.float32]
 
@@ -92,7 +94,8 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; it costs no query."""
-        super().reset(seed=seed, options=options)
+        check_reset_options(options)
+        super().reset(seed=checked_seed(seed))
         self._proposals.start(0)
         return self._proposals.observation[0].copy(), {}
 
@@ -104,10 +107,8 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
         Raises:
             BudgetExhausted: If no query is left.
         """
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        score = float(self._proposals.step(np.asarray(action)[None])[0])
+        mu = shaped(action, self.action_space.shape, "an action")
+        score = float(self._proposals.step(mu[None])[0])
         terminated = bool(self._proposals.over[0])
         truncated = not terminated and self.oracle.remaining == 0
         info = {"score": score}
@@ -137,7 +138,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     }
 
     def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
-        refuse_number("num_envs", num_envs, 1)
+        refuse_number("num_envs", num_envs, 1, MAX_ENVS)
         self.num_envs = num_envs
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self._proposals = _Proposals(oracle, horizon, count=num_envs)
@@ -157,9 +158,8 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
-        for i in np.flatnonzero(mask):
-            self._proposals.start(int(i))
+        for i in reset_mask(options, self.num_envs):
+            self._proposals.start(i)
         return self._proposals.observation.copy(), {}
 
     def step(
@@ -176,10 +176,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         Raises:
             BudgetExhausted: If fewer queries were left; these are spent then.
         """
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        scores = self._proposals.step(actions)
+        scores = self._proposals.step(shaped(actions, self.action_space.shape, "actions"))
         terminated = self._proposals.over
         truncated = ~terminated & (self.oracle.remaining == 0)
         infos: dict[str, Any] = {}
@@ -201,11 +198,9 @@ class _Proposals:
     """
 
     def __init__(self, oracle: Queried, horizon: int, count: int) -> None:
-        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-            raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
         self.oracle = oracle
         self.observation = np.zeros((count, oracle.dimension + 2), dtype=np.float32)
-        self._horizon = horizon
+        self._horizon = checked_horizon(horizon)
         self._steps_left = np.zeros(count, dtype=np.int64)
 
     @property
@@ -220,11 +215,10 @@ class _Proposals:
         self.observation[index] = 0.0
         self.observation[index, -1] = 1.0
 
-    def step(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Query mu (n, d)."""
+    def step(self, batch: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Query a batch of mu, (n, d)."""
         if self.over.any():
             raise ResetNeeded("Expected reset() before step(): no episode has a step left.")
-        batch = np.asarray(mu)
         left = self.oracle.remaining
         if left < len(batch):
             if left:
