@@ -86,6 +86,10 @@ class Adversary(ABC):
         self.rng = np.random.default_rng(seed)
         self.flags: list[str] = []
 
+    def extra_queries(self, queries: int) -> int:  # noqa: ARG002 - subclasses use it
+        """Say how many queries the paper adds to a budget of `queries`, as it does for boosting."""
+        return 0
+
     @abstractmethod
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution."""

@@ -46,6 +46,10 @@ class BoostedBBGAN(BBGAN):
     }
     options: BoostOptions
 
+    def extra_queries(self, queries: int) -> int:
+        """Count the samples of all stages, which the paper adds to its uniform points."""
+        return self.options.stages * round(queries * self.options.share)
+
     def _train(self, oracle: Query) -> Omega:
         """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
