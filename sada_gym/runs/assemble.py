@@ -15,7 +15,7 @@ from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.store import Context
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
-from sada_gym.registration import find_spec, make_application
+from sada_gym.registration import ids_of, make_application
 from sada_gym.runs.ideal import IDEAL, Ideal
 from sada_gym.runs.packages import packages
 from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
@@ -186,7 +186,7 @@ def find_target(
     for entry in read_index(FOLDER).references:
         if (entry.agent, entry.version, entry.fingerprint) != made_of:
             continue
-        fixed = find_spec(entry.track).kwargs
+        fixed = ids_of(application.name).get(entry.track, {})
         if any(application.settings.get(key) != value for key, value in fixed.items()):
             continue
         # making an application takes half a second, and is only needed where settings may differ
