@@ -22,7 +22,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 import sada_gym
 from sada_gym.application import Application, Outcomes
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.driving import task as driving_task
+from sada_gym.envs.driving import episodes as driving
 from sada_gym.registration import TABLE, find_spec, register_environments
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
@@ -117,7 +117,7 @@ def one_step_is_slow(env_id: str) -> bool:
 class Swerving:
     """A driver that leaves the lane at once, where the driver is not what counts."""
 
-    observation_space, action_space = driving_task.OBSERVATION_SPACE, driving_task.ACTION_SPACE
+    observation_space, action_space = driving.OBSERVATION_SPACE, driving.ACTION_SPACE
 
     def predict(self, observation: dict[str, np.ndarray], *, deterministic: bool) -> Any:
         return np.tile(np.float32([1.0, 1.0]), (len(observation["speed"]), 1)), None

@@ -9,10 +9,12 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.application import Frame
+from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Rollout, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Start
 from sada_gym.envs.uav.world.drone import headings
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.world.track import line
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _BAR = 26
@@ -34,47 +36,47 @@ _AHEAD: Colour = (107, 114, 128)
 Array = npt.NDArray[np.float64]
 
 
-def summary(rollout: Rollout) -> Frame:
+def summary(rollout: Rollout[Start]) -> Frame:
     """The camera's picture where the first gate is missed (or half-way), beside the track."""
     step, moment = summary_moment(rollout)
-    passed = int((rollout.endings[-1] == Ending.PASSED).sum())
-    pair = _pair(rollout, step, rollout.endings[-1], flown_ways(rollout, len(rollout.states)))
+    passed = int((rollout["endings"][-1] == Ending.PASSED).sum())
+    pair = _pair(rollout, step, rollout["endings"][-1], flown_ways(rollout, len(rollout["states"])))
     text = (
-        f"{rollout.name}: {passed} of {len(rollout.start.gates)} gates passed in "
-        f"{rollout.times_s[-1]:.1f} s   {moment}"
+        f"{_track(rollout)}: {passed} of {len(rollout.start.gates)} gates passed in "
+        f"{rollout['time_s'][-1]:.1f} s   {moment}"
     )
     return np.asarray(_under(pair, text))
 
 
-def frames(rollout: Rollout) -> list[Frame]:
+def frames(rollout: Rollout[Start]) -> list[Frame]:
     """`REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
     drawn: list[Frame] = []
-    last = len(rollout.states) - 1
+    last = len(rollout["states"]) - 1
     for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:
-        state, endings = rollout.states[step], rollout.endings[step]
+        state, endings = rollout["states"][step], rollout["endings"][step]
         passed = int((endings == Ending.PASSED).sum())
         missed = int((endings > Ending.PASSED).sum())
         ahead = len(endings) - passed - missed
         goal = f"to gate {passed + missed + 1}" if ahead else "over"
         text = (
-            f"{rollout.name}   {rollout.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
-            f"m/s   {passed} passed   {missed} missed   {goal}"
+            f"{_track(rollout)}   {rollout['time_s'][step]:4.1f} s   "
+            f"{np.linalg.norm(state[7:10]):4.1f} m/s   {passed} passed   {missed} missed   {goal}"
         )
         pair = _pair(rollout, step, endings, flown_ways(rollout, step + 1))
         drawn.append(np.asarray(_under(pair, text)))
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
 
-def summary_moment(rollout: Rollout) -> tuple[int, str]:
+def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
     """The decision that the summary shows, and what to say of it."""
-    missed = rollout.endings > Ending.PASSED
+    missed = rollout["endings"] > Ending.PASSED
     if not missed.any():
-        return len(rollout.states) // 2, "seen: half-way"
+        return len(rollout["states"]) // 2, "seen: half-way"
     late = int(missed.any(axis=1).argmax())
     gate = int(missed[late].argmax())
-    since = int((rollout.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
+    since = int((rollout["endings"][:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
     since = min(since, late - 1)  # both may have ended between two decisions
-    flown = rollout.states[since:late]
+    flown = rollout["states"][since:late]
     centre, heading = rollout.start.gates[gate, :3], rollout.start.gates[gate, 3]
     to_gate = centre - flown[:, :3]
     before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
@@ -87,20 +89,24 @@ def summary_moment(rollout: Rollout) -> tuple[int, str]:
     return step, f"seen: on the way to gate {gate + 1}"
 
 
-def flown_ways(rollout: Rollout, until: int) -> tuple[Array, ...]:
+def flown_ways(rollout: Rollout[Start], until: int) -> tuple[Array, ...]:
     """The ways flown, apart where the drone was set back."""
-    missed = (rollout.endings[:until] > Ending.PASSED).sum(axis=1)
+    missed = (rollout["endings"][:until] > Ending.PASSED).sum(axis=1)
     cuts = np.flatnonzero(np.diff(missed)) + 1
-    return tuple(np.split(rollout.states[:until, :2], cuts))
+    return tuple(np.split(rollout["states"][:until, :2], cuts))
 
 
 def _pair(
-    rollout: Rollout, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
+    rollout: Rollout[Start], step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
 ) -> Image.Image:
-    state = rollout.states[step]
+    state = rollout["states"][step]
     drone = np.array([*state[:2], headings(state[None])[0]])
-    plan = Plan(rollout.start.gates, rollout.line).picture(endings, ways, drone)
+    plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(endings, ways, drone)
     return _beside(Image.fromarray(observation(rollout.start, state)), plan)
+
+
+def _track(rollout: Rollout[Start]) -> str:
+    return f"{len(rollout.start.anchors)} anchors"
 
 
 def observation(start: Start, state: Array) -> Frame:

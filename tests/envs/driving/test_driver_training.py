@@ -9,7 +9,7 @@ import torch
 from sada_gym import agents
 from sada_gym.agents.training import Reinforcement
 from sada_gym.envs.driving.agent import evaluate, train, weights
-from sada_gym.envs.driving.agent.driver import Driver
+from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.evaluate import TaskFigures, measure, table
 from sada_gym.envs.driving.agent.recipe import RECIPES
 
@@ -28,7 +28,7 @@ SHORTER = replace(
 
 @pytest.mark.parametrize("recipe", [SHORT, SHORTER], ids=["imitation", "reinforcement"])
 def test_a_training_is_fixed_by_its_seed(recipe):
-    first, again, other = (Driver(train.train(recipe, seed=s)).fingerprint for s in (0, 0, 1))
+    first, again, other = (as_driver(train.train(recipe, seed=s)).fingerprint for s in (0, 0, 1))
     assert first == again != other
 
 
@@ -56,7 +56,7 @@ def test_a_trained_driver_is_saved_and_driven_again(tmp_path):
     model = train.train(SHORTER, seed=0)  # its learning rate falls: a schedule is saved as well
     weights.save(model, tmp_path / "ppo.safetensors")
     again = agents.load_driver(tmp_path / "ppo.safetensors")
-    assert Driver(again).fingerprint == Driver(model).fingerprint
+    assert as_driver(again).fingerprint == as_driver(model).fingerprint
 
 
 def test_a_trial_of_the_script_writes_weights_and_no_card(tmp_path, monkeypatch, capsys):

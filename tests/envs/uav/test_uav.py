@@ -11,8 +11,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
-from sada_gym.envs.uav.episodes import Ending
-from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE, Ending
 from sada_gym.envs.uav.world.track import GATES
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_outcomes
@@ -132,9 +131,9 @@ def test_a_pilot_that_diverges_misses_what_is_left():
 
 def test_on_step_is_called_before_every_decision():
     flown = application(3)
-    races = flown.races(np.zeros((2, 6), np.float32), [0, 1])
+    races = flown.episodes(np.zeros((2, 6), np.float32), [0, 1])
     seen = []
-    flown.fly(races, lambda races: seen.append(races.states.copy()))
+    flown.play(races, lambda races: seen.append(races.states.copy()))
     assert len(seen) == races.steps.max()
     assert (races.endings == Ending.PASSED).all()
     races.close()

@@ -70,7 +70,7 @@ class Lens:
         return np.stack(parts, axis=-1).astype(np.float32)
 
 
-class Camera:
+class TownCamera:
     """Draws a town.
 
     Args:
@@ -144,9 +144,9 @@ class Camera:
 
 
 @cache
-def camera(layout_name: str) -> Camera:
+def camera(layout_name: str) -> TownCamera:
     """Build a town's camera once a process."""
-    return Camera(layout_name)
+    return TownCamera(layout_name)
 
 
 def _world(ground: Ground, scenery: Scenery) -> World:

@@ -18,6 +18,8 @@ SPACING_M = 0.5
 """Between two points of a route."""
 COMMAND_LEAD_M = 15.0
 """How long before a junction its command begins."""
+CRUISE_M_S = 8.0
+"""The speed at which a car should follow a route where nothing makes it slower."""
 SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
 """The time limit is what the route takes at 10 km/h, as in CARLA's benchmark."""
 

@@ -15,12 +15,13 @@ from torch import Tensor
 
 from sada_gym.agents.imitation import Examples, dagger, relight
 from sada_gym.agents.imitation import fit as fit_parameters
+from sada_gym.agents.tile import Batch
 from sada_gym.agents.training import Imitation
 from sada_gym.envs.uav.agent.drone_frame import in_drone, motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import Ending, Observation, Races
+from sada_gym.envs.uav.episodes import Ending, Races
 
 _PUSHES, _PUSH, _FADE = 0.06, 0.35, 0.85
 """How often a drone is pushed off its way, how hard (1: all it can), what is left a step later."""
@@ -60,7 +61,7 @@ def gather(
     push = np.zeros((drones, 4))
     astray = 0
     for _ in range(settings.steps // drones):
-        observation: Observation = {"image": races.render(everyone), "motion": motion(races.states)}
+        observation: Batch = {"image": races.render(everyone), "motion": motion(races.states)}
         examples.add(observation, in_drone(races.states, races.waypoints(everyone)))
         actions = expert.act(races, everyone)
         if not by_expert.all():

@@ -90,8 +90,8 @@ def _hashed(key: np.uint64) -> np.uint64:
 
 
 @inlined
-def _uniform(look: np.uint64, number: int) -> float:
-    key = _hashed(look * np.uint64(16) + np.uint64(number))
+def _uniform(seed: np.uint64, number: int) -> float:
+    key = _hashed(seed * np.uint64(16) + np.uint64(number))
     return float(key >> np.uint64(11)) / 9007199254740992.0
 
 
@@ -114,18 +114,18 @@ def _turned(q: Array, x: float, y: float, z: float) -> Triple:
 
 
 @inlined
-def _view(pose: Array, mount: Array, look: np.uint64) -> View:
+def _view(pose: Array, mount: Array, seed: np.uint64) -> View:
     tilt, forward, up = mount[0], mount[1], mount[2]
     q = pose[3:7]
     ahead = _turned(q, math.cos(tilt), 0.0, math.sin(tilt))
     right = _turned(q, 0.0, -1.0, 0.0)
     down = _turned(q, math.sin(tilt), 0.0, -math.cos(tilt))
     off = _turned(q, forward, 0.0, up)
-    azimuth = 2 * math.pi * _uniform(look, 0)
-    elevation = math.radians(25 + 40 * _uniform(look, 1))
+    azimuth = 2 * math.pi * _uniform(seed, 0)
+    elevation = math.radians(25 + 40 * _uniform(seed, 1))
     flat = math.cos(elevation)
-    light = 0.9 + 0.2 * _uniform(look, 2)
-    contrast = 0.3 + 0.4 * _uniform(look, 3)
+    light = 0.9 + 0.2 * _uniform(seed, 2)
+    contrast = 0.3 + 0.4 * _uniform(seed, 3)
     return View(
         (pose[0] + off[0], pose[1] + off[1], max(pose[2] + off[2], 0.02)),
         ahead,
@@ -134,11 +134,11 @@ def _view(pose: Array, mount: Array, look: np.uint64) -> View:
         (flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)),
         light * (1 - contrast),
         light * contrast * 1.3,
-        0.06 * (2 * _uniform(look, 4) - 1),
+        0.06 * (2 * _uniform(seed, 4) - 1),
         (
-            1000 * _uniform(look, 5),
-            1000 * _uniform(look, 6),
-            _uniform(look, 7),
+            1000 * _uniform(seed, 5),
+            1000 * _uniform(seed, 6),
+            _uniform(seed, 7),
         ),
     )
 
@@ -363,7 +363,7 @@ def draw_all(
     pictures: Bytes,
     gates: Array,
     poses: Array,
-    looks: npt.NDArray[np.uint64],
+    seeds: npt.NDArray[np.uint64],
     mount: Array,
     pixel: float,
     bars: Array,
@@ -376,7 +376,7 @@ def draw_all(
         pictures: Taken.
         gates: (n, g, 4).
         poses: (n, at least 7).
-        looks: (n,) what fixes the light and the field's place.
+        seeds: (n,) what fixes the light and the field's place.
         mount: Tilt upwards in radians, metres forward and up from the drone's middle.
         pixel: A pixel's side at a depth of one.
         bars: See `gates.BARS`.
@@ -397,7 +397,7 @@ def draw_all(
         if not sound:
             picture[:] = 0
             continue
-        view = _view(poses[i], mount, looks[i])
+        view = _view(poses[i], mount, seeds[i])
         _background(picture, view, pixel, field)
         edges[0], edges[1], edges[2], edges[3] = FINER * rows, -1, FINER * columns, -1
         for k in range(gates.shape[1]):

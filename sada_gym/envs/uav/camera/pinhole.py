@@ -26,10 +26,10 @@ _SIZE, _TEXEL_M, _STRIPE_M = 512, 0.125, 4.0
 Pictures = npt.NDArray[np.uint8]
 
 
-class Camera:
+class DroneCamera:
     """Draws what drones see.
 
-    A picture depends on its own gates, pose and look alone. The look fixes the sun, the light's
+    A picture depends on its own gates, pose and seed alone. The seed fixes the sun, the light's
     colour, and where field, clouds and hills lie; it changes no gate.
 
     Args:
@@ -47,7 +47,7 @@ class Camera:
         self,
         gates: npt.NDArray[np.float64],
         poses: npt.NDArray[np.float64],
-        looks: npt.ArrayLike,
+        seeds: npt.ArrayLike,
     ) -> Pictures:
         """Draw what n drones see.
 
@@ -55,13 +55,13 @@ class Camera:
             gates: (n, g, 4): x, y, z of the openings' centres, and headings.
             poses: (n, 7) or more: position, quaternion x, y, z, w. Where one is no number, or
                 farther off than 1,000 km, the picture is black.
-            looks: (n,) integers.
+            seeds: (n,) integers.
 
         Returns:
             (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), self.rows, self.columns, 3), np.uint8)
-        keys = np.asarray(looks, np.int64).astype(np.uint64)
+        keys = np.asarray(seeds, np.int64).astype(np.uint64)
         drawing.draw_all(
             pictures, gates, poses, keys, self._mount, self.pixel, BARS, DEPTH_M, self._field
         )
@@ -89,9 +89,9 @@ class Camera:
 
 
 @cache
-def camera(rows: int = ROWS, columns: int = COLUMNS) -> Camera:
+def camera(rows: int = ROWS, columns: int = COLUMNS) -> DroneCamera:
     """Build a camera once a process."""
-    return Camera(rows, columns)
+    return DroneCamera(rows, columns)
 
 
 @cache

@@ -34,7 +34,7 @@ _IDLE: list[int] = []
 _MOST_IDLE = 4
 
 
-class World:
+class BulletWorld:
     """A PyBullet world with up to `SLOTS` drones, each among gates of its own.
 
     All drones fly at the same coordinates, and what is in one slot touches the ground and what else

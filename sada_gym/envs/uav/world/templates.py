@@ -24,8 +24,6 @@ LEAST_START_M = 0.8
 
 _SHARES = np.linspace(0.95, 0.0, 20)
 
-Array = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Template:
@@ -50,31 +48,23 @@ class Template:
             )
         )
 
-    def displaced(self, mu: npt.ArrayLike) -> Array:
-        """The anchors (n, k, 2) of a batch of mu (n, 2 k)."""
-        kept = self.kept(mu)[:, None, None]
-        anchors: Array = np.array(self.anchors) + kept * self._moves(mu)
-        return anchors
-
-    def kept(self, mu: npt.ArrayLike) -> Array:
-        """How much of its displacement each track keeps, (n,): 1 where it can be built as it is."""
-        moves, home = self._moves(mu), np.array(self.anchors)
-        kept = np.ones(len(moves))
-        for i in np.flatnonzero(~buildable(Tracks(home + moves))).tolist():
-            kept[i] = next(
-                share
-                for share in _SHARES.tolist()
-                if buildable(Tracks((home + share * moves[i])[None]))[0]
-            )
-        return kept
-
-    def _moves(self, mu: npt.ArrayLike) -> Array:
+    def tracks(self, mu: npt.ArrayLike) -> Tracks:
+        """Lay the tracks of a batch of mu (n, 2 k); those that cannot be built are drawn back."""
         rows = np.asarray(mu, np.float32).astype(np.float64)
-        return self.range_m * rows.reshape(len(rows), len(self.anchors), 2)
+        moves = self.range_m * rows.reshape(len(rows), len(self.anchors), 2)
+        home = np.array(self.anchors)
+        tracks = Tracks(home + moves)
+        for i in np.flatnonzero(~buildable(tracks)).tolist():
+            for share in _SHARES.tolist():
+                drawn_back = Tracks((home + share * moves[i])[None])
+                if buildable(drawn_back)[0]:
+                    tracks.replace(i, drawn_back, kept=share)
+                    break
+        return tracks
 
 
 def buildable(tracks: Tracks) -> npt.NDArray[np.bool_]:
-    """Whether all frames of tracks keep apart from one another and from the start, (n,)."""
+    """Say whether all frames of tracks keep apart from one another and from the start, (n,)."""
     apart: npt.NDArray[np.bool_] = tracks.closest_m() >= LEAST_SPACING_M
     apart &= tracks.start_m() >= LEAST_START_M
     return apart

@@ -34,7 +34,9 @@ class Tracks:
     Attributes:
         gates: (n, GATES, 4) x, y, z of the opening's centre, and the heading of flight.
         starts: (n, 4) x, y, z and heading: half a gate's spacing before the first gate.
-        length_m: (n,) of the lap.
+        length_m: (n,) the length of the lap.
+        kept: (n,) the share of mu's displacements that a template kept: less than 1 where a track
+            was drawn back.
     """
 
     def __init__(self, anchors: Array) -> None:
@@ -43,9 +45,16 @@ class Tracks:
         self.gates = np.empty((count, GATES, 4))
         self.starts = np.empty((count, 4))
         self.length_m = np.empty(count)
+        self.kept = np.ones(count)
         for i, points in enumerate(anchors):
             places, self.length_m[i] = along(points, _SHARES)
             self.starts[i], self.gates[i] = places[0], places[1:]
+
+    def replace(self, i: int, other: Tracks, *, kept: float) -> None:
+        """Lay the only track of another batch in place i."""
+        self.anchors[i], self.kept[i] = other.anchors[0], kept
+        self.gates[i], self.starts[i] = other.gates[0], other.starts[0]
+        self.length_m[i] = other.length_m[0]
 
     def turns_deg(self) -> Array:
         """How far a track turns from the start, and from every gate, to the next: (n, GATES).
