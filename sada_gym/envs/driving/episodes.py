@@ -57,13 +57,13 @@ class Start:
     """How one drive begins.
 
     Attributes:
-        route: Where to drive.
+        route: The route to drive.
         mount: How its camera is mounted.
-        weather: Index into `WEATHERS`.
+        weather: An index into `WEATHERS`.
         seed: The number that fixes the rain.
-        lateral_m: Where the car starts, to the right of its lane's middle.
-        turned_rad: By how much it is turned to the right.
-        speed_m_s: How fast it is.
+        lateral_m: The car's place, to the right of its lane's middle.
+        turned_rad: The angle by which the car is turned to the right.
+        speed_m_s: The car's speed.
     """
 
     route: Route
@@ -134,7 +134,7 @@ class Drives(Episodes[Start]):
 
     @property
     def score(self) -> Array:
-        """1 where a car has arrived, else 0, (n,)."""
+        """The scores, (n,): 1 where a car has arrived, else 0."""
         score: Array = (self.ending == Ending.ARRIVED).astype(np.float64)
         return score
 

@@ -19,12 +19,12 @@ from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2
-_BAR = 26
 _EDGE_M = 22.0
-_ROUTE, _DRIVEN, _FAILED, _INK = (250, 204, 21), (37, 99, 235), (220, 38, 38), (31, 41, 51)
+_ROUTE, _DRIVEN, _FAILED = (250, 204, 21), (37, 99, 235), (220, 38, 38)
 Rollouts = Sequence[Rollout[Start]]
 
 _ENDING_TEXTS = {
@@ -46,12 +46,12 @@ def summary(rollouts: Rollouts) -> Frame:
     title = f"{_world(rollouts)}: {arrived} of {len(rollouts)} arrived"
     moment = "a second before it failed" if failed else "half-way"
     parts = [
-        _bar(title, image.width),
+        caption(title, image.width),
         image,
         _map(_chart(image.width), dict(enumerate(rollouts))),
-        _bar(f"route {which + 1}, {moment}", image.width),
+        caption(f"route {which + 1}, {moment}", image.width),
     ]
-    return _stacked(parts)
+    return stacked(parts)
 
 
 def frames(rollouts: Rollouts) -> list[Frame]:
@@ -62,16 +62,14 @@ def frames(rollouts: Rollouts) -> list[Frame]:
         states = rollout["states"]
         for step in range(len(states)):
             image = Image.fromarray(_view(rollout, step))
-            pair = Image.new("RGB", (image.width + chart.picture.width, image.height), "white")
-            pair.paste(image, (0, 0))
-            pair.paste(_map(chart, {i: rollout}, until=step), (image.width, 0))
+            pair = beside(image, _map(chart, {i: rollout}, until=step))
             ending = _ENDING_TEXTS[Ending(int(rollout["ending"][step]))]
             command = COMMANDS[rollout["command"][step]]
             text = (
                 f"route {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   "
                 f"{3.6 * states[step, 3]:3.0f} km/h   command: {command}   {ending}"
             )
-            frame = _stacked([pair, _bar(f"{text}   {_world(rollouts)}", pair.width)])
+            frame = stacked([pair, caption(f"{text}   {_world(rollouts)}", pair.width)])
             over = step == len(states) - 1
             drawn += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
     return drawn
@@ -126,7 +124,7 @@ def _map(
             draw.text(
                 (x + 2.2 * unit, y - 2.2 * unit),
                 str(i + 1),
-                fill=_INK,
+                fill=INK,
                 font=font,
                 anchor="mm",
                 stroke_width=round(0.4 * unit),
@@ -207,19 +205,4 @@ def _dot(
     colour: tuple[int, int, int],
 ) -> None:
     x, y = place
-    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=_INK)
-
-
-def _bar(text: str, width: int) -> Image.Image:
-    bar = Image.new("RGB", (width, _BAR), "white")
-    ImageDraw.Draw(bar).text((8, 4), text, fill=_INK, font=ImageFont.load_default(15))
-    return bar
-
-
-def _stacked(parts: list[Image.Image]) -> Frame:
-    whole = Image.new("RGB", (parts[0].width, sum(part.height for part in parts)), "white")
-    top = 0
-    for part in parts:
-        whole.paste(part, (0, top))
-        top += part.height
-    return np.asarray(whole)
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=INK)

@@ -102,7 +102,7 @@ class DrivingTaskVectorEnv(TaskVectorEnv):
     """`DrivingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: What routes, weathers, mounts and starts are drawn from.
+        course: The distribution of routes, weathers, mounts and starts.
         num_envs: Number of cars.
         render_mode: `"rgb_array"` gives each camera's image.
     """

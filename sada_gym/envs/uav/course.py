@@ -30,10 +30,10 @@ class Course:
 
     Attributes:
         anchors: The numbers of anchor points that occur.
-        spread: Every number of mu is at most this far from 0.
-        shift_m: How far from the track's line, along x and along y, a drone starts at most.
-        turned_deg: How far it is turned at most.
-        speed_m_s: How fast it starts at most, to where it heads.
+        spread: The greatest distance from 0 of each number of mu.
+        shift_m: The greatest distance from the track's line, along x and along y.
+        turned_deg: The greatest angle by which a drone is turned.
+        speed_m_s: The greatest speed at which it starts, to where it heads.
     """
 
     anchors: tuple[int, ...] = tuple(TEMPLATES)

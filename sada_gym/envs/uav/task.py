@@ -117,7 +117,7 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     """`RacingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: What tracks and starts are drawn from.
+        course: The distribution of tracks and starts.
         num_envs: Number of drones.
         render_mode: `"rgb_array"` gives the image of each drone's camera.
     """

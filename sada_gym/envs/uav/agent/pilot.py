@@ -39,7 +39,7 @@ class WaypointPilot:
     """Says where the next gate is, from the camera's image and the drone's motion.
 
     Args:
-        network: The perception.
+        network: The perception network.
     """
 
     def __init__(self, network: WaypointNetwork) -> None:
@@ -60,14 +60,14 @@ class WaypointPilot:
         """Begin new races; nothing is remembered."""
 
     def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
-        """Choose actions (n, 4) for some of the drones."""
+        """Choose actions (n, 4) for some drones."""
         seeds = [races.starts[i].seed for i in which.tolist()]
         waypoints = self.waypoints(races.gates[which], races.states[which], seeds)
         actions: Floats = steer(waypoints, SPEED_M_S)
         return actions
 
     def waypoints(self, gates: Floats, poses: Floats, seeds: npt.ArrayLike) -> Floats:
-        """Where n drones see their next gates.
+        """Say where n drones see their next gates.
 
         Args:
             gates: (n, g, 4) all gates of each course, for the camera.
@@ -82,7 +82,7 @@ class WaypointPilot:
         return in_level(poses, np.concatenate(answers)) if answers else np.empty((0, 4))
 
     def _answer(self, batch: Batch) -> npt.NDArray[np.float32]:
-        """The network's answers (WAYPOINT_TILE, 6) to a tile, NaN where not finite."""
+        """Give the network's answers (WAYPOINT_TILE, 6) to a tile, NaN where not finite."""
         with torch.inference_mode():
             images, motions = (torch.from_numpy(batch[key]) for key in ("image", "motion"))
             answers = self.network(light(images), motions)

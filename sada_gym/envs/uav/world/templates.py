@@ -18,9 +18,9 @@ from sada_gym.errors import UserError
 from sada_gym.parameters import Parameter, ParameterSpace
 
 LEAST_SPACING_M = 0.9
-"""Between any two frames of a track."""
+"""The least distance between any two frames of a track."""
 LEAST_START_M = 0.8
-"""Between the start and any frame."""
+"""The least distance between the start and any frame."""
 
 _SHARES = np.linspace(0.95, 0.0, 20)
 
@@ -31,7 +31,7 @@ class Template:
 
     Attributes:
         anchors: The anchor points in m, in the order of flight.
-        range_m: How far mu = 1 moves an anchor, along x and along y.
+        range_m: The distance by which mu = 1 moves an anchor, along x and along y.
     """
 
     anchors: tuple[tuple[float, float], ...]
@@ -75,11 +75,11 @@ TEMPLATES = {
     4: Template(((-13.4, -11.2), (13.4, -11.2), (13.4, 11.2), (-13.4, 11.2)), 15.0),
     5: Template(((-9.2, -12.6), (9.2, -12.6), (14.8, 4.8), (0.0, 15.6), (-14.8, 4.8)), 13.0),
 }
-"""By the number of anchor points."""
+"""The templates by the number of anchor points."""
 
 
 def template(anchors: int) -> Template:
-    """The template with so many anchor points.
+    """Give the template with so many anchor points.
 
     Raises:
         ValueError: If there is none.
