@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from sada_gym import agents
+from sada_gym.envs.catalogue import cards
 from sada_gym.envs.detection.agent.data import (
     TRAINING_SHAPES,
     VALIDATION_SHAPES,
@@ -28,7 +29,7 @@ def frames(images, boxes, labels):
 
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_torchvisions_convention(name):
-    model = agents.load_detector(name)
+    model = agents.load(name, "SADA-Detection")
     found = model([torch.rand(3, 128, 128), torch.rand(3, 128, 128)])
     assert len(found) == 2
     for one in found:
@@ -50,18 +51,18 @@ def known():
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_the_shipped_detectors_know_the_prior(name, known):
     """A small part of the model card's measurement; the card has 240 frames a class."""
-    found = detect(agents.load_detector(name), known.images)
+    found = detect(agents.load(name, "SADA-Detection"), known.images)
     precision = [average_precision(found, known, k + 1) for k in range(len(CLASSES))]
     assert np.mean(precision) > 0.9
     assert calibration_error(found, known) < 0.25
 
 
 def test_the_shipped_weights_are_small_and_pinned():
-    for agent in agents.AGENTS:
+    for agent in (agent for card in cards() for agent in card.agents):
         assert agent.path.stat().st_size < 10 * 2**20
         agents.verify(agent)
         assert agent.sha256 in agent.path.with_suffix(".md").read_text()
-    changed = agents.AgentCard("x", "SADA-Detection", "detection/agent/prior.py", "0" * 64, "")
+    changed = agents.AgentCard("x", "detection/agent/network.py", "0" * 64, "")
     with pytest.raises(ValueError, match=r"SHA-256 0000.*shipped weights were changed"):
         agents.verify(changed)
 
@@ -76,16 +77,16 @@ def test_training_validation_and_benchmark_shapes_are_apart():
 
 def test_bad_weights_are_named(tmp_path):
     with pytest.raises(ValueError, match=r"Expected an agent's name.*photograper.*photographer"):
-        agents.load_detector("photograper")
+        agents.load("photograper", "SADA-Detection")
     with pytest.raises(ValueError, match="no such file"):
-        agents.load_detector(tmp_path / "missing.safetensors")
+        agents.load(tmp_path / "missing.safetensors", "SADA-Detection")
     broken = tmp_path / "broken.safetensors"
     broken.write_bytes(b"not weights")
     with pytest.raises(
         ValueError,
         match=r"Expected the weights of the 12-class Detector in .*broken.*got no safetensors file",
     ):
-        agents.load_detector(broken)
+        agents.load(broken, "SADA-Detection")
 
 
 def test_fingerprint_follows_the_weights():
@@ -173,5 +174,5 @@ def test_a_few_steps_of_training_lower_the_loss_and_repeat(tmp_path):
     fresh = Detector(CLASSES).eval()
     with torch.no_grad():
         assert detection_loss(first, known) < detection_loss(fresh, known)
-    again = agents.load_detector(tmp_path / "w.safetensors")
+    again = agents.load(tmp_path / "w.safetensors", "SADA-Detection")
     assert torch.equal(again.head.weight, first.head.weight)

@@ -79,7 +79,7 @@ def test_the_images_are_those_that_the_benchmark_was_measured_on():
 
 
 def test_the_shipped_classifier_keeps_its_promise():
-    network = agents.load_classifier("cnn")
+    network = agents.load("cnn", "SADA-Digits")
     right, images = accuracy(network, shipped_images())
     assert right / images >= 0.98
     assert network.fingerprint_name == DigitNetwork.fingerprint_name
@@ -377,7 +377,7 @@ def test_bad_keywords_are_refused(keywords, message):
 
 def test_tiles():
     images = shipped_images().images[:40]
-    network = agents.load_classifier("cnn")
+    network = agents.load("cnn", "SADA-Digits")
     assert ClassifierAgent(network).tile == CLASSIFIER_TILE
     alone = np.concatenate([ClassifierAgent(network).act(image[None]) for image in images])
     np.testing.assert_array_equal(ClassifierAgent(network).act(images), alone)

@@ -156,26 +156,26 @@ def test_a_reinforcement_moves_the_weights():
 def test_weights_survive_a_file(tmp_path, network):
     path = tmp_path / "pilot.safetensors"
     weights.save(network, path)
-    loaded = agents.load_pilot(str(path))
+    loaded = agents.load(str(path), "SADA-UAV")
     assert WaypointPilot(loaded).fingerprint == WaypointPilot(network).fingerprint
 
 
 def test_a_missing_or_foreign_file_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no such file"):
-        agents.load_pilot(tmp_path / "none.safetensors")
+        agents.load(tmp_path / "none.safetensors", "SADA-UAV")
     path = tmp_path / "text.safetensors"
     path.write_text("weights")
     with pytest.raises(ValueError, match="Expected the weights of a pilot"):
-        agents.load_pilot(path)
+        agents.load(path, "SADA-UAV")
     with pytest.raises(ValueError, match="Expected an agent's name"):
-        agents.load_pilot("nobody")
+        agents.load("nobody", "SADA-UAV")
 
 
 @pytest.mark.parametrize("kind", [str, Path])
 def test_sb3s_files_are_refused_with_the_reason(kind):
     message = r"among waypoint-pid, ppo, or a \.safetensors file, got the file mine\.zip\. SB3's"
     with pytest.raises(ValueError, match=rf"{message}.*pickles.*agent=PPO\.load\(file\)"):
-        agents.load_pilot(kind("mine.zip"))
+        agents.load(kind("mine.zip"), "SADA-UAV")
 
 
 def _without(found):
@@ -203,13 +203,13 @@ def test_weights_that_do_not_fit_are_named(tmp_path, change, message):
     change(found)
     save_file(found, tmp_path / "big.safetensors")
     with pytest.raises(ValueError, match=f"{message} Write such a file") as caught:
-        agents.load_pilot(str(tmp_path / "big.safetensors"))
+        agents.load(str(tmp_path / "big.safetensors"), "SADA-UAV")
     assert "\n" not in str(caught.value)
 
 
 def test_a_detectors_file_is_no_pilots():
     with pytest.raises(ValueError, match=r"like ppo in .*: .*, got no .*pass the model as agent="):
-        agents.load_pilot(agents.card("photographer").path)
+        agents.load(agents.card("photographer").path, "SADA-UAV")
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, mon
     file = out / f"{name}.safetensors"
     card = (out / f"{name}.md").read_text()
     trained = train.train(replace(recipe, steps=int(steps)), seed=4)
-    assert as_pilot(agents.load_pilot(file)).fingerprint == as_pilot(trained).fingerprint
+    assert as_pilot(agents.load(file, "SADA-UAV")).fingerprint == as_pilot(trained).fingerprint
     assert hashlib.sha256(file.read_bytes()).hexdigest() in card
     assert f"train {name} --seed 4 --steps {steps} --out DIR" in card
     assert f"| steps | {steps} |" in card
