@@ -18,15 +18,14 @@ from sada_gym.agents.tile import Batch
 from sada_gym.application import Frame
 from sada_gym.envs.checks import (
     check_kind,
-    check_reset_options,
     checked_actions,
     checked_render_mode,
-    checked_seed,
     warn_without_render_mode,
 )
 from sada_gym.envs.episodes.acting import EpisodesT
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.vector import SeededVectorEnv
+from sada_gym.resets import check_reset_options, checked_seed
 
 _FIRST = np.zeros(1, np.intp)
 
