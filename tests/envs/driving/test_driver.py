@@ -21,6 +21,7 @@ from sada_gym import agents
 from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.network import new_model
+from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
@@ -357,3 +358,13 @@ def test_agents_of_two_applications_may_share_a_name():
     assert files == ["uav/agent/ppo.safetensors", "driving/agent/ppo.safetensors"]
     with pytest.raises(ValueError, match=r"an agent's name among photographer, .*, got 'ppo'"):
         agents.card("ppo", "SADA-Detection")
+
+
+def test_an_agent_of_ones_own_drives():
+    application = DrivingApplication("straight", agent=PrivilegedDriver())
+    assert application.evaluate([[0.0, 0.0, -1.0]], [0]).score[0] == 1.0
+    assert application.fingerprint == PrivilegedDriver.fingerprint
+    with pytest.raises(
+        ValueError, match="Expected an SB3 model trained on SADA-DrivingTask-v0, or"
+    ):
+        DrivingApplication("straight", agent=None)

@@ -10,9 +10,10 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.speechless import Speechless
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE, Ending
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.world.track import GATES, Tracks
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_outcomes
 
@@ -240,3 +241,16 @@ def test_the_shipped_pilots_fly_the_undisturbed_tracks(name):
         outcomes = flown.evaluate(np.zeros((4, 2 * anchors)), range(4))
         assert outcomes.score.mean() > 0.95
         assert flown.agent_name == name
+
+
+def test_tracks_are_built_once_a_batch(monkeypatch):
+    built = []
+
+    class Counted(Tracks):
+        def __init__(self, anchors):
+            built.append(len(anchors))
+            super().__init__(anchors)
+
+    monkeypatch.setattr("sada_gym.envs.uav.world.templates.Tracks", Counted)
+    UAVApplication(3, agent=Speechless()).evaluate(np.zeros((5, 6)), range(5))
+    assert built == [5]
