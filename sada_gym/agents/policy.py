@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import traceback
 from copy import deepcopy
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,43 +18,14 @@ from sada_gym.agents.tile import Batch, tiled
 from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
 from sada_gym.errors import UserError
 
+if TYPE_CHECKING:
+    from sada_gym.envs.episodes.base import Episodes
+
 POLICY_TILE = 16
 """The observations in one call of a model. A network that gives other bits to another place in the
 batch (narrow layers do) sees one observation at a time."""
 
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
-
-
-class Observed(Protocol):
-    """What a policy needs of the episodes that it acts in: see `Episodes`."""
-
-    @property
-    def task(self) -> str:
-        """The id of the inner task."""
-        ...
-
-    @property
-    def observation_space(self) -> spaces.Dict:
-        """The space of one episode's observations."""
-        ...
-
-    @property
-    def action_space(self) -> spaces.Box[Any]:
-        """The space of one episode's actions."""
-        ...
-
-    @property
-    def finite_only(self) -> bool:
-        """Whether an action that is not finite is an error."""
-        ...
-
-    def observe(self, which: Indices) -> Batch:
-        """Give the observations of some episodes."""
-        ...
-
-    def where(self, i: int) -> str:
-        """Say in a few words where episode i is."""
-        ...
 
 
 class Policy:
@@ -71,9 +42,8 @@ class Policy:
         UserError: If the model's spaces are others, or it has a memory of its own.
     """
 
-    def __init__(self, model: Predictor, episodes: Observed | type[Observed]) -> None:
-        action_space: Any = episodes.action_space
-        observation_space: Any = episodes.observation_space
+    def __init__(self, model: Predictor, episodes: Episodes[Any] | type[Episodes[Any]]) -> None:
+        observation_space, action_space = episodes.observation_space, episodes.action_space
         given = getattr(model, "action_space", None)
         if not isinstance(given, spaces.Box) or given != action_space:
             raise UserError(
@@ -82,7 +52,7 @@ class Policy:
                 f"actions {given}. Train it on {episodes.task}."
             )
         self.model = model
-        self._transforms = observation_transforms(model, observation_space, str(episodes.task))
+        self._transforms = observation_transforms(model, observation_space, episodes.task)
         self._action_shape = action_space.shape
         self._tile = POLICY_TILE
         if not self._same_in_every_place(observation_space):
@@ -116,7 +86,7 @@ class Policy:
         for transform in self._transforms:
             transform.start(count)
 
-    def act(self, episodes: Observed, which: Indices) -> npt.NDArray[np.float64]:
+    def act(self, episodes: Episodes[Any], which: Indices) -> npt.NDArray[np.float64]:
         """Choose actions (n, k) in some of the episodes; NaN where the model refuses to choose one.
 
         Raises:
