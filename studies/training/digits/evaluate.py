@@ -16,7 +16,7 @@ import numpy as np
 from sada_gym import agents
 from sada_gym.envs.digits.agent.network import CLASSES, DigitNetwork
 from sada_gym.envs.digits.application import DigitsApplication
-from sada_gym.envs.digits.classifier import Classifier
+from sada_gym.envs.digits.classifier import ClassifierAgent
 from sada_gym.envs.digits.images import LabelledImages, test_images
 from sada_gym.measures.rates import wilson_interval
 
@@ -45,7 +45,7 @@ class Figures:
 
 def accuracy(network: DigitNetwork, data: LabelledImages) -> tuple[int, int]:
     """How many images a classifier gets right, and of how many."""
-    found = Classifier(network).probabilities(data.images)
+    found = ClassifierAgent(network).act(data.images)
     return int((found.argmax(axis=1) == data.labels).sum()), len(data)
 
 
