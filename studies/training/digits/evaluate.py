@@ -33,7 +33,7 @@ class Figures:
         right: How many of them it classifies rightly.
         samples: Uniform mu of `SADA-Digits-v0`, and of each digit's id.
         fooled: How many of them fooled it on `SADA-Digits-v0`.
-        fooled_by_digit: And on each digit's id.
+        fooled_by_digit: How many of them fooled it on each digit's id.
     """
 
     test: int

@@ -29,8 +29,8 @@ class TaskFigures:
     Attributes:
         runs: Drives at the default camera in the training weathers.
         arrived: How many of them arrived.
-        unseen_arrived: How many did in the two weathers that training never saw.
-        unseen_runs: Of so many.
+        unseen_runs: Drives in the two weathers that training never saw.
+        unseen_arrived: How many of them arrived.
         samples: Uniform mu.
         fooled: How many of them fooled the driver.
         mean_score: Their mean Q.
@@ -53,8 +53,8 @@ def measure(
     Args:
         driver: The model.
         seed: Fixes starts, mu and rain.
-        starts: Of each route in each weather: the task's own, and others up to 0.3 m and 3 degrees
-            beside it.
+        starts: How many starts each route has in each weather: the task's own, and others up to
+            0.3 m and 3 degrees beside it.
         samples: Uniform mu.
     """
     figures = {}

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sada_gym.compiled import kernel
 
 UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
-"""Of the drone's own motion."""
+"""The units of the drone's own motion."""
 REACH_M = 10.0
 """The unit of the network's waypoints."""
 

@@ -16,7 +16,8 @@ from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
 
 _LOG_NOISE = -1.0
-"""Of the actions that PPO begins with: 0.37; with SB3's own, 1, few drones reach a gate."""
+"""The logarithm of the noise that PPO begins with: 0.37 of an action. With SB3's own, 1, few drones
+reach a gate."""
 MOTIONS = 9
 """Numbers of the drone's own motion: which way is up, its velocity, its turning."""
 
