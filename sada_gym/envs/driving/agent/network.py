@@ -22,8 +22,8 @@ from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
 _LOG_NOISE = -2.0
-"""The logarithm of the noise that PPO begins with: 0.14 of an action. With SB3's own, 1, no car stays
-in its lane long enough to learn from it."""
+"""The logarithm of the noise that PPO begins with: 0.14 of an action. With SB3's own, 1, no car
+stays in its lane long enough to learn from it."""
 
 
 class ConditionalExtractor(BaseFeaturesExtractor):
