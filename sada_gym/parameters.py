@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
@@ -158,11 +157,3 @@ def _real_numbers(mu: npt.ArrayLike) -> npt.NDArray[Any]:
             "mu.astype(numpy.float32)."
         )
     return given
-
-
-def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    """Give the action space, mu, and the observation space of environments of d parameters."""
-    return (
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-    )

@@ -14,6 +14,7 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.registration import ids_of
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -211,11 +212,9 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_DRIVING_TRACKS = tuple(
-    f"SADA-Driving-{task}-v0" for task in ("Straight", "OneCurve", "Navigation")
+_DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
+    tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
 )
-_RACING_TRACKS = tuple(f"SADA-UAV-{anchors}Anchors-v0" for anchors in (3, 4, 5))
-_DIGIT_TRACKS = tuple(f"SADA-Digits-{digit}-v0" for digit in range(10))
 _MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
 
 SUITES: tuple[Suite, ...] = (

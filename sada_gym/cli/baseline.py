@@ -25,9 +25,9 @@ def uniform_baseline(report: RunReport) -> str:
 
 def find_reference(settings: RunSettings) -> Reference | None:
     """Find the shipped reference set of exactly what was attacked; None where there is none."""
-    from sada_gym.registration import TABLE, make_application
+    from sada_gym.registration import ids_of, make_application
 
-    fixed = {row.id: row.kwargs for row in TABLE}
+    fixed = ids_of()
     for entry in read_index(FOLDER).references:
         if (entry.agent, entry.fingerprint) != (settings.agent, settings.fingerprint):
             continue

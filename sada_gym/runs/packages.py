@@ -10,6 +10,7 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+from sada_gym.envs.catalogue import cards
 
 version = functools.cache(metadata.version)  # which parses a file each time
 
@@ -31,14 +32,6 @@ _ORDER = (
     "pillow",
 )
 _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
-_OF_APPLICATION: Mapping[str, tuple[str, ...]] = {
-    "SADA-Analytic": (),
-    "SADA-Detection": ("torch", "pybullet", "trimesh", "numba", "pillow"),
-    "SADA-Driving": ("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
-    "SADA-UAV": ("torch", "stable-baselines3", "pybullet", "numba"),
-    "SADA-Digits": ("scikit-learn", "torch"),
-    "SADA-Pixel": ("scikit-learn", "torch"),
-}
 _OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
     "ideal": (),
     "random": (),
@@ -74,8 +67,8 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
     """
     names = {
         *_EVERY_RUN,
-        *_declared(application, application.name, _OF_APPLICATION),
-        *_declared(adversary, adversary.name, _OF_ADVERSARY),
+        *_declared(application, {card.name: card.packages for card in cards()}),
+        *_declared(adversary, _OF_ADVERSARY),
     }
     found = {"python": platform.python_version()}
     for name in names:
@@ -93,10 +86,10 @@ def in_order(found: Mapping[str, str]) -> dict[str, str]:
     return {name: found[name] for name in (*known, *others)}
 
 
-def _declared(owner: Any, name: str, table: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _declared(owner: Any, table: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     declared: tuple[str, ...] | None = getattr(owner, "packages", None)
     if declared is not None:
         return tuple(declared)
     module = (owner if isinstance(owner, type) else type(owner)).__module__
     ours = module.partition(".")[0] == "sada_gym"
-    return table[name] if ours and name in table else _ORDER[1:]
+    return table[owner.name] if ours and owner.name in table else _ORDER[1:]

@@ -11,6 +11,7 @@ from toy import Greedy, Toy
 from sada_gym import adversaries
 from sada_gym.adversaries.random import Random
 from sada_gym.attack import attack
+from sada_gym.envs.catalogue import cards
 from sada_gym.registration import make_application
 from sada_gym.runs import packages as module
 from sada_gym.runs.packages import in_order, packages
@@ -26,10 +27,8 @@ def test_only_what_the_run_loads_counts():
 
 def test_every_adversary_and_application_of_ours_has_its_row():
     assert set(module._OF_ADVERSARY) == {"ideal", *adversaries.names()}
-    names = {"SADA-Analytic", "SADA-Detection", "SADA-Driving", "SADA-UAV"}
-    names |= {"SADA-Digits", "SADA-Pixel"}
-    assert set(module._OF_APPLICATION) == names
-    rows = [*module._OF_ADVERSARY.values(), *module._OF_APPLICATION.values(), module._EVERY_RUN]
+    of_applications = [card.packages for card in cards()]
+    rows = [*module._OF_ADVERSARY.values(), *of_applications, module._EVERY_RUN]
     assert {name for row in rows for name in row} <= set(module._ORDER)
 
 

@@ -39,7 +39,7 @@ def test_the_split_is_stratified_and_apart():
 
 
 def test_the_shipped_classifier_keeps_its_promise():
-    network = agents.load_classifier("cnn")
+    network = agents.load("cnn", "SADA-Digits")
     right, images = accuracy(network, shipped_images())
     assert right / images >= 0.98
     assert network.fingerprint_name == DigitNetwork.fingerprint_name

@@ -38,7 +38,7 @@ def known():
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_the_shipped_detectors_know_the_prior(name, known):
     """A small part of the model card's measurement; the card has 240 frames a class."""
-    found = detect(agents.load_detector(name), known.images)
+    found = detect(agents.load(name, "SADA-Detection"), known.images)
     precision = [average_precision(found, known, k + 1) for k in range(len(CLASSES))]
     assert np.mean(precision) > 0.9
     assert calibration_error(found, known) < 0.25
@@ -122,7 +122,7 @@ def test_a_few_steps_of_training_lower_the_loss_and_repeat(tmp_path):
     fresh = Detector(CLASSES).eval()
     with torch.no_grad():
         assert detection_loss(first, known) < detection_loss(fresh, known)
-    again = agents.load_detector(tmp_path / "w.safetensors")
+    again = agents.load(tmp_path / "w.safetensors", "SADA-Detection")
     assert torch.equal(again.head.weight, first.head.weight)
 
 

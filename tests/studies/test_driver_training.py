@@ -43,7 +43,7 @@ def test_a_training_moves_the_weights_that_it_is_to_move(recipe):
 
 
 def test_a_warm_start_keeps_the_driver_until_values_are_known():
-    shipped = agents.load_driver("cil").policy.state_dict()
+    shipped = agents.load("cil", "SADA-Driving").policy.state_dict()
     warm = replace(SHORTER, initial_agent="cil", value_steps=100)
     kept = train.train(warm, seed=0).policy.state_dict()
     changed = train.train(replace(warm, value_steps=16, steps=64), seed=0).policy.state_dict()
@@ -56,7 +56,7 @@ def test_a_warm_start_keeps_the_driver_until_values_are_known():
 def test_a_trained_driver_is_saved_and_driven_again(tmp_path):
     model = train.train(SHORTER, seed=0)  # its learning rate falls: a schedule is saved as well
     weights.save(model, tmp_path / "ppo.safetensors")
-    again = agents.load_driver(tmp_path / "ppo.safetensors")
+    again = agents.load(tmp_path / "ppo.safetensors", "SADA-Driving")
     assert Driver(again).fingerprint == Driver(model).fingerprint
 
 
@@ -105,7 +105,7 @@ def test_a_card_names_command_file_and_figures(tmp_path):
 
 def test_the_shipped_driver_arrives_where_it_was_trained_for():
     """A small part of the model card's measurement; the card has ten starts a weather."""
-    figures = measure(agents.load_driver("cil"), seed=5, starts=1, samples=1)
+    figures = measure(agents.load("cil", "SADA-Driving"), seed=5, starts=1, samples=1)
     assert {task: (f.runs, f.arrived) for task, f in figures.items()} == dict.fromkeys(
         ("straight", "one_curve", "navigation"), (20, 20)
     )

@@ -110,7 +110,7 @@ def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, mon
     file = out / f"{name}.safetensors"
     card = (out / f"{name}.md").read_text()
     trained = train.train(replace(recipe, steps=int(steps)), seed=4)
-    assert as_pilot(agents.load_pilot(file)).fingerprint == as_pilot(trained).fingerprint
+    assert as_pilot(agents.load(file, "SADA-UAV")).fingerprint == as_pilot(trained).fingerprint
     assert hashlib.sha256(file.read_bytes()).hexdigest() in card
     assert f"train {name} --seed 4 --steps {steps} --out DIR" in card
     assert f"| steps | {steps} |" in card

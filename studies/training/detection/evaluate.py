@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from sada_gym.agents import load_detector
+from sada_gym import agents
 from sada_gym.envs.detection.agent.network import Detector, iou
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from studies.training.detection.data import LabelledFrames, validation_frames
@@ -154,7 +154,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1_000)
     arguments = parser.parse_args()
     figures = measure(
-        load_detector(arguments.agent),
+        agents.load(arguments.agent, "SADA-Detection"),
         seed=arguments.seed,
         frames=arguments.frames,
         samples=arguments.samples,

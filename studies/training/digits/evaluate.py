@@ -95,7 +95,9 @@ def main() -> None:
     arguments = parser.parse_args()
     named = arguments.classifier
     try:
-        network = agents.load_classifier(Path(named) if named.endswith(".safetensors") else named)
+        network = agents.load(
+            Path(named) if named.endswith(".safetensors") else named, "SADA-Digits"
+        )
     except ValueError as error:
         parser.error(str(error))
     print(table({named: measure(network, seed=arguments.seed)}))

@@ -127,7 +127,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=1_000)
     arguments = parser.parse_args()
-    print(table(measure(agents.load_driver(arguments.driver), seed=arguments.seed)))
+    print(table(measure(agents.load(arguments.driver, "SADA-Driving"), seed=arguments.seed)))
 
 
 if __name__ == "__main__":

@@ -42,6 +42,6 @@ def reinforce(settings: Reinforcement[Course], *, seed: int) -> PPO:
         policy.log_std,
     ]
     if settings.initial_agent is not None:
-        known = agents.load_driver(settings.initial_agent).policy.state_dict()
+        known = agents.load(settings.initial_agent, "SADA-Driving").policy.state_dict()
         policy.load_state_dict(known | {"log_std": policy.log_std})
     return learn(model, settings, seed=seed, report=_ValueFirst(driver, settings.value_steps))

@@ -121,7 +121,7 @@ def main() -> None:
     arguments = parser.parse_args()
     named = arguments.pilot
     try:
-        pilot = agents.load_pilot(Path(named) if named.endswith(".safetensors") else named)
+        pilot = agents.load(Path(named) if named.endswith(".safetensors") else named, "SADA-UAV")
     except ValueError as error:
         parser.error(str(error))
     print(table(measure(pilot, seed=arguments.seed)))

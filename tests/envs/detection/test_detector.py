@@ -5,13 +5,14 @@ import pytest
 import torch
 
 from sada_gym import agents
+from sada_gym.envs.catalogue import cards
 from sada_gym.envs.detection.agent.network import Detector, iou, unique
 from sada_gym.envs.detection.shapes import CLASSES
 
 
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_torchvisions_convention(name):
-    model = agents.load_detector(name)
+    model = agents.load(name, "SADA-Detection")
     found = model([torch.rand(3, 128, 128), torch.rand(3, 128, 128)])
     assert len(found) == 2
     for one in found:
@@ -25,27 +26,27 @@ def test_torchvisions_convention(name):
 
 
 def test_the_shipped_weights_are_small_and_pinned():
-    for agent in agents.AGENTS:
+    for agent in (agent for card in cards() for agent in card.agents):
         assert agent.path.stat().st_size < 10 * 2**20
         agents.verify(agent)
         assert agent.sha256 in agent.path.with_suffix(".md").read_text()
-    changed = agents.AgentCard("x", "SADA-Detection", "detection/agent/network.py", "0" * 64, "")
+    changed = agents.AgentCard("x", "detection/agent/network.py", "0" * 64, "")
     with pytest.raises(ValueError, match=r"SHA-256 0000.*shipped weights were changed"):
         agents.verify(changed)
 
 
 def test_bad_weights_are_named(tmp_path):
     with pytest.raises(ValueError, match=r"Expected an agent's name.*photograper.*photographer"):
-        agents.load_detector("photograper")
+        agents.load("photograper", "SADA-Detection")
     with pytest.raises(ValueError, match="no such file"):
-        agents.load_detector(tmp_path / "missing.safetensors")
+        agents.load(tmp_path / "missing.safetensors", "SADA-Detection")
     broken = tmp_path / "broken.safetensors"
     broken.write_bytes(b"not weights")
     with pytest.raises(
         ValueError,
         match=r"Expected the weights of the 12-class Detector in .*broken.*got no safetensors file",
     ):
-        agents.load_detector(broken)
+        agents.load(broken, "SADA-Detection")
 
 
 def test_fingerprint_follows_the_weights():

@@ -351,7 +351,7 @@ def test_bad_keywords_are_refused(keywords, message):
 
 def test_tiles():
     images = shipped_images().images[:40]
-    network = agents.load_classifier("cnn")
+    network = agents.load("cnn", "SADA-Digits")
     assert Classifier(network).tile == TILE
     alone = np.concatenate([Classifier(network).probabilities(image[None]) for image in images])
     np.testing.assert_array_equal(Classifier(network).probabilities(images), alone)

@@ -81,26 +81,26 @@ def test_a_seed_fixes_the_weights_and_leaves_the_global_generators_alone():
 def test_weights_survive_a_file(tmp_path, network):
     path = tmp_path / "pilot.safetensors"
     weights.save(network, path)
-    loaded = agents.load_pilot(str(path))
+    loaded = agents.load(str(path), "SADA-UAV")
     assert WaypointPilot(loaded).fingerprint == WaypointPilot(network).fingerprint
 
 
 def test_a_missing_or_foreign_file_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no such file"):
-        agents.load_pilot(tmp_path / "none.safetensors")
+        agents.load(tmp_path / "none.safetensors", "SADA-UAV")
     path = tmp_path / "text.safetensors"
     path.write_text("weights")
     with pytest.raises(ValueError, match="Expected the weights of a pilot"):
-        agents.load_pilot(path)
+        agents.load(path, "SADA-UAV")
     with pytest.raises(ValueError, match="Expected an agent's name"):
-        agents.load_pilot("nobody")
+        agents.load("nobody", "SADA-UAV")
 
 
 @pytest.mark.parametrize("kind", [str, Path])
 def test_sb3s_files_are_refused_with_the_reason(kind):
     message = r"among waypoint-pid, ppo, or a \.safetensors file, got the file mine\.zip\. SB3's"
     with pytest.raises(ValueError, match=rf"{message}.*pickles.*agent=PPO\.load\(file\)"):
-        agents.load_pilot(kind("mine.zip"))
+        agents.load(kind("mine.zip"), "SADA-UAV")
 
 
 def _without(found):
@@ -128,10 +128,10 @@ def test_weights_that_do_not_fit_are_named(tmp_path, change, message):
     change(found)
     save_file(found, tmp_path / "big.safetensors")
     with pytest.raises(ValueError, match=f"{message} Write such a file") as caught:
-        agents.load_pilot(str(tmp_path / "big.safetensors"))
+        agents.load(str(tmp_path / "big.safetensors"), "SADA-UAV")
     assert "\n" not in str(caught.value)
 
 
 def test_a_detectors_file_is_no_pilots():
     with pytest.raises(ValueError, match=r"like ppo in .*: .*, got no .*pass the model as agent="):
-        agents.load_pilot(agents.card("photographer").path)
+        agents.load(agents.card("photographer").path, "SADA-UAV")

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -23,22 +22,58 @@ _FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB = (178, 24, 43), (247, 247, 247), (33, 
 
 
 class AnalyticApplication(Application):
-    """Q grows with the distance to the nearest of several separate boxes: the fooling set.
+    """An instant application whose fooling set is known exactly.
+
+    ## Description
+    The score is a function of mu alone: it grows with the distance to the nearest of `regions`
+    separate boxes in [-1, 1]^d. These boxes are the fooling set; together they fill the share
+    `volume` of the space in any dimension, so a uniform adversary fools the agent that often.
+    Made for testing adversaries: do they find all regions, and do their samples cover them?
 
     [-1, 1]^d is cut into as many equal cells as there are regions, and each cell holds one box that
-    fills the share `volume` of it. So the fooling set's share of the whole is exactly `volume`
-    whatever the dimension, the boxes never touch, and every dimension bounds every box. The boxes'
-    places in their cells follow a golden-ratio sequence: no symmetry to exploit, nothing random.
+    fills the share `volume` of it. So the boxes never touch, and every dimension bounds every box.
+    Their places in their cells follow a golden-ratio sequence: there is no symmetry to exploit, and
+    nothing is random.
 
-    Q = t m^2 / (t m^2 + 1 - t) with t the fooling threshold and m the distance to the nearest box's
-    centre in the maximum norm, in units of the box's half sides: 0 at a centre, t on the surface.
+    ## Action Space
+    `Box(-1, 1, (dimension,), float32)`: the point, without a unit.
 
-    Args:
-        dimension: d, from 1 to 1,000.
-        regions: Number of boxes, from 1 to 1,000.
-        volume: The fooling set's share of [-1, 1]^d, in (0, 1).
-        noise: Half width of a uniform disturbance of Q that depends on the seed alone, in [0, 1).
-            With noise the known set is that of the undisturbed Q.
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | i | `x{i}` | -1 | 1 | none |
+
+    ## Observation Space
+    `Box(-1, 1, (dimension + 2,), float32)`:
+
+    | index | what | least | greatest |
+    | --- | --- | --- | --- |
+    | 0 to d - 1 | last mu; 0 where there is none yet | -1 | 1 |
+    | d | last score; 0 where there is none yet | 0 | 1 |
+    | d + 1 | share of the steps that is left | 0 | 1 |
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`. The score is Q = t m^2 / (t m^2 + 1 - t) with t = 0.3
+    the fooling threshold and m the distance to the nearest box's centre in the maximum norm, in
+    units of the box's half sides: 0 at a centre, t on the surface, below 1 everywhere.
+
+    ## Starting State
+    No proposal yet. The seed matters only with `noise`.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.3), `seed`, `parameters` and `region`, the region that mu lies in, or -1.
+    With `noise` the region is that of the undisturbed score.
+
+    ## Arguments
+    - `dimension=2`: number of parameters, at most 1,000.
+    - `regions=4`: number of separate fooling regions, at most 1,000.
+    - `volume=0.1`: the fooling set's share of the whole space, in (0, 1).
+    - `noise=0.0`: half width of a uniform disturbance of the score, fixed by the seed, in [0, 1).
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`. A frame shows the score over the first
+      two parameters, and mu as a cross.
+
+    ## Version History
+    - v0: first version.
     """
 
     name: ClassVar[str] = "SADA-Analytic"
@@ -130,89 +165,6 @@ class AnalyticApplication(Application):
         stops = (0.0, self.fooling_threshold, 1.0)
         channels = zip(_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB, strict=True)
         return np.stack([np.interp(score, stops, c) for c in channels], axis=-1).astype(np.uint8)
-
-
-class AnalyticEnv(AdversaryEnv):
-    """An instant application whose fooling set is known exactly.
-
-    ## Description
-    The score is a function of mu alone: it grows with the distance to the nearest of `regions`
-    separate boxes in [-1, 1]^d. These boxes are the fooling set; together they fill the share
-    `volume` of the space in any dimension, so a uniform adversary fools the agent that often.
-    Made for testing adversaries: do they find all regions, and do their samples cover them?
-
-    ## Action Space
-    `Box(-1, 1, (dimension,), float32)`: the point, without a unit.
-
-    | index | parameter | at -1 | at +1 | unit |
-    | --- | --- | --- | --- | --- |
-    | i | `x{i}` | -1 | 1 | none |
-
-    ## Observation Space
-    `Box(-1, 1, (dimension + 2,), float32)`:
-
-    | index | what | least | greatest |
-    | --- | --- | --- | --- |
-    | 0 to d - 1 | last mu; 0 where there is none yet | -1 | 1 |
-    | d | last score; 0 where there is none yet | 0 | 1 |
-    | d + 1 | share of the steps that is left | 0 | 1 |
-
-    ## Rewards
-    `-info["score"]`. The score is 0 at a region's centre, 0.3 (the fooling threshold) on its
-    surface, and below 1 everywhere. `info["region"]` names the region that mu lies in, or -1.
-
-    ## Starting State
-    No proposal yet. The seed matters only with `noise`.
-
-    ## Episode End
-    Terminated after `horizon` proposals.
-
-    ## Arguments
-    - `dimension=2`: number of parameters, at most 1,000.
-    - `regions=4`: number of separate fooling regions, at most 1,000.
-    - `volume=0.1`: the fooling set's share of the whole space.
-    - `noise=0.0`: half width of a uniform disturbance of the score, fixed by the seed.
-    - `horizon=1`: proposals in one episode.
-    - `render_mode=None`: or `"rgb_array"`, the score over the first two parameters, mu as a cross.
-
-    ## Version History
-    - v0: first version.
-    """
-
-    def __init__(
-        self,
-        *,
-        dimension: int = 2,
-        regions: int = 4,
-        volume: float = 0.1,
-        noise: float = 0.0,
-        horizon: int = 1,
-        render_mode: str | None = None,
-    ) -> None:
-        application = AnalyticApplication(
-            dimension=dimension, regions=regions, volume=volume, noise=noise
-        )
-        super().__init__(application, horizon=horizon, render_mode=render_mode)
-
-
-class AnalyticVectorEnv(AdversaryVectorEnv):
-    """The native batch of `AnalyticEnv`, with the same keywords."""
-
-    def __init__(
-        self,
-        *,
-        num_envs: int = 1,
-        dimension: int = 2,
-        regions: int = 4,
-        volume: float = 0.1,
-        noise: float = 0.0,
-        horizon: int = 1,
-        render_mode: str | None = None,
-    ) -> None:
-        application = AnalyticApplication(
-            dimension=dimension, regions=regions, volume=volume, noise=noise
-        )
-        super().__init__(application, num_envs=num_envs, horizon=horizon, render_mode=render_mode)
 
 
 def _place_boxes(
