@@ -202,6 +202,43 @@ class Report(BaseCallback):
         )
 
 
+def run_script(
+    description: str | None,
+    recipes: Mapping[str, Recipe[CourseT]],
+    unit: str,
+    *,
+    train: Callable[..., Any],
+    save: Callable[[Any, Path], None],
+    measure: Callable[[Any, int], str],
+    write_card: Callable[[Path, Recipe[CourseT], int, float, str], None],
+) -> None:
+    """Train an agent as the command line says, measure it, and write weights and card.
+
+    A trial is not measured, and gets no card.
+
+    Args:
+        description: As `parse_options` takes it, like the next two.
+        recipes: All recipes by name.
+        unit: What takes one step at a time.
+        train: Takes a recipe and `seed=`, and gives the agent.
+        save: Writes an agent's weights to a file.
+        measure: Takes an agent and a seed, and gives its figures in Markdown.
+        write_card: Takes the file of weights, recipe, seed, minutes of training and figures.
+    """
+    options = parse_options(description, recipes, unit)
+    started = time.process_time()
+    agent = train(options.recipe, seed=options.seed)
+    minutes = (time.process_time() - started) / 60
+    options.out.mkdir(parents=True, exist_ok=True)
+    save(agent, options.weights)
+    if options.trial:
+        print(f"a trial's weights: {options.weights}")
+        return
+    figures = measure(agent, options.seed + 1_000)
+    print(figures)
+    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+
+
 @dataclass(frozen=True)
 class ModelCard:
     """How an agent was trained, and what it scores.
