@@ -14,17 +14,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
-from sada_gym.envs.checks import (
-    RenderModes,
-    check_reset_options,
-    checked_render_mode,
-    checked_seed,
-    warn_without_render_mode,
-)
+from sada_gym.arrays import shaped
+from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
 from sada_gym.envs.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
 from sada_gym.lazy import load
+from sada_gym.resets import check_reset_options, checked_seed
 
 
 class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
@@ -123,10 +119,8 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, action: npt.NDArray[Any]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Evaluate one mu of shape (d,)."""
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        (info,) = self._episodes.step([action], [self.np_random]).infos
+        mu = shaped(action, self.action_space.shape, "an action")
+        (info,) = self._episodes.step(mu[None], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
 
@@ -213,10 +207,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         dict[str, Any],
     ]:
         """Evaluate a batch of mu, (num_envs, d), and begin anew where an episode is over."""
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        outcomes = self._episodes.step(actions, self._generators)
+        mu = shaped(actions, self.action_space.shape, "actions")
+        outcomes = self._episodes.step(mu, self._generators)
         terminated = self._episodes.over
         infos: dict[str, Any] = {}
         for i, info in enumerate(outcomes.infos):

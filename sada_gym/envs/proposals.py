@@ -9,9 +9,15 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, refuse_number
 
 Observation = npt.NDArray[np.float32]
+
+MAX_ENVS = 2**20
+"""Environments in one batch. Each keeps a generator, some kilobytes."""
+
+MAX_HORIZON = 2**31 - 1
+"""Proposals in one episode."""
 
 
 def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
@@ -35,12 +41,13 @@ class Proposals:
             copies.
 
     Raises:
-        UserError: If the horizon is no int of at least 1.
+        UserError: If the horizon is no int of at least 1, or too large to be counted down.
     """
 
     def __init__(self, dimension: int, horizon: int, count: int) -> None:
         if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
             raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
+        refuse_number("horizon", horizon, 1, MAX_HORIZON)
         self.observation: Observation = np.zeros((count, dimension + 2), dtype=np.float32)
         self._horizon = horizon
         self._steps_left = np.zeros(count, dtype=np.int64)

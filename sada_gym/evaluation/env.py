@@ -11,8 +11,10 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.envs.proposals import Observation, Proposals, proposal_spaces
-from sada_gym.errors import BudgetExhausted, UserError, refuse_number
+from sada_gym.arrays import shaped
+from sada_gym.envs.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
+from sada_gym.errors import BudgetExhausted, refuse_number
+from sada_gym.resets import check_reset_options, checked_seed, reset_mask
 
 
 class Queried(Protocol):
@@ -85,7 +87,8 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; it costs no query."""
-        super().reset(seed=seed, options=options)
+        check_reset_options(options)
+        super().reset(seed=checked_seed(seed))
         self._proposals.start(0)
         return self._proposals.observation[0].copy(), {}
 
@@ -97,10 +100,8 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
         Raises:
             BudgetExhausted: If no query is left.
         """
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        score = float(_query(self.oracle, self._proposals, np.asarray(action)[None])[0])
+        mu = shaped(action, self.action_space.shape, "an action")
+        score = float(_query(self.oracle, self._proposals, mu[None])[0])
         terminated = bool(self._proposals.over[0])
         truncated = not terminated and self.oracle.remaining == 0
         info = {"score": score}
@@ -130,7 +131,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     }
 
     def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
-        refuse_number("num_envs", num_envs, 1)
+        refuse_number("num_envs", num_envs, 1, MAX_ENVS)
         self.num_envs = num_envs
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self.oracle = oracle
@@ -146,9 +147,8 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
-        for i in np.flatnonzero(mask):
-            self._proposals.start(int(i))
+        for i in reset_mask(options, self.num_envs):
+            self._proposals.start(i)
         return self._proposals.observation.copy(), {}
 
     def step(
@@ -165,10 +165,8 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         Raises:
             BudgetExhausted: If fewer queries were left; these are spent then.
         """
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        scores = _query(self.oracle, self._proposals, actions)
+        mu = shaped(actions, self.action_space.shape, "actions")
+        scores = _query(self.oracle, self._proposals, mu)
         terminated = self._proposals.over
         truncated = ~terminated & (self.oracle.remaining == 0)
         infos: dict[str, Any] = {}
@@ -182,10 +180,11 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         return self._proposals.observation.copy(), -scores, terminated, truncated, infos
 
 
-def _query(oracle: Queried, proposals: Proposals, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Take a step of every episode: query mu (n, d), as far as the budget goes."""
+def _query(
+    oracle: Queried, proposals: Proposals, batch: npt.NDArray[Any]
+) -> npt.NDArray[np.float64]:
+    """Take a step of every episode: query a batch of mu, (n, d), as far as the budget goes."""
     proposals.check_begun()
-    batch = np.asarray(mu)
     left = oracle.remaining
     if left < len(batch):
         if left:

@@ -15,6 +15,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from families import SHIPPED, family
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import SyncVectorEnv
@@ -37,26 +38,8 @@ CARD_OF = {env_id: card for card in cards() for env_id in (card.id, *card.track_
 SAME_WORLDS = {card.id: card.track_id(card.same_as) for card in cards() if card.same_as}
 """General ids, and the track that each is by default: the same application.
 
-That it is the same is tested; what is expensive is then tested on the track alone.
+That it is the same is tested; the rest is then tested on the track alone.
 """
-SHIPPED = tuple(
-    card.id if card.case.shipped_on is None else card.track_id(card.case.shipped_on)
-    for card in cards()
-)
-"""One world of each application: tests that need the shipped agent have it there.
-
-The other tracks run the same code in other worlds.
-"""
-FAMILIES = [card.name for card in cards() if len(card.tracks) > 5]
-"""Applications of so many tracks that only the one in `SHIPPED` is tested every time."""
-
-
-def parameter(env_id: str) -> Any:
-    """An id as a test's parameter: slow where another of its family stands for it."""
-    every_time = CARD_OF[env_id].name not in FAMILIES or env_id in SHIPPED
-    return pytest.param(env_id, marks=() if every_time else pytest.mark.slow)
-
-
 WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
 
 
@@ -92,7 +75,7 @@ def with_shipped_agent_on_one_track(env_id: str) -> dict[str, Any]:
     return {} if env_id in SHIPPED else with_quick_agent(env_id)
 
 
-@pytest.fixture(params=[parameter(env_id) for env_id in WORLDS])
+@pytest.fixture(params=family(WORLDS, *SHIPPED))
 def env_id(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -167,16 +150,17 @@ def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) 
         assert frame.shape[2] == 3
 
 
-def test_pictures_of_a_bad_seed_are_refused(env: AdversaryEnv, env_id: str) -> None:
-    (mu,) = proposals(env_id, 1)
+def test_pictures_of_a_bad_seed_are_refused() -> None:
+    env, mu = AdversaryEnv(AnalyticApplication()), [0.0, 0.0]
     draws = (env.replay, env.application.render, env.application.observation)
     for draw, seed in product(draws, [-1, 2**31, 1.5, "x"]):
         with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\)"):
             draw(mu, seed)
 
 
-@pytest.mark.parametrize("horizon", [1, 3])
-def test_the_native_batch_equals_the_scalar_environments(env_id: str, horizon: int) -> None:
+# test_adversary_env.py tries other horizons
+def test_the_native_batch_equals_the_scalar_environments(env_id: str) -> None:
+    horizon = 3
     keywords = with_quick_agent(env_id)
     num_envs = 2 if one_step_is_slow(env_id) else 3
     steps = horizon + 1  # the last one is after the autoreset
@@ -245,13 +229,14 @@ def evaluated(worlds: list[tuple[Application, np.ndarray, list[int]]]) -> list[O
 
 
 def test_another_process_gives_the_same_outcomes() -> None:
-    """One process evaluates on a track of each family: its start takes longest."""
+    """One process evaluates on a track of each family: its start takes longest.
+
+    Two worlds each are enough: `test_scores_are_pure` varies batches, tiles and their order.
+    """
     worlds = []
     for env_id in SHIPPED:
         application = sada_gym.make_application(env_id)
-        worlds.append(
-            (application, *draw_worlds(application, purity_case(env_id).n, brief_seed(env_id)))
-        )
+        worlds.append((application, *draw_worlds(application, 2, brief_seed(env_id))))
     elsewhere = in_fresh_process(evaluated, worlds, home=PurityCase)
     for (application, _, _), here, there in zip(worlds, evaluated(worlds), elsewhere, strict=True):
         compare_outcomes(here, there, f"of {application.name} in another process")
@@ -278,7 +263,8 @@ def test_no_parameter_is_dead(env_id: str) -> None:
     application.close()
 
 
-def test_the_docstring_has_gymnasiums_headings(env: AdversaryEnv) -> None:
+@pytest.mark.parametrize("card", cards(), ids=lambda card: card.name)
+def test_the_docstring_has_gymnasiums_headings(card: ApplicationCard) -> None:
     headings = [
         "Description",
         "Action Space",
@@ -291,7 +277,7 @@ def test_the_docstring_has_gymnasiums_headings(env: AdversaryEnv) -> None:
     ]
     found = [
         line.strip()[3:]
-        for line in (type(env.application).__doc__ or "").splitlines()
+        for line in (load(card.application).__doc__ or "").splitlines()
         if "## " in line
     ]
     assert found == headings

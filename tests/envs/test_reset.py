@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from families import SHIPPED, family
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.testing import assert_array_equal
@@ -76,7 +77,9 @@ def test_a_batch_takes_large_seeds_as_the_scalar_environments_do(seed: Any) -> N
             assert found[4]["seed"].tolist() == [fold_seed(one) for one in given]
 
 
-@pytest.mark.parametrize("env_id", [*sada_gym.env_ids(), *(i for i in task_ids())])
+@pytest.mark.parametrize(
+    "env_id", family([*sada_gym.env_ids(), *task_ids()], *SHIPPED, *task_ids())
+)
 def test_every_environment_takes_any_uint32(env_id: str) -> None:
     env = gym.make(env_id)
     observation, _ = env.reset(seed=2**32 - 1)

@@ -120,14 +120,17 @@ class PixelApplication(ClassifierApplication):
         self, mu: npt.ArrayLike, images: npt.NDArray[np.float32]
     ) -> npt.NDArray[np.float32]:
         """Put the noise of mu, (n, d), on images (n, height, width): the attacked images."""
+        return self._attacked(self.parameters.validate(mu), images)
+
+    def _attacked(self, mu: Mu, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         clean = images.astype(np.float64)
-        share = self.parameters.validate(mu).astype(np.float64).reshape(clean.shape)
+        share = mu.astype(np.float64).reshape(clean.shape)
         room = np.where(share > 0.0, 1.0 - clean, clean)
         attacked = clean + share * np.minimum(self.radius, room)
         return np.clip(attacked, 0.0, 1.0).astype(np.float32)
 
     def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
-        return self.attacked(mu, self.images.images[self.indices[positions]])
+        return self._attacked(mu, self.images.images[self.indices[positions]])
 
     def _score(
         self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
+from families import family
 
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.renderers import default_renderer, tinyrenderer
@@ -198,7 +199,7 @@ def test_places_vary_with_the_seed():
     assert len({picture.tobytes() for picture in pictures}) == 8
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", family(CLASSES, "car"))
 def test_every_benchmark_shape_is_in_sight_and_inside_the_frame(name):
     for shape in benchmark_shapes(name):
         found = render(shape, camera_distance=8.0, size=64)

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from families import family
 
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import default_renderer
@@ -22,7 +23,7 @@ def same(a, b):
     assert a.to_json() == b.to_json()
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", family(CLASSES, "car"))
 def test_a_benchmark_scene_goes_to_json_and_back(name):
     scene = DetectionApplication(name).scene(MU, 11)
     plain = scene.to_dict()

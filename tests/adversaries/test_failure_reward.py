@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sada_gym.adversaries.models.failure_reward import failure_rewards, novelties
+from sada_gym.adversaries.failure_reward import failure_rewards, novelties
 from sada_gym.adversaries.omega import Omega
 
 

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from sada_gym.adversaries.models.bbgan_networks import Discriminator, Generator
-from sada_gym.adversaries.models.bbgan_options import BBGANOptions
+from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
+from sada_gym.adversaries.bbgan_options import BBGANOptions
 from sada_gym.adversaries.omega import Induced
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.errors import TrainingDiverged

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import leaky_relu, relu
 
-from sada_gym.adversaries.models.bbgan_options import BBGANOptions
+from sada_gym.adversaries.bbgan_options import BBGANOptions
 
 
 class Perceptron(nn.Module):
