@@ -130,5 +130,6 @@ def test_a_driver_is_measured_by_name_or_file(tmp_path, monkeypatch, capsys):
     assert [seed for _, seed in seen] == [4, 4]
     assert "| task |" in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["evaluate", "moon"])
-    with pytest.raises(ValueError, match="an agent's name among cil"):
+    with pytest.raises(SystemExit, match="2"):
         evaluate.main()
+    assert "an agent's name among cil" in capsys.readouterr().err
