@@ -1,4 +1,4 @@
-"""`archive`: the fooling points of Omega once more, the control for what memorising scores."""
+"""`archive`: repeats the queries that fooled, as the control for what memorising scores."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
-from sada_gym.adversaries.omega import Omega, induce
+from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.omega import Omega
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
 
@@ -36,9 +36,8 @@ class Archive(Learner):
         return self._draw(n)
 
     def _fit(self, omega: Omega) -> None:
-        induced = induce(omega, self.threshold, self.rng)
-        self.flags = [MEMORISED, *([NONE_FOOLED] if induced.fallback else [])]
-        self._points = induced.chosen
+        self.flags = [MEMORISED]
+        self._points = self._induce(omega).chosen
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
         rounds = -(-n // len(self._points))

@@ -76,7 +76,7 @@ class Bayesian(MixtureLearner):
 
     def _fit(self, omega: Omega) -> None:
         o = self.options
-        late = Omega(omega.mu[-o.last :], omega.score[-o.last :])
+        late = omega[-o.last :]
         induced = induce(late, self.threshold, self.rng, size=o.induced_size or None)
         if induced.fallback:
             self.flags.append(

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Mixture, fit_mixture
-from sada_gym.adversaries.omega import Omega, induce
+from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
 
 
@@ -53,12 +53,9 @@ class Gaussian(MixtureLearner):
     options: GaussianOptions
 
     def _fit(self, omega: Omega) -> None:
-        size = self.options.induced_size or None
-        induced = induce(omega, self.threshold, self.rng, size=size)
-        if induced.fallback:
-            self.flags.append(NONE_FOOLED)
-        components = max(1, round(self.components_share * len(induced.chosen)))
-        self._mixture = fit_mixture(induced.chosen, components, self.rng)
+        chosen = self._induce(omega, self.options.induced_size).chosen
+        components = max(1, round(self.components_share * len(chosen)))
+        self._mixture = fit_mixture(chosen, components, self.rng)
 
 
 class GMM10(Gaussian):

@@ -16,7 +16,7 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.fresh import fresh_rows, row_keys
-from sada_gym.adversaries.omega import Omega, evaluate_uniform
+from sada_gym.adversaries.omega import Induced, Omega, draw_uniform, evaluate_uniform, induce
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import Strict, write_file, write_model
@@ -94,10 +94,21 @@ class Learner(Adversary):
         """Take back what `_arrays` gave; `omega` is known. Here it fits again."""
         self._fit(self.omega)
 
-    def _propose(self, n: int, stir: float) -> npt.NDArray[np.floating[Any]]:
-        """Draw some candidates, (m, d), disturbed by a standard deviation of `stir`."""
+    def _propose(self, n: int, noise: float) -> npt.NDArray[np.floating[Any]]:
+        """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
-        return drawn + stir * self.rng.normal(size=drawn.shape) if stir else drawn
+        return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
+
+    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+        """Draw n uniform mu, (n, d)."""
+        return draw_uniform(n, self.dimension, self.rng)
+
+    def _induce(self, omega: Omega, size: int = 0) -> Induced:
+        """Pick the induced set, at most `size` points or all that fool; flag it if none does."""
+        induced = induce(omega, self.threshold, self.rng, size=size or None)
+        if induced.fallback:
+            self.flags.append(NONE_FOOLED)
+        return induced
 
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution.

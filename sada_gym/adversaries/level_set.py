@@ -101,27 +101,27 @@ class LevelSet(Learner):
         )
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for part in _split(budget - first, self.options.rounds):
-            surrogate = self._learnt(omega, self.rng)
+            surrogate = self._fit_surrogate(omega, self.rng)
             pool = self._uniform(max(_pool_size(budget), 4 * part))
-            omega += evaluate(self._chosen(surrogate, pool, part), oracle)
+            omega += evaluate(self._choose(surrogate, pool, part), oracle)
         return omega
 
-    def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
+    def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
         return Surrogate(
             omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
         )
 
-    def _chosen(
+    def _choose(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
     ) -> npt.NDArray[np.float32]:
         """Choose mu of the pool to ask about: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
-        odds = (p**4 if surrogate.raised else self._worth(surrogate, pool, p)) + 1e-12
+        odds = (p**4 if surrogate.raised else self._acquisition(surrogate, pool, p)) + 1e-12
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _worth(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
         """Say how much a query of each mu of the pool is worth that fools with chance p: (m,)."""
         del surrogate, pool
         return p * (1.0 - p)
@@ -131,12 +131,12 @@ class LevelSet(Learner):
         if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
-        self._surrogate = self._learnt(omega, rng)
+        self._surrogate = self._fit_surrogate(omega, rng)
         self._find_level(_pool_size(len(omega)))
 
     def _find_level(self, size: int) -> None:
         """Choose the level, and keep what the walk starts from."""
-        pool, p = self._predicted_pool(size)
+        pool, p = self._predict_pool(size)
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
@@ -155,14 +155,14 @@ class LevelSet(Learner):
     ) -> None:
         """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
-        least = self.options.coverage * self._covered(pool, p, others, real)
+        least = self.options.coverage * self._predict_coverage(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
-            if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
+            if len(higher) < _LEAST_SET or self._predict_coverage(pool, p, higher, real) < least:
                 return
             self.level = level
 
-    def _predicted_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
+    def _predict_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
         """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
         pools: list[npt.NDArray[np.float32]] = []
         predicted: list[Array] = []
@@ -173,7 +173,7 @@ class LevelSet(Learner):
                 break
         return np.concatenate(pools), np.concatenate(predicted)
 
-    def _covered(
+    def _predict_coverage(
         self,
         pool: npt.NDArray[np.float32],
         p: Array,
@@ -209,9 +209,6 @@ class LevelSet(Learner):
             accepted = self._surrogate(proposed) >= self.level
             mu[accepted] = proposed[accepted]
         return mu
-
-    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
-        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
 
 
 def _pool_size(queries: int) -> int:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 
 from sada_gym.adversaries.models.mixture import Array
@@ -43,6 +42,7 @@ class PPO(SB3Adversary):
     """
 
     name: ClassVar[str] = "ppo"
+    algorithm = "PPO"
     options_class = PPOOptions
     presets: ClassVar[Mapping[str, PPOOptions]] = {
         "default": PPOOptions(),
@@ -50,21 +50,17 @@ class PPO(SB3Adversary):
     }
     options: PPOOptions
 
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:  # noqa: ARG002 - it forgets them
-        import stable_baselines3
-
+    def _settings(self, queries: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
         o = self.options
-        return stable_baselines3.PPO(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            n_steps=o.rollout,
-            batch_size=o.rollout,
-            n_epochs=o.epochs,
-            ent_coef=o.entropy,
-            policy_kwargs={"net_arch": list(o.hidden), "log_std_init": o.log_deviation},
-            device="cpu",
-        )
+        return {
+            "n_steps": o.rollout,
+            "batch_size": o.rollout,
+            "n_epochs": o.epochs,
+            "ent_coef": o.entropy,
+        }
+
+    def _policy_settings(self) -> dict[str, Any]:
+        return {**super()._policy_settings(), "log_std_init": self.options.log_deviation}
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         normal = self._model.policy.get_distribution(start).distribution

@@ -37,4 +37,4 @@ class Random(Learner):
         """Learn nothing."""
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
-        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
+        return self._uniform(n)

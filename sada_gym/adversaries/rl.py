@@ -93,8 +93,7 @@ class RLAdversary(Learner):
             )
         omega = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
         self._begin(budget)
-        nothing = Omega(omega.mu[:0], omega.score[:0])
-        self._learn_uniform(omega, self._rewards(omega, nothing))
+        self._learn_uniform(omega, self._rewards(omega, omega[:0]))
         for done in range(rollouts):
             proposals = self._act(size)
             if not np.isfinite(proposals.action).all():

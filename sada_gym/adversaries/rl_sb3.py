@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -48,16 +48,25 @@ class SB3Adversary(RLAdversary):
     starts it observes where an episode starts and proposes a way from there: the learnt
     distribution may then lie in many places at once.
 
-    A subclass implements `_make`, `_moments` and `_learn`, and `_squash` where it needs it.
+    A subclass names its `algorithm` and implements `_settings`, `_moments` and `_learn`, and
+    `_squash` where it needs it.
+
+    Attributes:
+        algorithm: The name of the class in `stable_baselines3`.
     """
 
     packages = ("scikit-learn", "torch", "stable-baselines3")
+    algorithm: ClassVar[str]
 
     options: SB3Options
 
     @abstractmethod
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        """Make the model for the spaces of env, with room for so many queries."""
+    def _settings(self, queries: int) -> dict[str, Any]:
+        """Give the model's keywords beside those that all share, for so many queries."""
+
+    def _policy_settings(self) -> dict[str, Any]:
+        """Give the keywords of the model's policy."""
+        return {"net_arch": list(self.options.hidden)}
 
     @abstractmethod
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,10 +77,18 @@ class SB3Adversary(RLAdversary):
         return drawn
 
     def _begin(self, queries: int) -> None:
+        import stable_baselines3
         from stable_baselines3.common.logger import configure
 
         with self._seeded():
-            self._model = self._make(Spaces(self.dimension), queries)
+            self._model = getattr(stable_baselines3, self.algorithm)(
+                "MlpPolicy",
+                Spaces(self.dimension),
+                learning_rate=self.options.learning_rate,
+                policy_kwargs=self._policy_settings(),
+                device="cpu",
+                **self._settings(queries),
+            )
         self._model.set_logger(configure(None, []))
 
     def _act(self, n: int) -> Proposals:
@@ -140,6 +157,9 @@ class OffPolicyAdversary(SB3Adversary):
     """An adversary of Stable-Baselines3 that learns from all queries, the uniform ones included."""
 
     options: OffPolicyOptions
+
+    def _settings(self, queries: int) -> dict[str, Any]:
+        return {"buffer_size": queries}
 
     def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
         mu = omega.mu.astype(np.float64)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 
 from sada_gym.adversaries.models.mixture import Array
@@ -40,6 +39,7 @@ class SAC(OffPolicyAdversary):
     """
 
     name: ClassVar[str] = "sac"
+    algorithm = "SAC"
     options_class = SACOptions
     presets: ClassVar[Mapping[str, SACOptions]] = {
         "default": SACOptions(),
@@ -47,19 +47,8 @@ class SAC(OffPolicyAdversary):
     }
     options: SACOptions
 
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        import stable_baselines3
-
-        o = self.options
-        return stable_baselines3.SAC(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            buffer_size=queries,
-            ent_coef=o.entropy,
-            policy_kwargs={"net_arch": list(o.hidden)},
-            device="cpu",
-        )
+    def _settings(self, queries: int) -> dict[str, Any]:
+        return {**super()._settings(queries), "ent_coef": self.options.entropy}
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)

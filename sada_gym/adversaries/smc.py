@@ -11,9 +11,9 @@ from sklearn.neighbors import NearestNeighbors
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
@@ -82,7 +82,7 @@ class SMC(Learner):
         while level > oracle.threshold and oracle.remaining:
             quantile = float(np.quantile(population.score, o.level_probability, method="lower"))
             level = max(quantile, oracle.threshold)
-            population = _below(population, level)
+            population = population[population.score <= level]
             n = oracle.remaining if level == oracle.threshold else min(per_level, oracle.remaining)
             states, queries = self._walk(population, level, n, oracle)
             population += states
@@ -90,10 +90,7 @@ class SMC(Learner):
         return omega
 
     def _fit(self, omega: Omega) -> None:
-        induced = induce(omega, self.threshold, self.rng)
-        if induced.fallback:
-            self.flags.append(NONE_FOOLED)
-        self._points = np.unique(induced.chosen, axis=0).astype(np.float64)
+        self._points = np.unique(self._induce(omega).chosen, axis=0).astype(np.float64)
         self._nearest = np.zeros((1, 1), np.intp)
         if len(self._points) > 1:
             count = min(self.options.neighbours, len(self._points) - 1)
@@ -108,7 +105,7 @@ class SMC(Learner):
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
         mu, score = population.mu[start], population.score[start]
         spread = np.maximum(population.mu.std(axis=0), _LEAST_SPREAD)
-        states, queries = [], []
+        states = queries = population[:0]
         for taken in range(0, n, chains):
             mu, score = mu[: n - taken], score[: n - taken]
             step = self._scale * spread * self.rng.normal(size=mu.shape)
@@ -116,11 +113,11 @@ class SMC(Learner):
             accepted = asked.score <= level
             mu = np.where(accepted[:, None], asked.mu, mu)
             score = np.where(accepted, asked.score, score)
-            states.append(Omega(mu, score))
-            queries.append(asked)
+            states += Omega(mu, score)
+            queries += asked
             growth = math.exp(accepted.mean() - self.options.acceptance)
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
-        return _join(states), _join(queries)
+        return states, queries
 
     def _draw(self, n: int) -> Array:
         first = self.rng.integers(len(self._points), size=n)
@@ -128,14 +125,3 @@ class SMC(Learner):
         way = self.rng.random((n, 1))
         drawn: Array = self._points[first] + way * (self._points[second] - self._points[first])
         return drawn
-
-
-def _below(pool: Omega, level: float) -> Omega:
-    kept = pool.score <= level
-    return Omega(pool.mu[kept], pool.score[kept])
-
-
-def _join(pools: list[Omega]) -> Omega:
-    return Omega(
-        np.concatenate([pool.mu for pool in pools]), np.concatenate([pool.score for pool in pools])
-    )

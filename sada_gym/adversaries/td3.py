@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
-
-import gymnasium as gym
+from typing import TYPE_CHECKING, ClassVar
 
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl_sb3 import OffPolicyAdversary, OffPolicyOptions
@@ -38,25 +36,13 @@ class TD3(OffPolicyAdversary):
     """
 
     name: ClassVar[str] = "td3"
+    algorithm = "TD3"
     options_class = TD3Options
     presets: ClassVar[Mapping[str, TD3Options]] = {
         "default": TD3Options(),
         "plain": TD3Options(starts="centre"),
     }
     options: TD3Options
-
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        import stable_baselines3
-
-        o = self.options
-        return stable_baselines3.TD3(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            buffer_size=queries,
-            policy_kwargs={"net_arch": list(o.hidden)},
-            device="cpu",
-        )
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         action = self._model.actor(start)
