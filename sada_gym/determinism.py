@@ -1,4 +1,4 @@
-"""What libraries keep for the whole process: global generators, torch's threads."""
+"""Protects the state that libraries keep for a whole process: generators and torch's threads."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy as np
 
 @contextmanager
 def generators_kept() -> Iterator[None]:
-    """Let a library seed Python's, NumPy's and torch's generators; afterwards they are as before.
+    """Restore Python's, NumPy's and torch's global generators after a library has seeded them.
 
-    SB3 does so whenever a model with a seed is made or loaded.
+    SB3 seeds them whenever a model with a seed is made or loaded.
     """
     import torch
 
@@ -30,9 +30,9 @@ def generators_kept() -> Iterator[None]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch compute in one thread; afterwards it has as many as before.
+    """Let torch compute in one thread, and restore the number of threads afterwards.
 
-    Small networks want no more, and more threads give other last bits.
+    Small networks gain nothing from more threads, and more threads give other last bits.
     """
     import torch
 
@@ -47,7 +47,7 @@ def one_thread() -> Iterator[None]:
 def _one_thread_in_a_fork() -> None:
     """Let a forked process compute in one thread.
 
-    OpenMP's threads do not live on in it, and it would wait for them for ever.
+    OpenMP's threads do not survive the fork, and the process would wait for them for ever.
     """
     torch = sys.modules.get("torch")
     if torch is not None and hasattr(torch, "set_num_threads"):  # else it is being imported

@@ -26,8 +26,8 @@ _CALIBRATION_DRAWS = 4096
 class BBGAN(Learner):
     """A GAN that learns the fooling distribution from the points of a uniform pool that fool.
 
-    All of the budget goes into Omega. The `default` preset departs from the paper's where that
-    loses whole fooling regions; the `paper` preset is the authors' own setting. See `BBGANOptions`.
+    All of the budget goes into Omega. The `paper` preset is the authors' own setting. The `default`
+    preset departs from it where it loses whole fooling regions. See `BBGANOptions`.
 
     Args:
         dimension: d, the number of semantic parameters.

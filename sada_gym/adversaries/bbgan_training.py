@@ -31,7 +31,7 @@ def train_gan(
         induced: S, (s, d), and the rest of Omega, (n, d).
         o: The options.
         generator: All randomness.
-        log: Hears of losses and samples.
+        log: Gets losses and samples.
 
     Returns:
         G and D, their weights averaged over the steps where `o.average` says so.

@@ -33,10 +33,10 @@ class CMAMAEOptions(Options):
 
     Attributes:
         uniform_share: The share of the budget that is uniform.
-        cells: Cells of the archive: few, so that thousands of queries fill them often.
-        emitters: Evolution strategies.
-        learning_rate: How fast thresholds rise: 0 optimises, 1 explores as CMA-ME does.
-        sigma: The strategies' first standard deviation.
+        cells: Number of cells of the archive; few cells get many queries each.
+        emitters: Number of evolution strategies.
+        learning_rate: The rate at which thresholds rise: 0 optimises, 1 explores as CMA-ME does.
+        sigma: The standard deviation that the strategies start with.
     """
 
     uniform_share: float = option(0.2, 0, 1, inside=True)
@@ -57,12 +57,13 @@ class CMAMAE(Learner):
     strategies start at elites that fool, if any do. They move in unbounded space, reflected at the
     box's faces.
 
-    Where the world is random, an elite may have been lucky, and its score says little. So no
-    distribution is built on elites: all evaluated points count, as implicit repetitions of their
-    cell (as in Deep-Grid, Flageat & Cully 2020). A sample takes a cell in proportion to the square
-    of its fooling rate, which lets cells fade where fooling was luck, one of the cell's points that
-    fooled, and a Gaussian step. The step's expected length is half the distance to the nearest
-    other fooling point, and its deviation at most `sigma` a dimension.
+    Where the world is random, an elite may have been lucky, and its score says little. So the
+    distribution does not rest on elites: all evaluated points count, as implicit repetitions of
+    their cell (as in Deep-Grid, Flageat & Cully 2020). A sample picks a cell in proportion to the
+    square of its fooling rate, which favours cells where fooling was not luck. Then it picks one of
+    the cell's points that fooled, and takes a Gaussian step from there. The
+    step's expected length is half the distance to the nearest other fooling point, and its
+    deviation is at most `sigma` in each dimension.
     See `CMAMAEOptions`.
     """
 

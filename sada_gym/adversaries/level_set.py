@@ -36,12 +36,12 @@ class LevelSetOptions(Options):
     """The options of `level-set`.
 
     Attributes:
-        uniform: Share of the budget that is uniform from the start.
-        rounds: Number of rounds for the rest.
-        explore: Share of each round that is uniform.
-        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
-        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
-        models: What the surrogate stacks: `trees`, `process`.
+        uniform: The share of the budget that is uniform from the start.
+        rounds: The number of rounds that spend the rest.
+        explore: The share of each round that is uniform.
+        coverage: The share of the coverage that a higher level has to keep; 1.0 never raises it.
+        volume: The least volume of the sampled set, as a share of the volume predicted to fool.
+        models: The models that the surrogate stacks: `trees`, `process`.
     """
 
     uniform: float = option(0.4, 0.05, 1)
@@ -60,8 +60,8 @@ class LevelSet(Learner):
        p (1 - p), highest at the boundary of the fooling set {p >= 1/2}: where a query is the most
        informative about which side mu is on (compare Bryan et al. 2005, "Active learning for
        identifying function threshold boundaries"). A part of each round stays uniform, because a
-       surrogate is confident where it has never looked. Where hardly any query fools yet, the
-       rounds go to the lowest predicted scores first.
+       surrogate may be confident and wrong where it has no queries. Where hardly any query fools
+       yet, the rounds go to the lowest predicted scores first.
     2. The last surrogate is calibrated on held-out queries. Samples are uniform over
        {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
        Metropolis walk within it.
@@ -69,8 +69,8 @@ class LevelSet(Learner):
        with their predicted probability, at least `coverage` of what level 1/2 covers has to be
        left (density and coverage of Naeem et al. 2020, within the surrogate's own world). But
        where few queries fool, a calibrated surrogate is sure of hardly any mu, and {p >= 1/2} is a
-       speck of the fooling set. So the level is never so high that the sampled set has less than
-       `volume` of the volume that is predicted to fool, which is the mean of p.
+       tiny part of the fooling set. So the level is never so high that the sampled set has less
+       than `volume` of the volume that is predicted to fool, which is the mean of p.
 
     See `LevelSetOptions`.
 
@@ -114,7 +114,7 @@ class LevelSet(Learner):
     def _choose(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
     ) -> npt.NDArray[np.float32]:
-        """Choose mu of the pool to ask about: (count, d)."""
+        """Choose the next queries from the pool: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
         odds = (p**4 if surrogate.raised else self._acquisition(surrogate, pool, p)) + 1e-12
@@ -122,7 +122,7 @@ class LevelSet(Learner):
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
     def _acquisition(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
-        """Say how much a query of each mu of the pool is worth that fools with chance p: (m,)."""
+        """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
         del surrogate, pool
         return p * (1.0 - p)
 
@@ -135,7 +135,7 @@ class LevelSet(Learner):
         self._find_level(_pool_size(len(omega)))
 
     def _find_level(self, size: int) -> None:
-        """Choose the level, and keep what the walk starts from."""
+        """Choose the level, and keep the points that the walk starts from."""
         pool, p = self._predict_pool(size)
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
@@ -163,7 +163,7 @@ class LevelSet(Learner):
             self.level = level
 
     def _predict_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
-        """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
+        """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
         pools: list[npt.NDArray[np.float32]] = []
         predicted: list[Array] = []
         while len(pools) < _MOST_POOLS:

@@ -11,7 +11,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.errors import BudgetTooSmall, UserError
 
 FALLBACK_SIZE = 100
-"""Size of S where no point fools: the paper's s."""
+"""The size of S where no point fools: the paper's s."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Omega:
 
     Attributes:
         mu: (n, d) float32 in [-1, 1].
-        score: (n,) float64, Q of each.
+        score: (n,) float64, the score Q of each point.
     """
 
     mu: npt.NDArray[np.float32]
@@ -44,7 +44,7 @@ class Induced:
     """The induced set S and the rest of Omega.
 
     Attributes:
-        chosen: (s, d), the virtual samples from the fooling distribution.
+        chosen: (s, d), the points of S, the virtual samples from the fooling distribution.
         rest: (n, d), the points of Omega that do not fool.
         fallback: True where no point fooled, and S holds the lowest scores instead.
     """

@@ -104,7 +104,7 @@ def option(
 
 @dataclass(frozen=True)
 class Options:
-    """The options of an adversary: none. Subclass it, as a frozen dataclass, to declare some.
+    """The options of an adversary. Subclass it, as a frozen dataclass, to declare some.
 
     A field may be a plain one, `width: float = 0.1`, whose type is checked, or an `option`,
     whose range is checked as well.
@@ -120,7 +120,7 @@ class Options:
             object.__setattr__(self, declared.name, value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the options by name: what makes equal ones."""
+        """Give the options by name; the class makes equal options from them."""
         return {declared.name: getattr(self, declared.name) for declared in fields(self)}
 
 
@@ -131,13 +131,13 @@ def choose_options(
     preset: str,
     given: Mapping[str, Any],
 ) -> Chosen:
-    """Give a preset's options with some of them replaced.
+    """Give a preset's options and replace some of them.
 
     Args:
-        adversary: The adversary's name, for what is said of a mistake.
+        adversary: The adversary's name, which error messages name.
         default: The options where there are no presets.
         presets: The named sets of options.
-        preset: The name of the one to start from.
+        preset: The name of the preset to start from.
         given: Single options.
 
     Raises:

@@ -22,8 +22,8 @@ class PPOOptions(SB3Options):
     """The options of `ppo`, beside those of `SB3Options`.
 
     Attributes:
-        epochs: Steps of Adam on each rollout.
-        log_deviation: Logarithm of the Gaussian's first standard deviation.
+        epochs: Number of steps of Adam on each rollout.
+        log_deviation: The logarithm of the standard deviation that the Gaussian starts with.
         entropy: The weight of the policy's entropy in the loss.
     """
 
@@ -36,8 +36,8 @@ class PPOOptions(SB3Options):
 class PPO(SB3Adversary):
     """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
 
-    Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3. Of the uniform
-    queries only the scores' order is used: they are no actions of the policy.
+    This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
+    the order of the uniform queries' scores, because they are no actions of the policy.
     See `PPOOptions`.
     """
 

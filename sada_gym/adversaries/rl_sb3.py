@@ -29,8 +29,8 @@ class SB3Options(RLOptions):
     """The options of the adversaries of Stable-Baselines3, beside those of `RLOptions`.
 
     Attributes:
-        starts: Where episodes start: at the `centre` of the box, or anywhere in it, `uniform`.
-        hidden: Widths of the hidden layers of each network.
+        starts: The place where episodes start: the `centre` of the box, or `uniform` in it.
+        hidden: The widths of the hidden layers of each network.
     """
 
     starts: str = option("uniform", choices=("centre", "uniform"))
@@ -40,12 +40,12 @@ class SB3Options(RLOptions):
 class SB3Adversary(RLAdversary):
     """An adversary whose policy and update rule are those of Stable-Baselines3.
 
-    We draw the actions, query the oracle and pay; then the model's own `train` improves the policy.
-    So a rollout is one call of the oracle, the last one is learnt from too, and the oracle never
-    runs while the global generators are in the hands of Stable-Baselines3.
+    We draw the actions, query the oracle and give rewards; then the model's own `train` improves
+    the policy. So a rollout is one call of the oracle, the policy learns from the last one too, and
+    the oracle never runs while Stable-Baselines3 uses the global generators.
 
     Where all episodes start at the centre of the box, the policy is one Gaussian. With uniform
-    starts it observes where an episode starts and proposes a way from there: the learnt
+    starts the policy observes where an episode starts and proposes a step from there: the learnt
     distribution may then lie in many places at once.
 
     A subclass names its `algorithm` and implements `_settings`, `_moments` and `_learn`, and
@@ -106,7 +106,7 @@ class SB3Adversary(RLAdversary):
         return Proposals(start, self._squash(drawn))
 
     def _update(self, **settings: Any) -> bool:
-        """Let the model train; tell whether its weights are finite."""
+        """Let the model train; return whether its weights are finite."""
         try:
             with self._seeded():
                 self._model.train(**settings)
@@ -116,7 +116,7 @@ class SB3Adversary(RLAdversary):
 
     @contextmanager
     def _seeded(self) -> Iterator[None]:
-        """Seed the global generators by ours, in one thread; afterwards they are as before."""
+        """Seed the global generators from ours and use one thread; restore both afterwards."""
         from stable_baselines3.common.utils import set_random_seed
 
         seed = int(self.rng.integers(2**31))
@@ -145,8 +145,8 @@ class OffPolicyOptions(SB3Options):
     """The options of `sac` and `td3` that they share, beside those of `SB3Options`.
 
     Attributes:
-        updates: Steps of Adam for each query.
-        batch: Queries in a step of Adam.
+        updates: Number of steps of Adam for each query.
+        batch: Number of queries in a step of Adam.
     """
 
     updates: float = option(0.5, 0, 100, inside=True)
@@ -180,10 +180,10 @@ class OffPolicyAdversary(SB3Adversary):
 
 
 class Spaces(gym.Env[Any, Any]):
-    """What Stable-Baselines3 needs of an environment that it never steps: its spaces.
+    """An environment that is never stepped; Stable-Baselines3 takes its spaces.
 
     Args:
-        dimension: d, of observation and action.
+        dimension: d, the dimension of observation and action.
     """
 
     def __init__(self, dimension: int) -> None:

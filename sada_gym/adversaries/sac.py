@@ -22,7 +22,7 @@ class SACOptions(OffPolicyOptions):
 
     Attributes:
         dissimilarity: The weight of the bonus for failures far from those already found.
-        entropy: The temperature: what a nat of the policy's entropy is worth.
+        entropy: The temperature: the reward for each nat of the policy's entropy.
     """
 
     dissimilarity: float = option(0.5, 0, 100)
@@ -32,9 +32,9 @@ class SACOptions(OffPolicyOptions):
 class SAC(OffPolicyAdversary):
     """A Gaussian policy, squashed into the box, that climbs a critic of all queries so far.
 
-    The soft actor-critic (Haarnoja et al. 2018), by Stable-Baselines3, with a fixed temperature:
-    at its optimum an action's density is proportional to exp(payment / temperature), as far as a
-    squashed Gaussian can have it.
+    This is the soft actor-critic (Haarnoja et al. 2018) by Stable-Baselines3, with a fixed
+    temperature: at its optimum an action's density is proportional to exp(reward / temperature), as
+    far as a squashed Gaussian allows.
     See `SACOptions`.
     """
 

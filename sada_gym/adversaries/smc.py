@@ -28,8 +28,8 @@ class SMCOptions(Options):
         uniform_share: The uniform pool's share of the budget.
         level_share: The share of the budget for chains at a level above epsilon.
         level_probability: The share of a population that the next level keeps.
-        steps: Steps of a chain at a level.
-        acceptance: The rate of accepted steps to adapt to.
+        steps: Number of steps of a chain at a level.
+        acceptance: The target rate of accepted steps.
         neighbours: The number of nearest neighbours to sample towards.
     """
 
@@ -44,26 +44,26 @@ class SMCOptions(Options):
 class SMC(Learner):
     """A population of points that moves down levels of Q and then about the fooling set.
 
-    Subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet & Jasra
-    2006): of a uniform pool the points at or below a level survive, the `level_probability`
-    quantile of their scores and at the least epsilon; Markov chains from the survivors spread over
-    the set below that level, and of their states the next level is taken. At epsilon, chains
-    get all that is left of the budget. Steps are Gaussian, scaled by the population's spread and
+    This is subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet
+    & Jasra 2006). It starts with a uniform pool. The level is the `level_probability` quantile of
+    the pool's scores, but at least epsilon. The points at or below the level survive; Markov chains
+    from them spread over the set below the level, and their states give the next level. At epsilon,
+    chains get the rest of the budget. Steps are Gaussian, scaled by the population's spread and
     towards the `acceptance` rate, and reflected at the faces. Where a large enough share of the
     uniform pool fools, there are no levels in between.
 
     Where Q is random, a chain's state is mu with the world that it was evaluated in, and each
-    proposal brings a world of its own. So a state that fooled by luck keeps its score, as in
-    pseudo-marginal Metropolis (Andrieu & Roberts 2009), and the chains keep to the density
-    proportional to the probability p(mu) to fool: to stay long at a lucky mu makes up for coming
-    there seldom. To evaluate states again would cost queries and bias this. Against the variance
-    chains are short and many, and new ones start at every level.
+    proposal has a world of its own. So a state that fooled by luck keeps its score, as in
+    pseudo-marginal Metropolis (Andrieu & Roberts 2009), and the chains follow the density
+    proportional to the probability p(mu) to fool: a chain seldom comes to a lucky mu, but stays
+    there long. Evaluating states again would cost queries and bias the density. Many short chains,
+    started again at every level, keep the variance low.
 
-    Samples need a density to draw from without queries: a sample lies at a random place between a
-    point that fooled and one of its nearest neighbours among these (SMOTE, Chawla et al. 2002).
-    Unlike a kernel's, such samples hardly leave the fooling set at its edges; the price is a little
-    of the spread. All points that fooled in any stage stand once, however long a chain
-    stayed: how long says little in so few steps, and would draw samples to lucky points.
+    Sampling may not query. So a sample lies at a random place between a point that fooled and one
+    of its nearest neighbours among these (SMOTE, Chawla et al. 2002). Unlike the samples of a
+    kernel, these hardly leave the fooling set at its edges; the price is a little of the spread.
+    Each point that fooled in any stage counts once, however long a chain stayed there: in so few
+    steps the length says little, and it would draw samples to lucky points.
     See `SMCOptions`.
     """
 

@@ -1,4 +1,4 @@
-"""`td3`: twin delayed deterministic policy gradients (Fujimoto et al. 2018), of SB3."""
+"""`td3`: twin delayed deterministic policy gradients (Fujimoto et al. 2018), by SB3."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class TD3Options(OffPolicyOptions):
     """The options of `td3`, beside those of `OffPolicyOptions`.
 
     Attributes:
-        noise: Standard deviation of the noise added to every action, in training and in samples.
-            It is the entropy that this policy has.
+        noise: The standard deviation of the noise added to every action, in training and in
+            samples. It is this policy's only entropy.
     """
 
     updates: float = option(1.0, 0, 100, inside=True)
@@ -29,9 +29,9 @@ class TD3Options(OffPolicyOptions):
 class TD3(OffPolicyAdversary):
     """A deterministic policy that climbs a critic of all queries, and Gaussian noise around it.
 
-    Twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018), by
-    Stable-Baselines3. A deterministic policy is no distribution: samples are its actions with the
-    same noise that it explores with.
+    This is twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018) by
+    Stable-Baselines3. A deterministic policy is not a distribution, so samples are its actions with
+    the noise that it explores with.
     See `TD3Options`.
     """
 

@@ -17,7 +17,7 @@ class TrainingLog:
     """Writes losses, and histograms and a scatter plot of samples; without a folder, nothing.
 
     Args:
-        folder: Where TensorBoard will look; None writes nothing.
+        folder: The folder that TensorBoard will read; None writes nothing.
 
     Raises:
         ModuleNotFoundError: If there is a folder but no tensorboard.
@@ -43,17 +43,17 @@ class TrainingLog:
         return self._writer is not None
 
     def start(self, part: str) -> None:
-        """Write what follows under a name of its own: the stages of boosting."""
+        """Write all later entries under a name, such as that of a stage of boosting."""
         self._prefix = f"{part}/"
 
     def scalars(self, step: int, values: Mapping[str, float]) -> None:
-        """Write one value a name."""
+        """Write one value for each name."""
         if self._writer is not None:
             for name, value in values.items():
                 self._writer.add_scalar(self._prefix + name, value, step)
 
     def samples(self, step: int, mu: npt.NDArray[np.float32]) -> None:
-        """Write mu, (n, d): a histogram a dimension, and the first two dimensions as a scatter."""
+        """Write mu, (n, d), as a histogram a dimension and a scatter plot of the first two."""
         if self._writer is None:
             return
         from matplotlib.figure import Figure
