@@ -74,9 +74,9 @@ def _compiled(function: _Function, **options: Any) -> _Function:
 def machine_code_folder(file: Path) -> Path | None:
     """Make the folder of the machine code of one module's kernels.
 
-    The folder lies in `NUMBA_CACHE_DIR` if that is set. Otherwise it lies beside the package, or, if
-    that is not writable, in the user's folder for caches. The result is None if none of them is
-    writable: each process then compiles for itself.
+    The folder lies in `NUMBA_CACHE_DIR` if that is set. Otherwise it lies beside the package, or in
+    the user's folder for caches if the package's is not writable. The result is None if none of
+    them is writable: each process then compiles for itself.
     """
     name = _module_name(file)
     for home in _homes():

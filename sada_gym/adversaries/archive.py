@@ -26,15 +26,6 @@ class Archive(Learner):
     packages = ()
     uniform_queries: ClassVar[bool] = True
 
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
-        """Draw n of the points that fooled in training: (n, d) float32, shuffled.
-
-        Raises:
-            RuntimeError: If it was neither trained nor loaded.
-        """
-        self._refuse_untrained("sample")
-        return self._draw(n)
-
     def _fit(self, omega: Omega) -> None:
         self.flags = [MEMORISED]
         self._points = self._induce(omega).chosen
@@ -43,3 +34,5 @@ class Archive(Learner):
         rounds = -(-n // len(self._points))
         order = [self.rng.permutation(len(self._points)) for _ in range(rounds)]
         return self._points[np.concatenate([*order, np.zeros(0, np.intp)])[:n].astype(np.intp)]
+
+    _fresh = _draw  # samples may repeat

@@ -41,11 +41,7 @@ class BayesianOptions(Options):
     batch: int = option(1, 1, 10_000)
 
     def __post_init__(self) -> None:
-        """Check every option.
-
-        Raises:
-            ValueError: If one is of another type than declared, or out of range.
-        """
+        """Check every option."""
         super().__post_init__()
         if self.candidates & (self.candidates - 1):
             raise UserError(

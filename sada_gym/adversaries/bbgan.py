@@ -29,16 +29,13 @@ class BBGAN(Learner):
     All of the budget goes into Omega. The `paper` preset is the authors' own setting. The `default`
     preset departs from it where it loses whole fooling regions. See `BBGANOptions`.
 
+    The other arguments are those of `Adversary`.
+
     Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        preset: The named set of options to start from: `default` or `paper`.
         log_dir: Folder for a TensorBoard log of the training; None writes none. It is not saved:
             loading writes no log.
-        options: Single options.
 
     Raises:
-        ValueError: If the dimension, the preset, or an option is unknown or bad.
         ModuleNotFoundError: If there is a `log_dir`, but no tensorboard.
     """
 
@@ -62,7 +59,7 @@ class BBGAN(Learner):
         **options: Any,
     ) -> None:
         super().__init__(dimension, seed=seed, preset=preset, **options)
-        self._log = TrainingLog(log_dir)
+        self._log = None if log_dir is None else TrainingLog(log_dir)
         self._generator = torch.Generator()
         self._g: Generator
         self._d: Discriminator
@@ -78,7 +75,8 @@ class BBGAN(Learner):
         try:
             super().train(oracle)
         finally:
-            self._log.close()
+            if self._log:
+                self._log.close()
 
     def _fit(self, omega: Omega) -> None:
         self._seed_networks()

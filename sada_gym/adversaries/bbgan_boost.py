@@ -58,7 +58,8 @@ class BoostedBBGAN(BBGAN):
             omega += sampled
             for _ in range(self.options.copies):
                 boosted += sampled
-            self._log.start(f"stage{stage + 1}")
+            if self._log:
+                self._log.start(f"stage{stage + 1}")
             self._train_networks(boosted)
         return omega
 

@@ -80,10 +80,12 @@ class SB3Adversary(RLAdversary):
         import stable_baselines3
         from stable_baselines3.common.logger import configure
 
+        env: gym.Env[Any, Any] = gym.Env()  # nobody steps it; the model takes its spaces
+        env.observation_space = env.action_space = gym.spaces.Box(-1.0, 1.0, (self.dimension,))
         with self._seeded():
             self._model = getattr(stable_baselines3, self.algorithm)(
                 "MlpPolicy",
-                Spaces(self.dimension),
+                env,
                 learning_rate=self.options.learning_rate,
                 policy_kwargs=self._policy_settings(),
                 device="cpu",
@@ -177,15 +179,3 @@ class OffPolicyAdversary(SB3Adversary):
         over = np.ones(1)
         for start, action, reward in zip(proposals.start, proposals.action, rewards, strict=True):
             self._model.replay_buffer.add(start, start, action, reward, over, [{}])
-
-
-class Spaces(gym.Env[Any, Any]):
-    """An environment that is never stepped; Stable-Baselines3 takes its spaces.
-
-    Args:
-        dimension: d, the dimension of observation and action.
-    """
-
-    def __init__(self, dimension: int) -> None:
-        self.observation_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)
