@@ -161,21 +161,21 @@ def test_arrays_of_any_memory_order_are_saved(tmp_path):
 
 def test_nothing_but_nan_is_an_error():
     with pytest.raises(AdversaryError, match="draws NaN or infinite ones"):
-        fresh_rows(lambda n, stir: np.full((n, 2), np.nan), (3, 2), set())
+        fresh_rows(lambda n, noise: np.full((n, 2), np.nan), (3, 2), set())
 
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_nothing_new_has_an_end(rows):
     with pytest.raises(AdversaryError, match="Expected 3 different samples, but after"):
-        fresh_rows(lambda n, stir: np.zeros((rows, 2)), (3, 2), set())
+        fresh_rows(lambda n, noise: np.zeros((rows, 2)), (3, 2), set())
 
 
 def test_a_single_point_next_to_the_face_gives_many_samples():
     rng = np.random.default_rng(0)
     known = row_keys(np.ones((1, 1), np.float32))
 
-    def one_point(n, stir):
-        return np.ones((n, 1)) + stir * rng.normal(size=(n, 1))
+    def one_point(n, noise):
+        return np.ones((n, 1)) + noise * rng.normal(size=(n, 1))
 
     samples = fresh_rows(one_point, (12_000, 1), known)
     assert len(np.unique(samples)) == 12_000
