@@ -7,6 +7,14 @@ from typing import Any
 
 import pytest
 
+from sada_gym.envs.catalogue import cards
+
+SHIPPED = tuple(
+    card.id if card.case.shipped_on is None else card.track_id(card.case.shipped_on)
+    for card in cards()
+)
+"""One id of each application: its other tracks run the same code in other worlds."""
+
 
 def family(members: Iterable[Any], *fast: Any) -> list[Any]:
     """Mark the members of a family as slow, except for those that stand for the others.
