@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
 import sqlite3
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -127,17 +131,31 @@ class EvaluationStore:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self._process = os.getpid()
         refuse_unusable(self.path)
         with explained(self.path):
             # absolute: SQLite would take the name ":memory:" for no file at all
-            self._connection = sqlite3.connect(
-                self.path.absolute(), timeout=0.0, isolation_level=None
-            )
+            self._own = sqlite3.connect(self.path.absolute(), timeout=0.0, isolation_level=None)
             try:
                 self._open()
             except BaseException:
-                self._connection.close()
+                self._own.close()
                 raise
+        _open_stores.add(self)
+
+    @property
+    def _connection(self) -> sqlite3.Connection:
+        """The connection, in the process that opened it: SQLite's do not survive a fork.
+
+        Raises:
+            StoreError: If this is a copy in a forked process.
+        """
+        if os.getpid() != self._process:
+            raise StoreError(
+                f"Expected the store {self.path} to be used in the process that opened it, got a "
+                "copy in a forked one. Use workers=, or a store of its own in each process."
+            )
+        return self._own
 
     def _open(self) -> None:
         # Nothing but SQLite may open the file: closing any other descriptor of it would free
@@ -301,8 +319,27 @@ class EvaluationStore:
         Raises:
             StoreError: If SQLite cannot close it.
         """
-        with explained(self.path):
-            self._connection.close()
+        if os.getpid() == self._process:  # a forked copy would delete the log that we write to
+            with explained(self.path):
+                self._own.close()
+
+    def __del__(self) -> None:
+        """Close a store that was forgotten: Python frees its connection, and the lock, too late."""
+        if hasattr(self, "_own"):
+            with suppress(Exception):  # another thread's, or a disk that is gone
+                self.close()
+
+    def __reduce__(self) -> Any:
+        """Refuse to be copied.
+
+        Raises:
+            TypeError: Always.
+        """
+        raise UserTypeError(
+            f"Expected the store {self.path} to stay where it was opened, got a copy or a pickle "
+            "of it, such as with copy.deepcopy(oracle). Copy the application, and name another "
+            "store."
+        )
 
     def __enter__(self) -> Self:
         """Give the store itself."""
@@ -316,3 +353,20 @@ class EvaluationStore:
     ) -> None:
         """Close it."""
         self.close()
+
+
+_open_stores: weakref.WeakSet[EvaluationStore] = weakref.WeakSet()
+
+
+def _leave_to_the_parent() -> None:
+    """Let a forked process never free a connection that it inherited.
+
+    SQLite would believe that it is the last user, and delete the write-ahead log that the parent
+    goes on writing to: scores that were committed would be lost if the parent was killed.
+    """
+    for store in _open_stores:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(store._own))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_the_parent)
