@@ -273,7 +273,7 @@ def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) ->
     Raises:
         ValueError: If not.
     """
-    if not hasattr(seeds, "__len__"):
+    if not isinstance(seeds, Sequence) and np.ndim(seeds) != 1:
         raise UserTypeError(f"Expected a list of seeds, one for each mu, got {seeds!r}.")
     if len(seeds) != count:
         raise UserError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")

@@ -65,6 +65,8 @@ def refuse_number(name: str, value: object, least: int, most: int | None = None)
         most: The greatest; None where there is none.
     """
     try:
+        if isinstance(value, bool):
+            raise TypeError("a bool is no number")
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError as error:
         raise UserTypeError(f"Expected {name} to be a whole number, got {value!r}.") from error

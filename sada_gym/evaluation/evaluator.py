@@ -58,6 +58,13 @@ class Evaluator:
         refuse_number("workers", workers, 1, None if executor is not None else MAX_WORKERS)
         if chunk_size is not None:
             refuse_number("chunk_size", chunk_size, 1)
+        if executor is not None and not callable(getattr(executor, "submit", None)):
+            raise UserTypeError(
+                "Expected an executor of concurrent.futures, loky or Dask, such as "
+                f"ProcessPoolExecutor(), got {executor!r}."
+            )
+        if env_kwargs is not None and not isinstance(env_kwargs, Mapping):
+            raise UserTypeError(f"Expected env_kwargs to be a dictionary, got {env_kwargs!r}.")
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
             source = Registered(problem, dict(env_kwargs or {}))
@@ -209,9 +216,7 @@ def _described(
             "Expected dimension= and threshold= with a function, got "
             f"dimension={dimension}, threshold={threshold}. Say what mu's d and epsilon are."
         )
-    if dimension < 1 or not np.isfinite(threshold):
-        raise UserError(
-            "Expected a dimension of at least 1 and a finite threshold, got "
-            f"dimension={dimension}, threshold={threshold}."
-        )
-    return dimension, float(threshold)
+    refuse_number("dimension", dimension, 1)
+    if not isinstance(threshold, int | float | np.number) or not np.isfinite(threshold):
+        raise UserError(f"Expected threshold to be a finite number, got {threshold!r}.")
+    return int(dimension), float(threshold)

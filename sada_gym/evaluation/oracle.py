@@ -124,10 +124,12 @@ class Oracle:
     ) -> None:
         refuse_number("budget", budget, 0, MAX_QUERIES)
         refuse_number("seed", seed, 0)
+        if progress is not None and not callable(progress):
+            raise UserTypeError(f"Expected progress to be a function or None, got {progress!r}.")
         if stream not in _STREAMS:
             raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
-        self.budget = budget
-        self.seed = seed
+        self.budget = int(budget)
+        self.seed = int(seed)
         self.stream: Stream = stream
         self._progress = progress
         self._record: list[Evaluations] = []

@@ -130,6 +130,8 @@ class EvaluationStore:
     """
 
     def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, str | os.PathLike):
+            raise UserTypeError(f"Expected the path of an evaluation store, got {path!r}.")
         self.path = Path(path)
         self._process = os.getpid()
         refuse_unusable(self.path)
