@@ -76,10 +76,12 @@ class Application(ABC):
         parameters: What mu controls.
         agent: The agent under test; None where it is part of the world.
         agent_name: What reports call it.
+        render_fps: Frames of `replay` in a second of its episode.
     """
 
     name: ClassVar[str]
     version: ClassVar[int] = 0
+    render_fps: ClassVar[int] = 4
     fooling_threshold: float
     sample_size: int
     parameters: ParameterSpace

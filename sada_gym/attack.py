@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import UserError, UserTypeError, refuse_number
+from sada_gym.errors import UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
-from sada_gym.evaluation.store import Context
 from sada_gym.files import file_errors, write_folder, write_model
-from sada_gym.measures.reference import Reference, load_reference
-from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.packages import packages
+from sada_gym.runs.assemble import find_target, make_adversary, make_settings
 from sada_gym.runs.record import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
     SAMPLES_FILE,
     STORE_FILE,
-    ReferenceSummary,
     RunReport,
-    RunSettings,
     claim_folder,
-    json_compatible,
     write_samples,
 )
 from sada_gym.runs.run import (
@@ -39,7 +31,6 @@ from sada_gym.runs.run import (
     RunContext,
     Stage,
     ignore_progress,
-    make_adversary,
 )
 
 __all__ = ["AttackResult", "Progress", "Stage", "attack"]
@@ -53,8 +44,8 @@ class AttackResult:
         report: The figures, as in result.json.
         samples: The M test samples, as in samples.npz.
         queries: The training queries (Omega).
-        folder: Where the results are.
-        pictures: The pictures drawn.
+        folder: The folder that holds the results.
+        pictures: The picture files in it.
     """
 
     report: RunReport
@@ -90,19 +81,20 @@ def attack(
 
     Args:
         environment: An environment's id, or an `Application`.
-        adversary: An adversary's name, or a class.
-        out: Folder for the results: result.json, samples.npz, adversary/, pictures, run.sqlite.
+        adversary: An adversary's name, or its class.
+        out: The folder for the results: result.json, samples.npz, adversary/, pictures, run.sqlite.
         env_kwargs: Keywords of the environment's id.
         budget: Number of training queries.
-        samples: Number of test samples; None takes the application's own (M in the paper).
+        samples: Number of test samples, M in the paper; None takes the application's own number.
         seed: Seed of the adversary and of all evaluation seeds.
-        preset: Named set of the adversary's options to start from, such as `paper`.
-        options: The adversary's options; they go before the preset's.
-        workers: 1 evaluates in this process, more in as many others. No part of the result.
-        chunk_size: As of `Oracle`. No part of the result.
-        executor: As of `Oracle`. No part of the result.
-        resume: Go on with the run that `out` holds, if it holds one.
-        pictures: Whether to draw them.
+        preset: A named set of the adversary's options, such as `paper`.
+        options: The adversary's options; they replace the preset's.
+        workers: 1 evaluates in this process, more evaluate in as many others. The result does not
+            depend on it, nor on the next two.
+        chunk_size: The evaluations that a worker gets at a time, see `Oracle`.
+        executor: Where workers run, see `Oracle`.
+        resume: Whether to go on with the run that `out` holds, if it holds one.
+        pictures: Whether to draw pictures.
         on_progress: Called at the start of each stage and after each committed chunk.
 
     Raises:
@@ -128,28 +120,21 @@ def attack(
         refuse_number("budget", budget, 0, MAX_QUERIES)
         refuse_number("samples", count, 1, MAX_QUERIES)
         refuse_number("seed", seed, 0)
-        reference = _reference(environment, application) if adversary == IDEAL else None
+        target = find_target(environment, env_kwargs or {}, application)
+        fooling_set, ideal_set = target.halves
+        chosen: dict[str, Any] = {"preset": preset, "options": options or {}}
         solver = make_adversary(
-            adversary,
-            len(application.parameters),
-            seed=seed,
-            preset=preset,
-            options=options,
-            ideal_set=None if reference is None else reference.halves()[1],
+            adversary, target.dimension, seed=seed, ideal_set=ideal_set, **chosen
         )
-        settings = RunSettings(
-            **_attacked(environment, application),
-            **_attacker(adversary, preset, options or {}),
-            budget=budget,
-            samples=count,
-            seed=seed,
-            reference=None if reference is None else ReferenceSummary.of(reference),
-            packages=packages(application, type(solver)),
+        settings = make_settings(
+            target, adversary, type(solver), budget=budget, samples=count, seed=seed, **chosen
         )
         with file_errors("make the folder", folder):
             claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
-        context = RunContext(evaluator, application, on_progress=on_progress)
+        context = RunContext(
+            evaluator, application, fooling_set, ideal_set, on_progress=on_progress
+        )
         result = _run(Run(settings, solver, context), folder)
         if pictures:
             result = _draw(result, application, on_progress)
@@ -177,48 +162,3 @@ def _draw(result: AttackResult, application: Application, on_progress: OnProgres
     on_progress(Progress("pictures"))
     drawn = draw_pictures(application, result.samples, result.queries, result.folder)
     return replace(result, pictures=drawn)
-
-
-def _reference(environment: str | Application, application: Application) -> Reference:
-    """Load the points that `ideal` draws from."""
-    track = environment if isinstance(environment, str) else ""
-    reference = load_reference(track, application)
-    if reference is None or not ReferenceSummary.of(reference).usable:
-        raise UserError(
-            f"Expected {IDEAL} on a track that has a reference set, got "
-            f"{track or application.name}. Choose another adversary."
-        )
-    return reference
-
-
-def _attacked(environment: str | Application, application: Application) -> dict[str, Any]:
-    """Give those settings that say what is attacked."""
-    context = Context.of(application)
-    named = environment if isinstance(environment, str) else f"{context.name}-v{context.version}"
-    return {
-        "track": named,
-        "agent": application.agent_name,
-        "application": context.name,
-        "version": context.version,
-        "application_settings": json.loads(context.settings),
-        "fingerprint": context.fingerprint,
-    }
-
-
-def _attacker(
-    adversary: str | type[Adversary], preset: str | None, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Give those settings that say who attacks."""
-    name = adversary if isinstance(adversary, str) else adversary.name
-    given = json_compatible(options)
-    resolved: Mapping[str, Any] = given
-    if isinstance(adversary, str) and adversary != IDEAL:
-        chosen = {} if preset is None else {"preset": preset}
-        resolved = adversaries.resolve(adversary, {**chosen, **options})
-    return {
-        "label": name,
-        "adversary": name,
-        "preset": preset,
-        "options": given,
-        "resolved": json_compatible(resolved),
-    }

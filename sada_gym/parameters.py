@@ -5,21 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import as_array, real_numbers
-from sada_gym.errors import UserError, refuse_number
+from sada_gym.errors import UserError
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
-
-MAX_ENVS = 2**20
-"""Environments in one batch. Each keeps a generator, some kilobytes."""
-
-MAX_HORIZON = 2**31 - 1
-"""Proposals in one episode."""
 
 
 @dataclass(frozen=True)
@@ -147,23 +140,3 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
             " Clip or rescale it; mu is normalised, not in physical units."
         )
     return batch
-
-
-def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    """Give the action space, mu, and the observation space of environments of d parameters."""
-    return (
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-    )
-
-
-def checked_horizon(horizon: int) -> int:
-    """Give a number of proposals in one episode back.
-
-    Raises:
-        ValueError: If it is no int of at least 1, or too large to be counted down.
-    """
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-        raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
-    refuse_number("horizon", horizon, 1, MAX_HORIZON)
-    return horizon

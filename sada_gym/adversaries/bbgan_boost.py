@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan import BBGAN
-from sada_gym.adversaries.models.bbgan_options import PAPER, BBGANOptions
+from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import option
 
@@ -45,6 +45,10 @@ class BoostedBBGAN(BBGAN):
         "paper": BoostOptions(**PAPER, share=0.1, copies=5),
     }
     options: BoostOptions
+
+    def extra_queries(self, queries: int) -> int:
+        """Count the samples of all stages, which the paper adds to its uniform points."""
+        return self.options.stages * round(queries * self.options.share)
 
     def _train(self, oracle: Query) -> Omega:
         """Spend the budget on uniform points and on the samples of each stage's GAN."""

@@ -1,4 +1,4 @@
-"""Figures over runs: the mean of tracks that may have unequal numbers of seeds, its interval."""
+"""Figures over runs: means over tracks with unequal numbers of seeds, and their intervals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sada_gym.files import Strict
 from sada_gym.measures.statistics import Interval, Standing, estimate, shared_ranks
 
 Runs = Sequence[Sequence[float]]
-"""One figure for each run: by track, then by seed."""
+"""One figure for each run, by track and then by seed."""
 
 
 class Figure(Strict):
@@ -20,7 +20,7 @@ class Figure(Strict):
 
     Attributes:
         value: The mean over seeds, then over tracks.
-        interval_95: Its interval; None where single runs tell of none.
+        interval_95: The mean's interval; None where single runs give none.
         rank: `1`, or shared `1=`; None for controls, for what is incomplete, and without intervals.
     """
 
@@ -39,7 +39,7 @@ def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure:
     interval, the variance between the seeds of a track pooled over the tracks that have several.
 
     Args:
-        runs: The figures.
+        runs: One figure for each run.
         samples: M of each track, where the figures are rates among M test samples.
     """
     if len({len(seeds) for seeds in runs}) == 1:

@@ -1,4 +1,4 @@
-"""The folder of a benchmark: whose it is, where its runs lie, and what they hold."""
+"""The folder of a benchmark: its settings, its lock, and where its runs lie."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class BenchmarkSettings(Strict):
     """What all runs of a folder have in common: benchmark.json.
 
     Attributes:
-        tables: The comparisons; which agents they attack is no part of this.
-        packages: Versions of what takes part in any run.
+        tables: The comparisons. The agents that they attack may differ between calls.
+        packages: The versions of the packages that take part in any run.
     """
 
     tables: tuple[Table, ...]
@@ -49,12 +49,12 @@ class Timing(Strict):
     """What a run cost when it was made: timing.json beside its result.
 
     Attributes:
-        training_s: Process seconds of the adversary itself, training and sampling.
-        evaluation_s: Process seconds of evaluations; those of further worker processes don't count.
-        evaluated: Evaluations made.
-        known: Evaluations that the store knew: of other runs, or of a call that was stopped.
-        wall_s: Seconds in all, measuring included.
-        peak_memory_mib: The process's peak memory; None where the system does not tell.
+        training_s: The process seconds of the adversary itself, training and sampling.
+        evaluation_s: The process seconds of evaluations, without other worker processes.
+        evaluated: The number of evaluations made.
+        known: The number of evaluations that the store knew from other runs or earlier calls.
+        wall_s: All seconds, measuring included.
+        peak_memory_mib: The process's peak memory; None where the system does not measure it.
     """
 
     training_s: float
@@ -66,13 +66,13 @@ class Timing(Strict):
 
 
 def run_folder(out: Path, run: RunKey) -> Path:
-    """Where a run lies."""
+    """Give the folder of a run."""
     place = _place(run.track, run.agent)
     return out / RUNS / slug(run.table) / place / f"{slug(run.label)}-{run.seed}"
 
 
 def store_file(out: Path, group: Group | RunKey) -> Path:
-    """Where the evaluation store lies that the runs of a group share."""
+    """Give the evaluation store that the runs of a group share."""
     return out / STORES / f"{_place(group.track, group.agent)}.{group.seed}.sqlite"
 
 
@@ -142,7 +142,7 @@ def sole_user(out: Path) -> Iterator[None]:
 
 
 def find_missing(out: Path, plan: Plan) -> list[RunSettings]:
-    """The runs of a plan that are yet to be made.
+    """List the runs of a plan that are yet to be made.
 
     Raises:
         ValueError: If a run is there with other settings than the plan's, or one that the plan
@@ -176,12 +176,12 @@ def _refuse_other_run(
 
 
 def read_runs(out: Path) -> list[tuple[RunReport | RunFailure, Path]]:
-    """All finished runs, of earlier calls too, each with its folder."""
+    """Read all finished runs, those of earlier calls too, each with its folder."""
     return [(_read_run(folder), folder) for folder in finished_runs(out)]
 
 
 def finished_runs(out: Path) -> list[Path]:
-    """The folders of all finished runs."""
+    """List the folders of all finished runs."""
     return [
         folder
         for folder in sorted((out / RUNS).glob("*/*/*"))
@@ -207,8 +207,8 @@ def write_run(
 
     Args:
         out: The benchmark's folder.
-        result: What came of it.
-        timing: What it cost.
+        result: The run's report, or why it failed.
+        timing: The time and memory that it took.
         samples: Its test samples; None after a failure.
         picture: The comparison of images as a PNG, if there is one.
     """
@@ -228,7 +228,7 @@ def write_run(
 
 
 def rule(table: Table) -> dict[str, object]:
-    """What of a table decides its runs' results."""
+    """Give the part of a table that decides its runs' results."""
     return table.model_dump(mode="json", include={"budget", "budget_of", "samples"})
 
 

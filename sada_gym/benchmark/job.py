@@ -21,9 +21,10 @@ from sada_gym.evaluation.store import Context
 from sada_gym.parameters import Mu
 from sada_gym.plots.novelty import novelty_sheet
 from sada_gym.plots.style import png
+from sada_gym.runs.assemble import make_adversary
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunFailure, RunReport, RunSettings
-from sada_gym.runs.run import OnProgress, Run, RunContext, ignore_progress, make_adversary
+from sada_gym.runs.run import OnProgress, Run, RunContext, ignore_progress
 
 _PATIENCE_S = 60.0
 
@@ -37,14 +38,14 @@ class RunJob:
     """A run as a worker gets it.
 
     Attributes:
-        settings: What to do.
+        settings: The settings of the run.
         keywords: The environment's keywords that name the agent.
-        fooling_set: As of `RunContext`.
-        ideal_set: As of `RunContext`.
-        workers: Processes that evaluate; 1 evaluates in the worker's own.
-        adversaries: Names of all adversaries of the group, whose modules are loaded at once.
-        out: The benchmark's folder, which the worker may see or not.
-        token: What the folder's token holds, see `sada_gym.benchmark.progress`.
+        fooling_set: The points that coverage is measured by, see `RunContext`.
+        ideal_set: The points that ideal samples are drawn from, see `RunContext`.
+        workers: The number of processes that evaluate; 1 evaluates in the worker's own.
+        adversaries: The names of all adversaries of the group, whose modules are loaded at once.
+        out: The benchmark's folder. The worker may be on a machine that lacks it.
+        token: The content of the folder's token, see `sada_gym.benchmark.progress`.
         stored: The bytes of the group's store, for a worker that doesn't see the folder.
     """
 
@@ -64,12 +65,13 @@ class RunDone:
     """A finished run as a worker gives it back.
 
     Attributes:
-        result: What came of it.
-        timing: What it cost.
+        result: The run's report, or why it failed.
+        timing: The time and memory that it took.
         samples: Its test samples; None after a failure.
         picture: The comparison of images as a PNG, if there is one.
-        context: What its evaluations belong to.
-        evaluations: What the group's store must still learn; nothing where the worker opened it.
+        context: What its scores belong to.
+        evaluations: The evaluations that the group's store still lacks; none where the worker had
+            it open.
     """
 
     result: RunReport | RunFailure

@@ -19,7 +19,7 @@ from sada_gym.benchmark.results import (
 )
 from sada_gym.benchmark.suite import Table
 from sada_gym.errors import UserError, refuse_unknown
-from sada_gym.files import read_model, write_model
+from sada_gym.files import file_errors, read_model, write_model
 from sada_gym.runs.packages import in_order
 from sada_gym.runs.record import refuse_other
 
@@ -45,15 +45,21 @@ def merge_files(
         ValueError: If a file is none of ours, they do not belong together, or `out` is the folder
             of one of them.
     """
-    paths = [path / RESULTS_FILE if path.is_dir() else path for path in files]
+    paths = [_results_file(path) for path in files]
     if out.resolve() in {path.parent.resolve() for path in paths}:
         raise UserError(f"Expected a folder of its own for the report, got {out}, which is merged.")
     parts = [read_model(path, Results) for path in paths]
     merged = merge(parts, tables=tables, tracks=tracks, contenders=contenders)
-    out.mkdir(parents=True, exist_ok=True)
+    with file_errors("make the folder", out):
+        out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)
     write_tables(out, merged)
     return merged
+
+
+def _results_file(path: Path) -> Path:
+    with file_errors("read", path):
+        return path / RESULTS_FILE if path.is_dir() else path
 
 
 def merge(

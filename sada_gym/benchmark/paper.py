@@ -1,4 +1,4 @@
-"""The paper's own attack fooling rates, to stand beside ours; its agents and worlds were others.
+"""The paper's own attack fooling rates, of other agents in other worlds than ours.
 
 Hamdi, Mueller, Ghanem 2020, `sada.tex`: Table `tbl:all` (lines 269-281) and the appendix's
 Table `detector-table` (lines 671-683), as printed there, contradictions included.
@@ -62,7 +62,7 @@ class ClassRow:
 
     Attributes:
         afr: AFR in percent, in the order of `CLASS_COLUMNS`.
-        average: Their average as printed, in percent.
+        average: The average of the classes as printed, in percent.
         mu_std: The samples' spread.
     """
 
@@ -118,11 +118,11 @@ ROWS: dict[str, str] = {
     "bbgan-boost": "BBGAN (boost)",
     "bbgan-boost (paper)": "BBGAN (boost)",
 }
-"""The paper's row that a contender of ours, by its label, stands beside."""
+"""The paper's row that each contender of ours is compared with, by the contender's label."""
 
 
 def table_1(label: str, column: str) -> float | None:
-    """The AFR, in percent, that the paper's Table 1 gives; None where it gives none."""
+    """Give the AFR of the paper's Table 1, in percent; None where it has none."""
     if label not in ROWS:
         return None
     return TABLE_1[ROWS[label]][list(TABLE_1_COLUMNS).index(column)]

@@ -1,8 +1,8 @@
-"""How a benchmark's caller learns how far it is, and how the workers let it know.
+"""How workers report their progress to the benchmark, and the benchmark to its caller.
 
-Workers that see the benchmark's folder write one small file a run there. The folder also holds a
-token, new with each call of the benchmark. A worker that finds the token sees the folder; one that
-later finds another, or none, knows that nobody waits for its run.
+Workers that can read the benchmark's folder write one small file a run there. The folder also
+holds a token, new with each call of the benchmark. A worker that finds the token sees the folder;
+one that later finds another token, or none, knows that nobody waits for its run.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ _EVERY_S = 0.5
 
 
 class BenchmarkCallback(Protocol):
-    """What is called as a benchmark goes on, always in the caller's own thread."""
+    """The methods that a benchmark calls as it goes on, always in the caller's own thread."""
 
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
-        """Take note of the plan and of those runs that are yet to be made."""
+        """Is called with the plan and with those runs that are yet to be made."""
 
     def on_progress(self, run: RunSettings, progress: Progress) -> None:
-        """Take note of how far a run is; only where its worker sees the benchmark's folder."""
+        """Is called with a run's progress, if its worker can read the benchmark's folder."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
-        """Take note of a finished run, which is in its folder by now."""
+        """Is called with a finished run, which is in its folder by now."""
 
     def on_report(self) -> None:
-        """Take note that all runs are there, and that the report is being written."""
+        """Is called when all runs are there, before the report is written."""
 
 
 class Silent:
@@ -92,7 +92,7 @@ class ProgressFile:
     Args:
         out: The benchmark's folder.
         token: Its token.
-        run: The run.
+        run: The run whose progress it writes.
     """
 
     def __init__(self, out: Path, token: str, run: RunKey) -> None:
@@ -101,7 +101,7 @@ class ProgressFile:
         self._written = 0.0
 
     def __call__(self, progress: Progress) -> None:
-        """Write it, if it is time to.
+        """Write the progress, if half a second has passed.
 
         Raises:
             Abandoned: If the benchmark has ended.
@@ -117,7 +117,7 @@ class ProgressFile:
 
 
 def read_progress(out: Path, run: RunKey) -> Progress | None:
-    """Give what a run's worker wrote last; None where it wrote nothing yet."""
+    """Read the progress that a run's worker wrote last; None where it wrote none yet."""
     try:
         content = json.loads(_file(out, run).read_text())
     except (OSError, ValueError):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from sada_gym.agents import AGENTS
+from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.benchmark.folder import (
     SETTINGS_FILE,
@@ -20,7 +21,7 @@ from sada_gym.benchmark.folder import (
 )
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.errors import UserError
-from sada_gym.files import Strict, read_model, write_model
+from sada_gym.files import Strict, file_errors, read_model, write_model
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
@@ -32,18 +33,18 @@ FORMAT = 1
 
 
 class Target(Strict):
-    """What was attacked.
+    """An agent that was attacked on a track.
 
     Attributes:
         track: The environment's id.
         agent: The agent's name.
         application: The application's name.
-        version: Its version.
-        application_settings: Its resolved keywords.
+        version: The application's version.
+        application_settings: The application's resolved keywords.
         fingerprint: The agent's SHA-256.
         fooling_threshold: The agent is fooled where Q <= this.
         reference: The reference set; None where there is none.
-        seeds: The seeds that any run has.
+        seeds: The seeds of its runs.
     """
 
     track: str
@@ -58,7 +59,7 @@ class Target(Strict):
 
 
 class RunSummary(RunKey):
-    """One run: what its folder holds, less what its target and the settings say."""
+    """One run: what its folder holds, without what its target and the settings already say."""
 
     adversary: str
     preset: str | None
@@ -71,30 +72,47 @@ class RunSummary(RunKey):
     flags: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Mean:
+    """A measure that a row gives the mean of: how it is read and how the tables show it.
+
+    Attributes:
+        of: Reads it off a run's measures; None where the run has none.
+        title: The column's title; empty for no column.
+        places: Decimal places; None shows per cent.
+        legend: A line of the legend. Where no row has the measure, such a column is left out.
+    """
+
+    of: Callable[[Measures], float | None]
+    title: str = ""
+    places: int | None = None
+    legend: str = ""
+
+
 class Row(Strict):
     """A contender's figures in a table: on one track, or over all.
 
     Attributes:
         table: The table's name.
         agent: The agent's name.
-        track: The environment's id; None for all.
-        label: The contender.
-        tracks: Number of tracks that it has runs on.
-        runs: Number of runs that it has.
-        failed: Number of further runs that ended with an error.
-        complete: Whether it has all runs that any contender has; only then it is ranked.
-        budget: Queries that it might spend; the mean, as of all that follow.
-        queries: Queries that it spent.
+        track: The environment's id; None for all tracks.
+        label: The contender's label.
+        tracks: The number of tracks that it has runs on.
+        runs: The number of its runs.
+        failed: The number of further runs that ended with an error.
+        complete: Whether it has all runs that any contender has. Only then it is ranked.
+        budget: The queries that it might spend. This figure and the next ones are means.
+        queries: The queries that it spent.
         afr: The attack fooling rate.
-        afr_iqm: Its interquartile mean over all runs.
-        coverage: See `Measures`, as all that follow.
-        relative_coverage: Coverage over that of the ideal samples.
-        density: Density.
-        mu_std: Spread.
-        mean_score: Mean Q.
+        afr_iqm: The interquartile mean of the attack fooling rate over all runs.
+        coverage: See `Measures`, also for the next figures.
+        relative_coverage: The coverage over that of the ideal samples.
+        density: The density.
+        mu_std: The spread of the samples.
+        mean_score: The mean Q.
         novelty: The median distance to the nearest training query.
-        novelty_ratio: That over the ideal samples'.
-        novelty_fifth_ratio: The fifth percentiles' ratio.
+        novelty_ratio: The novelty over that of the ideal samples.
+        novelty_fifth_ratio: The same ratio of the fifth percentiles.
         image_novelty_ratio: The images' median distance over that of ideal samples.
         afr_feasible: The attack fooling rate over feasible worlds; None where they are not known.
     """
@@ -113,23 +131,53 @@ class Row(Strict):
     afr_iqm: float | None
     coverage: Figure | None
     relative_coverage: Figure | None
-    density: float | None
-    mu_std: float | None
-    mean_score: float | None
-    novelty: float | None
-    novelty_ratio: float | None
-    novelty_fifth_ratio: float | None
-    image_novelty_ratio: float | None
-    afr_feasible: float | None = None
+    density: Annotated[float | None, Mean(lambda m: m.density, "density", 2)]
+    mu_std: Annotated[float | None, Mean(lambda m: m.mu_std, "μ_std", 3)]
+    mean_score: Annotated[float | None, Mean(lambda m: m.mean_score, "mean Q", 3)]
+    novelty: Annotated[
+        float | None, Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3)
+    ]
+    novelty_ratio: Annotated[
+        float | None, Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2)
+    ]
+    novelty_fifth_ratio: Annotated[
+        float | None, Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None)
+    ]
+    image_novelty_ratio: Annotated[
+        float | None,
+        Mean(
+            lambda m: m.image_novelty.ratio if m.image_novelty else None,
+            "image novelty / ideal",
+            2,
+        ),
+    ]
+    afr_feasible: Annotated[
+        float | None,
+        Mean(
+            lambda m: m.feasible.afr if m.feasible else None,
+            "AFR, feasible, %",
+            legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
+            "masters.\n",
+        ),
+    ] = None
+
+
+MEANS: Mapping[str, Mean] = {
+    name: mean
+    for name, field in Row.model_fields.items()
+    for mean in field.metadata
+    if isinstance(mean, Mean)
+}
+"""The measures that rows give the mean of, by the row's field."""
 
 
 class Results(Strict):
     """The contents of results.json. No wall-clock times: a resumed benchmark's file is the same.
 
     Attributes:
-        format: Of this file.
+        format: The version of this file's format.
         settings: What all runs have in common.
-        targets: What was attacked.
+        targets: The agents that were attacked.
         rows: The figures over all tracks, then those of each.
         runs: The runs; `cells` in the file.
     """
@@ -143,21 +191,21 @@ class Results(Strict):
     runs: tuple[RunSummary, ...] = Field(validation_alias="cells", serialization_alias="cells")
 
     def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
-        """The rows of one table and agent, over all tracks or on one."""
+        """List the rows of one table and agent, over all tracks or on one."""
         key = (table, agent, track)
         return [row for row in self.rows if (row.table, row.agent, row.track) == key]
 
     def comparisons(self) -> list[tuple[str, str]]:
-        """Each table with each agent that it attacks."""
+        """List each table with each agent that it attacks."""
         return list(dict.fromkeys((run.table, run.agent) for run in self.runs))
 
 
 class RunTiming(RunKey, Timing):
-    """What a run cost, see `Timing`."""
+    """The time and memory that a run took, see `Timing`."""
 
 
 class Timings(Strict):
-    """The contents of timings.json: what the runs cost. It is never the same twice."""
+    """The contents of timings.json: time and memory of all runs. It is never the same twice."""
 
     runs: tuple[RunTiming, ...]
 
@@ -168,7 +216,9 @@ def write_results(out: Path) -> Results:
     Raises:
         ValueError: If it is no benchmark's folder, or holds no finished run.
     """
-    if not (out / SETTINGS_FILE).exists():
+    with file_errors("read", out):
+        ours = (out / SETTINGS_FILE).exists()
+    if not ours:
         raise UserError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
     settings = read_model(out / SETTINGS_FILE, BenchmarkSettings)
     there = read_runs(out)
@@ -191,14 +241,14 @@ def write_results(out: Path) -> Results:
 
 
 def run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
-    """Key to sort runs: what is known first, then by name, whatever came when."""
+    """Give a key to sort runs by: known names in their order, then other names."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
         return (known.index(name) if name in known else len(known), name)
 
     return (
         place(run.table, tables),
-        place(run.agent, [agent.name for agent in AGENTS]),
+        place(run.agent, agents.names()),
         place(run.track, env_ids()),
         place(run.label, [contender.label for contender in CONTENDERS]),
         run.seed,
@@ -276,7 +326,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
 
     rates = measured(lambda m: m.afr)
     samples = {run.track: run.samples for run in good}
-    images = measured(lambda m: m.image_novelty.ratio if m.image_novelty else None)
+    means: dict[str, Any] = {name: mean(measured(one.of)) for name, one in MEANS.items()}
     coverage, relative = measured(lambda m: m.coverage), measured(lambda m: m.relative_coverage)
     spent = [[run.search.queries] for run in good if run.search is not None]
     return Row(
@@ -294,14 +344,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(coverage) if coverage else None,
         relative_coverage=figure(relative) if relative else None,
-        density=mean(measured(lambda m: m.density)),
-        mu_std=mean(measured(lambda m: m.mu_std)),
-        mean_score=mean(measured(lambda m: m.mean_score)),
-        novelty=mean(measured(lambda m: m.novelty.median if m.novelty else None)),
-        novelty_ratio=mean(measured(lambda m: m.novelty.ratio if m.novelty else None)),
-        novelty_fifth_ratio=mean(measured(lambda m: m.novelty.fifth_ratio if m.novelty else None)),
-        image_novelty_ratio=mean(images),
-        afr_feasible=mean(measured(lambda m: m.feasible.afr if m.feasible else None)),
+        **means,
     )
 
 

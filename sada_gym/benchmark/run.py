@@ -23,11 +23,11 @@ from sada_gym.measures.reference import FOLDER
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """What a benchmark gave.
+    """The results of a benchmark, and where they are.
 
     Attributes:
         results: The contents of results.json.
-        folder: Where all of it is.
+        folder: The benchmark's folder.
         notes: What a reader must know, such as an adversary that was left out.
     """
 
@@ -52,19 +52,19 @@ def run_benchmark(
     only adds their runs.
 
     Args:
-        suite: What to run.
-        out: Its folder.
-        workers: Processes. The runs of one track, agent and seed follow one another; such groups
-            go side by side. Where there are fewer groups than processes, each run evaluates in
-            several. No part of the result.
+        suite: The suite to run.
+        out: The benchmark's folder.
+        workers: The number of processes. The runs of one track, agent and seed follow one
+            another; such groups go side by side. Where there are fewer groups than processes,
+            each run evaluates in several. The result does not depend on it.
         executor: Any PEP 3148 executor instead of our own processes (Dask's
             `Client.get_executor()`, threads, loky); `workers` then says how many it has. It is
-            left open. Its workers need not see `out`. No part of the result.
-        references: Where the reference sets lie.
+            left open. Its workers need not see `out`. The result does not depend on it.
+        references: The folder of the reference sets.
         callback: Called as the benchmark goes on.
 
     Raises:
-        TypeError, ValueError: If something of the suite is bad, or the folder holds another
+        TypeError, ValueError: If a part of the suite does not fit, or the folder holds another
             benchmark.
         WorkerError: If a run killed its process three times, or the executor gave up.
         RunError: If an adversary raised anything but an `AdversaryError`.
@@ -91,7 +91,7 @@ def report_benchmark(
 
     Args:
         out: The benchmark's folder; another process may be at work there.
-        references: Where the reference sets lie.
+        references: The folder of the reference sets.
         notes: What a reader must know.
 
     Raises:

@@ -34,7 +34,7 @@ class _Workers(Protocol):
     """Where jobs run; a place does one at a time."""
 
     each: int
-    """Processes that a job may evaluate in."""
+    """The number of processes that a job may evaluate in."""
 
     def visible(self, out: Path, token: str) -> bool:
         """Say whether the workers see the benchmark's folder."""
@@ -145,11 +145,11 @@ def do_runs(
     """Do all missing runs of a plan and put each in its folder.
 
     Args:
-        plan: The plan.
-        missing: Those of its runs that are to be done.
+        plan: All runs.
+        missing: The runs of the plan to do.
         out: The benchmark's folder, absolute.
-        workers: How many processes there are to be, or how many workers the executor has.
-        executor: Where to do them; None starts our own processes.
+        workers: The number of processes to start, or of workers that the executor has.
+        executor: The executor that does the runs; None starts our own processes.
         callback: Called as it goes on.
 
     Raises:
@@ -171,7 +171,7 @@ def do_runs(
 
 
 class _Schedule:
-    """Hands out runs and takes in what comes of them."""
+    """Hands out runs and writes down their results."""
 
     def __init__(
         self,
@@ -224,7 +224,7 @@ class _Schedule:
         self._active[self._jobs.submit(chain.place, job)] = chain
 
     def _poll(self) -> None:
-        """Pass on what the workers wrote since the last time."""
+        """Pass on the progress that the workers wrote since the last time."""
         for chain in self._active.values() if self._visible else ():
             name, progress = str(chain.run), read_progress(self._out, chain.run)
             if progress is not None and progress != self._last.get(name):

@@ -14,10 +14,11 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.registration import ids_of
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
-"""The most seeds of a track: every one is a run of every contender."""
+"""The most seeds of a track: each seed is a run of every contender."""
 
 
 class Contender(Strict):
@@ -41,25 +42,16 @@ class Contender(Strict):
 
     @property
     def missing(self) -> bool:
-        """Whether the package that it requires is not installed."""
+        """Say whether the package that it requires is not installed."""
         return self.requires is not None and importlib.util.find_spec(self.requires) is None
-
-    def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary; `ideal` needs more than this, see `sada_gym.runs.ideal.Ideal`.
-
-        Raises:
-            ValueError: If its name, its preset or an option is unknown.
-        """
-        preset = {} if self.preset is None else {"preset": self.preset}
-        return adversaries.make(self.adversary, dimension, seed=seed, **preset, **self.options)
 
 
 class Budget(Strict):
     """How many training queries a contender may spend.
 
     Attributes:
-        queries: N.
-        of_adversary: Another number for some, by registered name.
+        queries: N, the number of queries.
+        of_adversary: Another number for some adversaries, by registered name.
         boosting_on_top: Whether boosting's samples come on top of N, as in the paper, or out of it.
     """
 
@@ -67,32 +59,29 @@ class Budget(Strict):
     of_adversary: dict[str, int] = Field(default_factory=dict)
     boosting_on_top: bool = False
 
-    def of(self, contender: Contender, dimension: int) -> int:
-        """The budget of one contender."""
-        count = self.of_adversary.get(contender.adversary, self.queries)
-        if not self.boosting_on_top or contender.adversary == IDEAL:
-            return count
-        from sada_gym.adversaries.bbgan_boost import BoostedBBGAN, BoostOptions
+    def of(self, name: str, adversary: Adversary) -> int:
+        """Say how many queries one adversary may spend.
 
-        adversary = contender.make(dimension, seed=0)
-        if not isinstance(adversary, BoostedBBGAN):
-            return count
-        assert isinstance(adversary.options, BoostOptions)
-        return count + adversary.options.stages * round(count * adversary.options.share)
+        Args:
+            name: Its registered name.
+            adversary: The adversary, which knows how many queries its boosting adds.
+        """
+        queries = self.of_adversary.get(name, self.queries)
+        return queries + adversary.extra_queries(queries) * self.boosting_on_top
 
 
 class Table(Strict):
     """One comparison: every contender on every track under one rule for the budget.
 
     Attributes:
-        name: As on the command line.
-        title: As in the report.
-        note: A sentence on what is compared.
-        budget: The rule.
+        name: The table's name on the command line.
+        title: The table's title in the report.
+        note: A sentence that says what is compared.
+        budget: The rule for the budget.
         budget_of: Another rule for some applications, by name.
-        samples: M; None takes each application's own.
+        samples: M, the number of test samples; None takes each application's own.
         agents: Whether to attack the default agent alone, all that are shipped, or the others.
-        contenders: Labels of those that take part; None for all of the suite's.
+        contenders: The labels of the contenders that take part; None for all of the suite's.
     """
 
     name: str
@@ -105,29 +94,30 @@ class Table(Strict):
     contenders: tuple[str, ...] | None = None
 
     def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
-        """The agents to attack, of those that an application ships."""
+        """Choose the agents to attack from those that an application ships."""
         others = [agent for agent in shipped if agent != default]
         if self.agents == "others":
             return others
         return [default, *others] if self.agents == "all" else [default]
 
     def includes(self, contender: Contender) -> bool:
-        """Whether a contender of the suite takes part."""
+        """Say whether a contender of the suite takes part."""
         return self.contenders is None or contender.label in self.contenders
 
 
 class Suite(Strict):
-    """All that one benchmark runs.
+    """Everything that one benchmark runs.
 
     Attributes:
-        name: As on the command line.
-        tracks: Environment ids.
+        name: The suite's name on the command line.
+        tracks: The ids of the environments.
         tables: The comparisons.
-        contenders: The rows.
+        contenders: The rows of the tables.
         agents: The agents to attack instead of those that the tables name.
-        seeds: Number of seeds on each track.
+        seeds: The number of seeds on each track.
         seeds_of: Another number for some tracks.
-        images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
+        images: The number of samples whose neighbours are compared as images too, on the first
+            seed; 0 for none.
     """
 
     name: str
@@ -140,7 +130,7 @@ class Suite(Strict):
     images: int = Field(default=4, ge=0)
 
     def seeds_on(self, track: str) -> range:
-        """The seeds of a track."""
+        """List the seeds of a track."""
         return range(self.seeds_of.get(track, self.seeds))
 
 
@@ -180,7 +170,7 @@ RL asks in small rollouts, which makes it slow where there are worlds to simulat
 """
 
 CONTROLS = frozenset(contender.label for contender in CONTENDERS if not contender.ranked)
-"""Labels of those that have no rank."""
+"""The labels of contenders that have no rank."""
 
 _PAPER_BUDGETS = Table(
     name="paper-budgets",
@@ -211,11 +201,9 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_DRIVING_TRACKS = tuple(
-    f"SADA-Driving-{task}-v0" for task in ("Straight", "OneCurve", "Navigation")
+_DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
+    tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
 )
-_RACING_TRACKS = tuple(f"SADA-UAV-{anchors}Anchors-v0" for anchors in (3, 4, 5))
-_DIGIT_TRACKS = tuple(f"SADA-Digits-{digit}-v0" for digit in range(10))
 _MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
 
 SUITES: tuple[Suite, ...] = (
@@ -265,7 +253,7 @@ SUITES: tuple[Suite, ...] = (
 
 
 def find_suite(name: str) -> Suite:
-    """A suite by its name.
+    """Find a suite by its name.
 
     Raises:
         ValueError: If there is none of that name.
@@ -275,7 +263,7 @@ def find_suite(name: str) -> Suite:
 
 
 def find_contender(text: str) -> Contender:
-    """A contender by its label, its registered name, `name:preset`, or `module:Class`.
+    """Find a contender by its label, its registered name, `name:preset`, or `module:Class`.
 
     Raises:
         ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
@@ -310,15 +298,15 @@ def choose(
     """Narrow or change a suite as the command line does; what is not given stays.
 
     Args:
-        suite: What to start from.
-        tracks: Environment ids.
+        suite: The suite to start from.
+        tracks: Ids of environments.
         tables: Names of the suite's tables.
-        contenders: See `find_contender`.
+        contenders: What `find_contender` takes.
         agents: The agents to attack.
-        seeds: Number of seeds on every track.
+        seeds: The number of seeds on every track.
         budget: N of every table and adversary; where boosting comes on top it still does.
-        samples: M.
-        images: Samples whose neighbours are compared as images.
+        samples: The number of test samples.
+        images: The number of samples whose neighbours are compared as images.
 
     Raises:
         ValueError: If a table or a contender is unknown, or a number is out of range.

@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from sada_gym import adversaries
 from sada_gym.cli.console import (
     cores,
     errors_as_sentences,
@@ -24,6 +25,7 @@ from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult
+    from sada_gym.runs.record import RunReport
 
 _AFR = "attack fooling rate"
 _MANY = 8  # more workers than this seldom help and each holds its own simulator
@@ -149,14 +151,12 @@ def _show_result(result: AttackResult) -> None:
 
 def _rows(result: AttackResult) -> Iterator[tuple[str, str]]:
     """Name and text of each figure that the summary shows."""
-    from sada_gym.cli.baseline import uniform_baseline
-
     report = result.report
     low, high = report.afr_interval_95
     interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
     of_samples = f"{report.fooled} of {report.settings.samples:,} samples"
     yield _AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
-    yield "uniform worlds", uniform_baseline(report)
+    yield "uniform worlds", _uniform_rate(report)
     feasible = report.feasible
     if feasible is not None and feasible.afr is not None:
         yield (
@@ -167,11 +167,26 @@ def _rows(result: AttackResult) -> Iterator[tuple[str, str]]:
         rate = _percent(report.search.fooling_rate)
         yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
     yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
+    if report.relative_coverage is not None:
+        yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
     if report.nearest_fooling_query is not None:
         distance = f"median distance {report.nearest_fooling_query.median:.3f}"
         yield "novelty", f"{distance} to the nearest training query that fooled"
     for flag in report.flags:
         yield "mind", flag
+
+
+def _uniform_rate(report: RunReport) -> str:
+    """Say how often uniform worlds fool the agent, and where the figure is from."""
+    settings, reference = report.settings, report.settings.reference
+    if reference is not None:
+        return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
+    if settings.adversary == "random":
+        return f"{_percent(report.afr)} (these samples are uniform)"
+    rate = report.search.fooling_rate
+    if rate is not None and adversaries.find(settings.adversary).uniform_queries:
+        return f"{_percent(rate)} (its {report.search.queries:,} training queries are uniform)"
+    return "not known: run --adversary random"
 
 
 def _percent(rate: float) -> str:

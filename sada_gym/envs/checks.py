@@ -10,11 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import shaped
+from sada_gym.envs.proposals import MAX_ENVS
 from sada_gym.errors import UserError, refuse_number
-from sada_gym.parameters import MAX_ENVS
 
 MAX_TILE = 1_024
 """Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
+
+
+class RenderModes(list[str]):
+    """The render modes of an environment; what is no string counts as one of them.
+
+    `gymnasium.make` fails on such a mode before the environment can say what it expected.
+    """
+
+    def __contains__(self, mode: object) -> bool:
+        """Whether a mode is known, or is no mode at all."""
+        return not isinstance(mode, str) or super().__contains__(mode)
 
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:

@@ -10,45 +10,34 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, validate_seeds
 from sada_gym.errors import UserError
+from sada_gym.files import Strict
 from sada_gym.measures.rates import nearest_neighbours
 
 FrameFunction = Callable[[npt.NDArray[np.float32], int], Frame]
 """Called as frame(mu, seed), mu of shape (d,)."""
 
 
-@dataclass(frozen=True)
-class Novelty:
+class Novelty(Strict):
     """Euclidean distances in [-1, 1]^d from samples to their nearest training queries.
 
     Attributes:
-        median: Over the samples.
-        fifth_percentile: Near 0 where a twentieth of the samples or more are hardly new.
-        minimum: Of all.
+        median: The median over the samples.
+        fifth_percentile: It is near 0 where a twentieth of the samples or more are hardly new.
+        minimum: The smallest distance.
         repeats: Number of samples that are a query, to the last bit of float32.
+        ratio: The median over that of ideal samples: about 1 where the samples are as new as the
+            truth's, near 0 where they are stored queries, shaken or not. None without ideal
+            samples.
+        fifth_ratio: The fifth percentile over that of ideal samples: it is small already where
+            only some of the samples are stored queries.
     """
 
     median: float
     fifth_percentile: float
     minimum: float
     repeats: int
-
-
-@dataclass(frozen=True)
-class RelativeNovelty:
-    """An adversary's novelty beside that of ideal samples, given the same queries.
-
-    Attributes:
-        samples: Of the adversary's samples.
-        ideal: Of ideal samples.
-        ratio: Of the medians: about 1 where the samples are as new as the truth's, near 0 where
-            they are stored queries, shaken or not.
-        fifth_ratio: Of the fifth percentiles: shows already where only some are.
-    """
-
-    samples: Novelty
-    ideal: Novelty
-    ratio: float
-    fifth_ratio: float
+    ratio: float | None = None
+    fifth_ratio: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +105,7 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
 
 def relative_novelty(
     samples: npt.ArrayLike, ideal: npt.ArrayLike, queries: npt.ArrayLike
-) -> RelativeNovelty:
+) -> Novelty:
     """Compare the novelty of an adversary's samples with that of ideal samples.
 
     Ideal samples say how near the queries any good sample must lie: a thorough search leaves no
@@ -136,12 +125,11 @@ def relative_novelty(
             f"Expected ideal samples that were not queried, got {truth.repeats} that were. Draw "
             "them independently of the queries."
         )
-    return RelativeNovelty(
-        ours,
-        truth,
-        ratio=ours.median / truth.median,
-        fifth_ratio=ours.fifth_percentile / truth.fifth_percentile,
-    )
+    ratios = {
+        "ratio": ours.median / truth.median,
+        "fifth_ratio": ours.fifth_percentile / truth.fifth_percentile,
+    }
+    return ours.model_copy(update=ratios)
 
 
 def image_neighbours(

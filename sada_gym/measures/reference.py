@@ -196,11 +196,13 @@ def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
     Raises:
         FileError: If the index cannot be read.
     """
-    path = Path(folder) / INDEX
-    if Path(folder).is_file():
-        raise FileError(f"Expected a folder of reference sets, got the file {folder}.")
-    if not path.exists():
-        return ReferenceIndex(references=())
+    folder = Path(folder)
+    path = folder / INDEX
+    with file_errors("read", folder):
+        if folder.is_file():
+            raise FileError(f"Expected a folder of reference sets, got the file {folder}.")
+        if not path.exists():
+            return ReferenceIndex(references=())
     return read_model(path, ReferenceIndex)
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.errors import UserError
+from sada_gym.files import Strict
 from sada_gym.measures.coverage import (
     NEAREST,
     checked_points,
@@ -17,8 +17,7 @@ from sada_gym.measures.coverage import (
 )
 
 
-@dataclass(frozen=True)
-class SearchPoint:
+class SearchPoint(Strict):
     """A point of an anytime curve.
 
     Attributes:
@@ -74,7 +73,7 @@ def anytime(
         coverage = _coverage(mu[firsts], found, fooling_set, k)
     spent = np.cumsum(fooled)
     return tuple(
-        SearchPoint(int(n), int(count), float(spent[n - 1] / n), covered)
+        SearchPoint(queries=n, found=int(count), share=float(spent[n - 1] / n), coverage=covered)
         for n, count, covered in zip(checkpoints, found, coverage, strict=True)
     )
 

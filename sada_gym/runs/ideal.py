@@ -16,7 +16,7 @@ from sada_gym.errors import UserError
 from sada_gym.parameters import Mu
 
 IDEAL = "ideal"
-"""What the control is called."""
+"""The control's name."""
 
 _FILE = "fooling-set.safetensors"
 
@@ -30,8 +30,10 @@ class Ideal(Adversary):
     Args:
         dimension: d, the number of semantic parameters.
         seed: Fixes the draws.
-        fooling_set: (m, d), m >= 1; not the points that coverage is measured by.
+        fooling_set: The points to draw from, (m, d), m >= 1. Coverage is measured by others.
     """
+
+    packages = ()
 
     name: ClassVar[str] = IDEAL
 
@@ -45,7 +47,7 @@ class Ideal(Adversary):
         self._fooling_set = fooling_set
 
     def train(self, oracle: Query) -> None:
-        """Learn nothing: the answer is known."""
+        """Learn nothing, because the answer is known."""
 
     def sample(self, n: int) -> Mu:
         """Draw n mu, (n, d); without replacement, unless there are fewer points than that."""

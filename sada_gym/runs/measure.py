@@ -1,24 +1,23 @@
-"""What is measured of a run: the adversary's test samples, and its search."""
+"""The measures of a run: those of the adversary's test samples, and those of its search."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import Strict
-from sada_gym.measures.coverage import fooling_coverage, relative_coverage
-from sada_gym.measures.novelty import Neighbour, Neighbours, novelty, relative_novelty
+from sada_gym.measures.coverage import NEAREST, fooling_coverage, relative_coverage
+from sada_gym.measures.novelty import Neighbour, Neighbours, Novelty, novelty, relative_novelty
 from sada_gym.measures.rates import attack_fooling_rate, mu_std, nearest_neighbours
 from sada_gym.measures.search import SearchPoint, anytime
 from sada_gym.parameters import Mu
 
 
 class Distances(Strict):
-    """Distances from the test samples to their nearest neighbours among some queries."""
+    """The distances from the test samples to the nearest of some queries."""
 
     minimum: float
     median: float
@@ -30,9 +29,9 @@ class FeasibleRate(Strict):
     """The attack fooling rate over those test samples whose worlds a privileged agent masters.
 
     Attributes:
-        worlds: How many they are.
-        fooled: In how many of them the agent is fooled.
-        afr: The share; None where there are none.
+        worlds: The number of such samples.
+        fooled: The number of those that fool the agent.
+        afr: Their share; None where there is no such sample.
     """
 
     worlds: int
@@ -40,34 +39,14 @@ class FeasibleRate(Strict):
     afr: float | None
 
 
-class MuNovelty(Strict):
-    """Distances from the test samples to the nearest training query, in [-1, 1]^d.
-
-    Attributes:
-        median: Over the samples.
-        fifth_percentile: Near 0 where a twentieth of the samples or more are hardly new.
-        minimum: Of all.
-        repeats: Number of samples that are a query.
-        ratio: The median over that of ideal samples; None without a reference set.
-        fifth_ratio: The fifth percentile likewise.
-    """
-
-    median: float
-    fifth_percentile: float
-    minimum: float
-    repeats: int
-    ratio: float | None
-    fifth_ratio: float | None
-
-
 class ImageNovelty(Strict):
-    """Distances of images of a few samples to the nearest query's, root mean square of pixels.
+    """How far the images of a few samples lie from those of queries, root mean square of pixels.
 
     Attributes:
-        samples: How many were compared.
-        median: To the nearest image found.
-        median_of_nearest_mu: To the image of the query that is nearest in mu.
-        ideal: The median for as many ideal samples; None without a reference set.
+        samples: The number of samples that were compared.
+        median: The median distance to the nearest image found.
+        median_of_nearest_mu: The median distance to the image of the query that is nearest in mu.
+        ideal: The same as `median` for as many ideal samples; None without a reference set.
     """
 
     samples: int
@@ -77,24 +56,25 @@ class ImageNovelty(Strict):
 
     @property
     def ratio(self) -> float | None:
-        """The median over that of ideal samples."""
+        """Divide the median by that of ideal samples."""
         return self.median / self.ideal if self.ideal else None
 
 
 class Measures(Strict):
-    """What is measured of the test samples.
+    """The measures of the test samples.
 
     Attributes:
         afr: The attack fooling rate.
-        afr_interval_95: Its Wilson interval.
-        fooled: Number of samples that fooled.
-        mean_score: Their mean Q.
-        mu_std: Their spread; 0.577 where uniform.
-        density: See `sada_gym.measures.coverage`; None without a reference set, as the next two.
-        coverage: Share of the fooling set that the samples which fool cover.
-        relative_coverage: Coverage over that of the ideal samples of the same seed.
-        novelty: None without training queries.
-        image_novelty: None where no images were compared.
+        afr_interval_95: The rate's Wilson interval.
+        fooled: The number of samples that fooled.
+        mean_score: The mean Q of all samples.
+        mu_std: The spread of all samples; 0.577 where they are uniform.
+        density: See `sada_gym.measures.coverage`. It is None without a reference set, and where
+            there are too few samples; so are the next two.
+        coverage: The share of the fooling set that the samples which fool cover.
+        relative_coverage: The coverage over that of the ideal samples of the same seed.
+        novelty: How far the samples lie from the training queries; None without any.
+        image_novelty: How far their images lie apart; None where no images were compared.
         feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
 
@@ -106,36 +86,27 @@ class Measures(Strict):
     density: float | None
     coverage: float | None
     relative_coverage: float | None
-    novelty: MuNovelty | None
+    novelty: Novelty | None
     image_novelty: ImageNovelty | None
     feasible: FeasibleRate | None = None
-
-
-class SearchCheckpoint(Strict):
-    """A point of the anytime curve, see `sada_gym.measures.search.SearchPoint`."""
-
-    queries: int
-    found: int
-    share: float
-    coverage: float | None
 
 
 class Search(Strict):
     """What the training queries found.
 
     Attributes:
-        queries: Queries spent.
-        fooled: How many of them fooled.
-        curve: At 100, 200, 500, 1,000 and so on, and at the last.
+        queries: The number of queries spent.
+        fooled: The number of them that fooled.
+        curve: The search by 100, 200, 500, 1,000 and so on queries, and by the last one.
     """
 
     queries: int
     fooled: int
-    curve: tuple[SearchCheckpoint, ...]
+    curve: tuple[SearchPoint, ...]
 
     @property
     def fooling_rate(self) -> float | None:
-        """The share that fooled; None without queries. Where they are uniform, the random rate."""
+        """Give the share of queries that fooled; None without queries."""
         return self.fooled / self.queries if self.queries else None
 
 
@@ -158,13 +129,13 @@ def measure(
         threshold: The fooling threshold epsilon.
         fooling_set: (R, d) points known to fool; None where none are known.
         ideal: M ideal samples, evaluated on the same seeds; None without a fooling set.
-        images: What the comparison of images gave.
+        images: The result of comparing images; None where none were compared.
         seed: Fixes the draws of reference points.
         feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
     rate = attack_fooling_rate(samples.score, threshold)
     density = coverage = relative = None
-    if fooling_set is not None and ideal is not None:
+    if fooling_set is not None and ideal is not None and len(samples) > NEAREST:
         ours, truth = (
             fooling_coverage(of.mu, of.score <= threshold, fooling_set, seed=seed)
             for of in (samples, ideal)
@@ -180,7 +151,7 @@ def measure(
         density=density,
         coverage=coverage,
         relative_coverage=relative,
-        novelty=_mu_novelty(samples, queries, ideal),
+        novelty=_novelty(samples, queries, ideal),
         image_novelty=images,
         feasible=feasible,
     )
@@ -190,18 +161,15 @@ def follow_search(queries: Evaluations, threshold: float, *, fooling_set: Mu | N
     """Measure what the training queries found.
 
     Args:
-        queries: In the order of asking.
+        queries: The training queries in the order of asking.
         threshold: The fooling threshold epsilon.
         fooling_set: (R, d) points known to fool; None where none are known.
     """
     at = checkpoints(len(queries))
-    curve: tuple[SearchPoint, ...] = ()
-    if at:
-        curve = anytime(queries.mu, queries.score, threshold, fooling_set, at)
     return Search(
         queries=len(queries),
         fooled=int((queries.score <= threshold).sum()),
-        curve=tuple(SearchCheckpoint(**asdict(point)) for point in curve),
+        curve=anytime(queries.mu, queries.score, threshold, fooling_set, at) if at else (),
     )
 
 
@@ -217,8 +185,8 @@ def feasible_rate(
     """Sum up `Application.feasible`.
 
     Args:
-        fooled: (M,) which test samples fool the agent.
-        feasible: (M,) which of them a privileged agent masters; None where none is known.
+        fooled: (M,) bool, which test samples fool the agent.
+        feasible: (M,) bool, which worlds a privileged agent masters; None where none is known.
     """
     if feasible is None:
         return None
@@ -239,15 +207,14 @@ def nearest_distances(samples: Mu, queries: Mu) -> Distances | None:
     )
 
 
-def _mu_novelty(
+def _novelty(
     samples: Evaluations, queries: Evaluations, ideal: Evaluations | None
-) -> MuNovelty | None:
+) -> Novelty | None:
     if not len(queries):
         return None
     if ideal is None:
-        return MuNovelty(**asdict(novelty(samples.mu, queries.mu)), ratio=None, fifth_ratio=None)
-    found = relative_novelty(samples.mu, ideal.mu, queries.mu)
-    return MuNovelty(**asdict(found.samples), ratio=found.ratio, fifth_ratio=found.fifth_ratio)
+        return novelty(samples.mu, queries.mu)
+    return relative_novelty(samples.mu, ideal.mu, queries.mu)
 
 
 def image_novelty(found: Sequence[Neighbours], ideal: Sequence[Neighbours]) -> ImageNovelty:

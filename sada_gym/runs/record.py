@@ -29,8 +29,8 @@ class ReferenceSummary(Strict):
     """The reference set that a run is measured against.
 
     Attributes:
-        sha256: Of its file.
-        points: Its points, uniform in the box.
+        sha256: The SHA-256 of its file.
+        points: The number of its points, which are uniform in the box.
         fooling: How many of them belong to the fooling set.
         uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
     """
@@ -58,7 +58,7 @@ class ReferenceSummary(Strict):
 
 
 class RunKey(Strict):
-    """What a run is called: one adversary on one track, for one seed.
+    """The name of a run: one adversary on one track, for one seed.
 
     Attributes:
         table: The benchmark's table; empty for a single attack.
@@ -82,19 +82,19 @@ class RunKey(Strict):
 
 
 class RunSettings(RunKey):
-    """All that decides a run's result.
+    """Everything that decides a run's result.
 
     Attributes:
         adversary: The adversary's registered name, `module:Class`, or `ideal`.
         preset: The named set of options it starts from, if any.
         options: Its other options.
-        resolved: All its options, defaults too: a run with other defaults is another run.
-        budget: Training queries that it may spend.
-        samples: Test samples (M in the paper).
-        images: Samples whose nearest queries are compared as images.
+        resolved: All its options, defaults included: a run with other defaults is another run.
+        budget: The number of training queries that it may spend.
+        samples: The number of test samples (M in the paper).
+        images: The number of samples whose nearest queries are compared as images.
         application: The application's name.
-        version: Its version.
-        application_settings: Its resolved keywords.
+        version: The application's version.
+        application_settings: The application's resolved keywords.
         fingerprint: The agent's SHA-256.
         reference: The reference set that coverage is measured by; None where there is none.
         packages: Versions of what takes part: a run is not resumed with others.
@@ -115,23 +115,23 @@ class RunSettings(RunKey):
     packages: dict[str, str]
 
     def target(self) -> dict[str, Any]:
-        """What was attacked, and the reference set: the same for all runs of track and agent."""
+        """Give what all runs of a track and agent share: what is attacked and the reference set."""
         names = {"application", "version", "application_settings", "fingerprint", "reference"}
         return self.model_dump(include=names)
 
 
 class RunReport(Measures):
-    """The contents of result.json: the measures, and what they are of.
+    """The contents of result.json: the measures of a run, and its settings.
 
     It holds no wall-clock times: a resumed run's file is the same.
 
     Attributes:
-        settings: What was run.
+        settings: The run's settings.
         fooling_threshold: The agent is fooled where Q <= this.
         nearest_fooling_query: Distances from the samples to the nearest training query that fooled
             the agent; None where none did.
         search: What the training queries found.
-        seeds: How the seeds follow from the settings' one.
+        seeds: How the seeds follow from the settings' seed.
         flags: What a reader must know, such as that no training query fooled.
     """
 
@@ -143,7 +143,7 @@ class RunReport(Measures):
     flags: tuple[str, ...]
 
     def measures(self) -> Measures:
-        """The measures alone."""
+        """Give the measures alone."""
         return Measures(**{name: getattr(self, name) for name in Measures.model_fields})
 
 
@@ -151,9 +151,9 @@ class RunFailure(Strict):
     """The contents of failure.json: the adversary could not do its work, and why.
 
     Attributes:
-        settings: What was run.
+        settings: The run's settings.
         fooling_threshold: The agent is fooled where Q <= this.
-        error: What the adversary's `AdversaryError` said.
+        error: The message of the adversary's `AdversaryError`.
     """
 
     settings: RunSettings
@@ -226,7 +226,7 @@ def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> None:
         if (folder / name).exists():
             raise UserError(
                 f"Expected {folder} to hold no results, got {name} in it without the "
-                f"{SETTINGS_FILE} that tells what run it is of. Name another folder."
+                f"{SETTINGS_FILE} that says which run it belongs to. Name another folder."
             )
     folder.mkdir(parents=True, exist_ok=True)
     write_model(path, settings)

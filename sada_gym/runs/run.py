@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import AdversaryError, UserError, UserTypeError
+from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.novelty import Neighbours, image_neighbours
 from sada_gym.parameters import Mu
-from sada_gym.runs.ideal import IDEAL, Ideal
+from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.measure import (
     ImageNovelty,
     feasible_rate,
@@ -33,19 +33,20 @@ from sada_gym.runs.measure import (
 from sada_gym.runs.record import RunReport, RunSettings
 
 Stage = Literal["train", "learn", "sample", "test", "measure", "pictures"]
-"""What a run does now: training is to query (`train`) and to `learn` from the answers."""
+"""What a run is doing: it queries (`train`), learns from the scores (`learn`), and so on."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is.
+    """How far a run has come.
 
     Attributes:
-        stage: What it is at.
-        done: Evaluations of this stage that are done.
-        total: How many there are at most; 0 where a stage makes none.
-        known: How many of those done the store knew.
-        evaluated: Evaluations made since the run began; what the store knew doesn't count.
+        stage: What the run is doing.
+        done: The evaluations of this stage that are done.
+        total: The most evaluations that this stage makes; 0 where it makes none.
+        known: The evaluations among `done` that the store knew.
+        evaluated: The evaluations made for training and testing since the run began. What the
+            store knew doesn't count.
     """
 
     stage: Stage
@@ -64,11 +65,11 @@ def ignore_progress(progress: Progress) -> None:
 
 @dataclass(frozen=True)
 class RunContext:
-    """What a run works with, beside its settings.
+    """What a run needs besides its settings and its adversary.
 
     Attributes:
-        evaluator: Scores, from its store where that knows them.
-        application: What is attacked.
+        evaluator: Gives the scores, from its store where that knows them.
+        application: The application under attack.
         fooling_set: (R, d) points known to fool, to measure by; None where none are known.
         ideal_set: (R, d) other such points, which ideal samples are drawn from.
         on_progress: Called at the start of each stage, and after each chunk of evaluations.
@@ -86,8 +87,8 @@ class ImageComparison:
     """Samples that fool, each with the training queries nearest to it.
 
     Attributes:
-        ours: Of the adversary.
-        ideal: As many ideal ones, or none.
+        ours: The adversary's samples.
+        ideal: As many ideal samples, or none.
     """
 
     ours: tuple[Neighbours, ...]
@@ -95,7 +96,7 @@ class ImageComparison:
 
     @property
     def novelty(self) -> ImageNovelty:
-        """The distances, summed up."""
+        """Sum up the distances."""
         return image_novelty(self.ours, self.ideal)
 
 
@@ -133,14 +134,14 @@ class Run:
     """A run of the paper's Algorithm 1: call `train`, `test` and `measure` in this order.
 
     Args:
-        settings: What to do.
-        adversary: Made for these settings, and untrained.
-        context: What it works with.
+        settings: What the run does.
+        adversary: An untrained adversary that was made for these settings.
+        context: What else the run needs.
 
     Attributes:
-        process_s: Process seconds of training and testing.
-        evaluated: Evaluations made for training and testing.
-        known: Evaluations for training and testing that the store knew.
+        process_s: The process seconds of training and testing.
+        evaluated: The number of evaluations made for training and testing.
+        known: The number of evaluations for training and testing that the store knew.
     """
 
     def __init__(self, settings: RunSettings, adversary: Adversary, context: RunContext) -> None:
@@ -235,12 +236,16 @@ class Run:
 
     @cached_property
     def ideal_samples(self) -> Evaluations | None:
-        """M ideal samples, evaluated on the test stream; None without points to draw from."""
+        """Evaluate M ideal samples on the test stream; None without points to draw from."""
         points, settings = self._context.ideal_set, self.settings
         if points is None:
             return None
         oracle = Oracle(
-            self._context.evaluator, budget=settings.samples, seed=settings.seed, stream="test"
+            self._context.evaluator,
+            budget=settings.samples,
+            seed=settings.seed,
+            stream="test",
+            progress=functools.partial(self._report, "measure"),
         )
         ideal = Ideal(oracle.dimension, seed=settings.seed, fooling_set=points)
         oracle(ideal.sample(settings.samples))
@@ -248,7 +253,7 @@ class Run:
 
     @cached_property
     def images(self) -> ImageComparison | None:
-        """The first samples that fool, ours and ideal ones, beside the queries nearest to them."""
+        """Find the queries nearest to the first samples that fool, ours and ideal ones."""
         ideal, settings = self.ideal_samples, self.settings
         pools = [self.samples] if ideal is None else [self.samples, ideal]
         rows = [np.flatnonzero(pool.score <= self._threshold) for pool in pools]
@@ -271,7 +276,7 @@ class Run:
 
     @property
     def evaluations(self) -> tuple[Evaluations, ...]:
-        """All that was evaluated so far, or taken from the store."""
+        """All evaluations so far, those from the store included."""
         ideal = self.__dict__.get("ideal_samples")  # nothing is evaluated for this
         parts = (self.queries, self.samples, *(() if ideal is None else (ideal,)))
         return tuple(part for part in parts if len(part))
@@ -306,45 +311,3 @@ class Run:
 
     def _report(self, stage: Stage, done: int = 0, total: int = 0, known: int = 0) -> None:
         self._context.on_progress(Progress(stage, done, total, known, self.evaluated))
-
-
-def make_adversary(
-    adversary: str | type[Adversary],
-    dimension: int,
-    *,
-    seed: int,
-    preset: str | None = None,
-    options: Mapping[str, Any] | None = None,
-    ideal_set: Mu | None = None,
-) -> Adversary:
-    """Make the adversary of a run.
-
-    Args:
-        adversary: A registered name, `module:Class`, `ideal`, or a class.
-        dimension: d.
-        seed: Its seed.
-        preset: The named set of options to start from.
-        options: Its other options; they go before the preset's.
-        ideal_set: (R, d) points known to fool, which `ideal` draws from.
-
-    Raises:
-        TypeError, ValueError: If it is unknown, or an option is.
-    """
-    taken = sorted({"name", "dimension", "seed"} & set(options or {}))
-    if taken:
-        raise UserError(
-            f"Expected the adversary's own options, got {taken[0]!r}, which the run sets itself."
-        )
-    chosen = {**({} if preset is None else {"preset": preset}), **(options or {})}
-    if adversary == IDEAL:
-        if ideal_set is None or chosen:
-            raise UserError(
-                f"Expected {IDEAL} without options on a track that has a reference set; got "
-                f"{chosen or 'no reference set'}. Choose another adversary."
-            )
-        return Ideal(dimension, seed=seed, fooling_set=ideal_set)
-    if isinstance(adversary, str):
-        return adversaries.make(adversary, dimension, seed=seed, **chosen)
-    if not (isinstance(adversary, type) and issubclass(adversary, Adversary)):
-        raise UserTypeError(f"Expected an adversary's name or class, got {adversary!r}.")
-    return adversary(dimension, seed=seed, **chosen)

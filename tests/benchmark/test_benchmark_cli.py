@@ -5,6 +5,7 @@ import re
 import shlex
 import signal
 import time
+from pathlib import Path
 
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
@@ -178,3 +179,27 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     assert "Traceback" not in printed
     assert f"Stopped. 1 finished runs and all evaluations are kept in {out}" in printed
     assert shlex.split(printed.strip().splitlines()[-1]) == ["sada-gym", *command]
+
+
+NO_NAME = "a" * 300
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["merge", NO_NAME, "--out", "out"],
+        ["merge", "given", "--out", NO_NAME],
+        ["benchmark", "--report", "--out", NO_NAME],
+        ["benchmark", "--tracks", "SADA-Analytic-v0", "--references", NO_NAME],
+    ],
+    ids=["merged file", "merged folder", "report", "references"],
+)
+def test_a_name_that_is_too_long_gets_a_sentence(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "given").mkdir()
+    published = Path(__file__).parents[2] / "docs" / "results" / "racing" / "results.json"
+    (tmp_path / "given" / "results.json").write_bytes(published.read_bytes())
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 2, result.output
+    assert "its name is too long" in result.stderr
+    assert "Traceback" not in result.output

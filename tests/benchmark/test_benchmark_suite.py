@@ -20,6 +20,16 @@ from sada_gym.registration import tracks
 from sada_gym.runs.ideal import IDEAL
 
 
+def made(label, dimension):
+    contender = find_contender(label)
+    preset = {"preset": contender.preset} if contender.preset else {}
+    return adversaries.make(contender.adversary, dimension, seed=0, **preset)
+
+
+def queries(budget, label, dimension):
+    return budget.of(find_contender(label).adversary, made(label, dimension))
+
+
 def test_the_suites_name_what_there_is():
     for one in SUITES:
         assert set(one.tracks) <= set(tracks())
@@ -38,11 +48,9 @@ def test_the_paper_suite():
     assert seeds.pop("SADA-Detection-Motorbike-v0") == 3
     assert set(seeds.values()) == {1}
     rule = one.tables[0].budget_of["SADA-Detection"]
-    budgets = {
-        label: rule.of(find_contender(label), 8) for label in ("random", "bbgan", "bayesian")
-    }
+    budgets = {label: queries(rule, label, 8) for label in ("random", "bbgan", "bayesian")}
     assert budgets == {"random": 20_000, "bbgan": 20_000, "bayesian": 10_000}
-    assert one.tables[0].budget.of(find_contender("bayesian"), 3) == 1_000
+    assert queries(one.tables[0].budget, "bayesian", 3) == 1_000
 
 
 def test_the_quick_suite():
@@ -95,14 +103,13 @@ def test_a_table_says_which_agents_it_attacks(agents, attacked):
 
 
 @pytest.mark.parametrize("label", ["bbgan-boost", "bbgan-boost (paper)"])
-@pytest.mark.parametrize("queries", [20_000, 1_000, 333])
-def test_boosting_comes_on_top(label, queries):
-    contender = find_contender(label)
-    budget = Budget(queries=queries, boosting_on_top=True).of(contender, 8)
-    uniform, _ = split_budget(budget, contender.make(8, seed=0).options)
-    assert abs(uniform - queries) <= 2
-    assert budget > queries
-    assert Budget(queries=queries).of(contender, 8) == queries
+@pytest.mark.parametrize("count", [20_000, 1_000, 333])
+def test_boosting_comes_on_top(label, count):
+    budget = queries(Budget(queries=count, boosting_on_top=True), label, 8)
+    uniform, _ = split_budget(budget, made(label, 8).options)
+    assert abs(uniform - count) <= 2
+    assert budget > count
+    assert queries(Budget(queries=count), label, 8) == count
 
 
 @pytest.mark.parametrize(

@@ -20,14 +20,12 @@ from toy import Greedy
 from typer.testing import CliRunner
 
 import sada_gym
-from sada_gym import adversaries, make_application
+from sada_gym import adversaries
 from sada_gym.cli import app
-from sada_gym.cli.baseline import find_reference
 from sada_gym.cli.console import errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.runs.record import RunSettings
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
@@ -107,7 +105,7 @@ def test_a_second_run_needs_resume(tmp_path):
         ([*ATTACK, "--set", "colour=3"], "colour"),
         ([*ATTACK, "--preset", "paper"], "Expected no preset with toy:Greedy"),
         ([*ATTACK, "-a", "bbgan", "--preset", "papr"], "papr"),
-        ([*ATTACK, "--env-kwargs", "dimensions=3"], "Did you mean 'dimension'"),
+        ([*ATTACK, "--env-kwargs", "dimensions=3"], "Did you mean dimension?"),
         ([*ATTACK, "--env-kwargs", "dimension=0"], "Expected dimension to be an int of at least 1"),
         (
             [*ATTACK, "--env-kwargs", "dimension"],
@@ -213,30 +211,15 @@ def test_uniform_queries_are_declared_truly(name):
     assert adversaries.find(name).uniform_queries == np.array_equal(oracle.first, uniform)
 
 
-def settings_of(env_id, **env_kwargs):
-    application = make_application(env_id, **env_kwargs)
-    return RunSettings(
-        track=env_id,
-        label="bbgan",
-        resolved={},
-        application=application.name,
-        version=application.version,
-        application_settings=application.settings,
-        agent=application.agent_name,
-        fingerprint=application.fingerprint,
-        **{"adversary": "bbgan", "preset": None, "options": {}, "packages": {}},
-        **{"budget": 1, "samples": 1, "seed": 0},
-    )
-
-
-def test_the_reference_set_is_that_of_exactly_what_was_attacked():
-    entry = find_reference(settings_of("SADA-Detection-Car-v0")).entry
-    assert (entry.track, entry.agent) == ("SADA-Detection-Car-v0", "photographer")
-    general = find_reference(settings_of("SADA-Detection-v0", object_class="bus", agent="surveyor"))
-    assert (general.entry.track, general.entry.agent) == ("SADA-Detection-Bus-v0", "surveyor")
-    assert 0 < general.uniform_rate < 1
-    assert find_reference(settings_of("SADA-Detection-Car-v0", image_size=160)) is None
-    assert find_reference(settings_of("SADA-Analytic-v0")) is None
+def test_the_summary_tells_of_coverage_and_the_reference_set(tmp_path):
+    command = ["attack", "SADA-Digits-3-v0", "-a", "random", "--budget", 20, "--samples", 10]
+    result = run(*command, "--workers", 1, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "result.json").read_text())
+    rate = 100 * report["settings"]["reference"]["uniform_rate"]
+    assert f"uniform worlds        {rate:.1f} % (reference set of 20,000 points)" in result.stdout
+    covered = f"{100 * report['relative_coverage']:.1f} %; ideal samples would be 100 %"
+    assert f"coverage              {covered}" in result.stdout
 
 
 def test_an_executor_is_opened_by_its_name_and_closed(tmp_path, monkeypatch):

@@ -46,14 +46,14 @@ def test_an_archive_shows_and_the_truth_does_not(rng, dimension):
     shaken = np.clip(archive + 1e-4 * rng.normal(size=archive.shape), -1, 1)
 
     copied = relative_novelty(archive, ideal, queries)
-    assert (copied.ratio, copied.samples.repeats) == (0.0, 250)
+    assert (copied.ratio, copied.repeats) == (0.0, 250)
     jittered = relative_novelty(shaken, ideal, queries)
     assert jittered.ratio < 0.03
-    assert jittered.samples.repeats < 25  # those at the box's edge
+    assert jittered.repeats < 25  # those at the box's edge
     truth = relative_novelty(fresh, ideal, queries)
     assert truth.ratio == pytest.approx(1.0, abs=0.15)
     assert truth.fifth_ratio == pytest.approx(1.0, abs=0.5)
-    assert truth.samples.repeats == 0
+    assert truth.repeats == 0
 
     half = np.concatenate([shaken[:100], fresh[:150]])
     assert relative_novelty(half, ideal, queries).fifth_ratio < 0.1

@@ -1,1 +1,1 @@
-"""What a benchmark tells its reader: tables and pictures."""
+"""The report of a benchmark: its tables and pictures."""

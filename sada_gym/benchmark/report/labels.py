@@ -32,11 +32,11 @@ def place_labels(
     The figure is laid out before and keeps its layout: call it last.
 
     Args:
-        axes: Where the points are drawn.
+        axes: The axes that the points are drawn in.
         points: (n, 2) in data coordinates.
-        names: n texts.
-        colours: n text colours.
-        size: Of the font.
+        names: The n names.
+        colours: The names' n colours.
+        size: The font's size in points.
 
     Returns:
         The names, in the order of the points.
@@ -147,11 +147,11 @@ def label_ends(
     The figure is laid out before and keeps its layout: call it last, and leave room.
 
     Args:
-        axes: Where the lines are drawn.
+        axes: The axes that the lines are drawn in.
         ends: (n, 2) in data coordinates.
-        names: n texts.
-        colours: n colours.
-        size: Of the font.
+        names: The n names.
+        colours: The names' n colours.
+        size: The font's size in points.
 
     Returns:
         The names, in the order of the lines.

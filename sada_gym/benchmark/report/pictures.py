@@ -1,4 +1,4 @@
-"""Which pictures a benchmark's folder gets, and what they show."""
+"""Draws the pictures of a benchmark's folder."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym.benchmark.folder import run_folder, slug
-from sada_gym.benchmark.plan import open_application
 from sada_gym.benchmark.report.charts import (
     Curve,
     NoveltyRatios,
@@ -24,6 +23,7 @@ from sada_gym.files import write_file
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import png
+from sada_gym.runs.assemble import open_application
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
@@ -42,8 +42,8 @@ def draw_pictures(out: Path, results: Results, references: Path = FOLDER) -> tup
 
     Args:
         out: The benchmark's folder.
-        results: What it holds.
-        references: Where the reference sets lie.
+        results: The benchmark's results.
+        references: The folder of the reference sets.
 
     Returns:
         The files written.

@@ -10,10 +10,9 @@ import numpy as np
 
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
-from sada_gym.benchmark.results import Results, Row
+from sada_gym.benchmark.results import MEANS, Mean, Results, Row
 from sada_gym.benchmark.suite import CONTROLS
 from sada_gym.files import write_file
-from sada_gym.runs.record import ReferenceSummary
 
 TABLE_FILE = "table.md"
 
@@ -33,9 +32,6 @@ _LEGEND = """\
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
   `archive` are controls and have none.
 """
-_FEASIBLE_LEGEND = """\
-- AFR, feasible: the AFR over those samples whose worlds a privileged agent masters.
-"""
 
 
 def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path:
@@ -43,7 +39,7 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 
     Args:
         out: The benchmark's folder.
-        results: What to tell.
+        results: The benchmark's results.
         notes: What else a reader must know.
     """
     path = out / TABLE_FILE
@@ -52,8 +48,8 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    feasible = any(row.afr_feasible is not None for row in results.rows)
-    yield from ("# Benchmark results", "", _LEGEND + _FEASIBLE_LEGEND * feasible, "")
+    legend = "".join(mean.legend for mean in _columns(results.rows).values())
+    yield from ("# Benchmark results", "", _LEGEND + legend, "")
     titles = {table.name: table for table in results.settings.tables}
     for table in dict.fromkeys(table for table, _ in results.comparisons()):
         yield from _table_1(results, table, titles[table].title)
@@ -95,7 +91,7 @@ def _budgets(rows: Sequence[Row]) -> str:
 
 
 def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
-    """On how many tracks each ranked contender is on the front of AFR and coverage."""
+    """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
     held, tracks = Counter[str](), Counter[str]()
     for rows in _of_tracks(results, table, agent).values():
         points = {
@@ -110,26 +106,21 @@ def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
 
 
 def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
-    feasible = any(row.afr_feasible is not None for row in rows)
-    columns = (
-        "adversary",
-        "AFR, %",
-        "rank",
-        "IQM, %",
-        "coverage / ideal, %",
-        "rank",
-        "front",
-        "coverage, %",
-        "density",
-        "μ_std",
-        "mean Q",
-        "novelty",
-        "novelty / ideal",
-        "image novelty / ideal",
-        *(("AFR, feasible, %",) if feasible else ()),
-        "runs",
+    means = _columns(rows)
+    yield from _head(
+        (
+            "adversary",
+            "AFR, %",
+            "rank",
+            "IQM, %",
+            "coverage / ideal, %",
+            "rank",
+            "front",
+            "coverage, %",
+            *(mean.title for mean in means.values()),
+            "runs",
+        )
     )
-    yield from _head(columns)
     for row in rows:
         afr, relative = row.afr, row.relative_coverage
         runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
@@ -142,16 +133,19 @@ def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
             _rank(relative),
             fronts.get(row.label, ""),
             _percent(row.coverage.value if row.coverage else None),
-            _number(row.density, 2),
-            _number(row.mu_std, 3),
-            _number(row.mean_score, 3),
-            _number(row.novelty, 3),
-            _number(row.novelty_ratio, 2),
-            _number(row.image_novelty_ratio, 2),
-            *((_percent(row.afr_feasible),) if feasible else ()),
+            *(_number(getattr(row, name), mean.places) for name, mean in means.items()),
             runs if row.complete else f"{runs} (incomplete)",
         )
     yield ""
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, Mean]:
+    """Choose the measures that the rows' table shows."""
+    return {
+        name: mean
+        for name, mean in MEANS.items()
+        if mean.title and (not mean.legend or any(getattr(row, name) is not None for row in rows))
+    }
 
 
 def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
@@ -171,7 +165,7 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
 
 
 def _paper_columns(tracks: Collection[str]) -> list[str]:
-    """The columns of the paper's Table 1 that tracks fill."""
+    """Choose the columns of the paper's Table 1 for which there are tracks."""
     return [
         title
         for title, track in paper.TABLE_1_COLUMNS.items()
@@ -188,7 +182,7 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
     """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's.
 
     Args:
-        results: What to tell.
+        results: The benchmark's results.
         table: The table's name.
         agent_of: The agent that was attacked on each track.
     """
@@ -217,7 +211,7 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
 
 
 def _paper_coverage(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
-    """The coverage in the columns of the paper's Table 1, which has none."""
+    """Lay coverage out in the columns of the paper's Table 1, which has no coverage itself."""
     columns = _paper_columns(agent_of)
     found = {
         (track, row.label): row.relative_coverage.value
@@ -236,7 +230,7 @@ def _paper_coverage(results: Results, table: str, agent_of: Mapping[str, str]) -
 
 
 def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
-    """The AFR of every track, beside the paper's appendix where that has the class."""
+    """Give the AFR of every track, beside the paper's appendix where that has the class."""
     ours = _of_tracks(results, table, agent)
     if set(ours) <= set(_CLASSES):
         yield from ("### By class: AFR in %, ours / the paper's appendix", "")
@@ -268,7 +262,7 @@ def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
 
 
 def _coverage_by_track(results: Results, table: str, agent: str) -> Iterator[str]:
-    """The coverage of every track that has a reference set; to be read beside its AFR."""
+    """Give the coverage of every track that has a reference set."""
     figures = {
         track: {row.label: row.relative_coverage for row in rows if row.relative_coverage}
         for track, rows in _of_tracks(results, table, agent).items()
@@ -308,27 +302,22 @@ def _targets(results: Results) -> Iterator[str]:
 
 
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    """What the adversaries said of their training, errors, and what is missing."""
-    said: Counter[tuple[str, str, str]] = Counter()
+    """List the adversaries' flags, errors, and what is missing."""
+    flags: Counter[tuple[str, str, str]] = Counter()
     for run in results.runs:
-        said.update((run.table, run.label, flag) for flag in run.flags)
+        flags.update((run.table, run.label, flag) for flag in run.flags)
         if run.error is not None:
-            said[run.table, run.label, f"failed: {run.error}"] += 1
+            flags[run.table, run.label, f"failed: {run.error}"] += 1
     lines = [f"- {note}" for note in notes]
-    for (table, label, text), count in said.items():
+    for (table, label, text), count in flags.items():
         runs = "one run" if count == 1 else f"{count} runs"
         lines.append(f"- {label} ({table}, {runs}): {text}")
     if lines:
         yield from ("## Remarks", "", *lines, "")
 
 
-def _share(reference: ReferenceSummary) -> str:
-    """The share of the box that the fooling set fills."""
-    return f"{reference.fooling / reference.points:.1%}".replace("%", " %")
-
-
 def short_name(track: str) -> str:
-    """A track's name for a column: the class where it is one of the paper's twelve."""
+    """Shorten a track's name for a column: the class where it is one of the paper's twelve."""
     return _CLASSES.get(track) or track.removeprefix("SADA-").rpartition("-v")[0] or track
 
 
@@ -345,7 +334,7 @@ def _labels(results: Results, table: str, agents: Iterable[str]) -> list[str]:
 
 
 def _afr(results: Results, rows: Sequence[Row], track: str, agent: str, label: str) -> float | None:
-    """AFR of a contender on a track, 0 to 1; of the full set, the reference points' rate."""
+    """Give a contender's AFR on a track, or the reference points' rate for the full set."""
     if label == paper.FULL_SET:
         marks = [t.reference for t in results.targets if (t.track, t.agent) == (track, agent)]
         return marks[0].uniform_rate if marks[0] else None
@@ -373,8 +362,11 @@ def _percent(value: float | None) -> str:
     return _BLANK if value is None else f"{100 * value:.1f}"
 
 
-def _number(value: float | None, places: int) -> str:
-    return _BLANK if value is None else f"{value:.{places}f}"
+def _number(value: float | None, places: int | None) -> str:
+    """Write a number with so many decimal places, or as per cent."""
+    if value is None or places is None:
+        return _percent(value)
+    return f"{value:.{places}f}"
 
 
 def _with_interval(figure: Figure | None) -> str:
