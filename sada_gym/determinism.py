@@ -16,7 +16,7 @@ from sada_gym.errors import UserError
 
 @contextmanager
 def generators_kept() -> Iterator[None]:
-    """Let other code seed Python's, NumPy's and torch's generators; afterwards they are as before.
+    """Restore Python's, NumPy's and torch's global generators after a block that may seed them.
 
     SB3 seeds them whenever a model with a seed is made or loaded, and a user's agent may do so when
     it acts. Torch is left alone where nobody has imported it yet.
@@ -38,7 +38,7 @@ def _used_gpus(torch: Any) -> Sequence[int]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch compute in one thread; afterwards it has as many as before.
+    """Let torch compute in one thread in this block.
 
     Small networks want no more, and more threads give other last bits.
     """

@@ -1,4 +1,4 @@
-"""The evaluation store: every score a run has paid for, in one crash-safe SQLite file."""
+"""The evaluation store keeps every score of a run in one crash-safe SQLite file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
-"""Kept in SQLite's `user_version`; raise it when the tables change."""
+"""SQLite's `user_version` holds it. Raise it when the tables change."""
 
 _LOG_PAGES = 128
 """The write-ahead log is emptied into the file at this many pages of 4 KiB.
@@ -70,7 +70,7 @@ SELECT context FROM evaluation GROUP BY context HAVING
 
 @dataclass(frozen=True)
 class Context:
-    """What a score belongs to besides mu and seed.
+    """All that a score belongs to besides mu and seed.
 
     Attributes:
         name: The application's name.
@@ -86,7 +86,7 @@ class Context:
 
     @classmethod
     def of(cls, application: Application) -> Context:
-        """Read the context off an application.
+        """Make the context of an application.
 
         Raises:
             StoreError: If the application has no fingerprint.
@@ -112,7 +112,7 @@ class Context:
 
 
 class EvaluationStore:
-    """Scores by (context, mu, seed), in one SQLite file with one writer.
+    """Keeps scores by (context, mu, seed) in one SQLite file with one writer.
 
     The journal is a write-ahead log in exclusive locking mode: a second process is kept out from
     the first read on, the operating system frees the lock even after SIGKILL, and no shared
@@ -192,7 +192,7 @@ class EvaluationStore:
         run("CREATE TEMP TABLE wanted (position INTEGER PRIMARY KEY, seed INTEGER, mu BLOB)")
 
     def _check_content(self) -> None:
-        """Refuse what SQLite finds sound but no run of ours has written."""
+        """Refuse a file that SQLite finds sound, but that no run of this package wrote."""
         columns = self._connection.execute(
             "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
         ).fetchall()
@@ -205,7 +205,7 @@ class EvaluationStore:
             )
 
     def context(self, context: Context) -> int:
-        """Give a context's key in this store; a new context gets a new one.
+        """Give a context's key in this store; a new context gets a new key.
 
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
@@ -306,7 +306,7 @@ class EvaluationStore:
                 self._connection.execute("ROLLBACK")
 
     def __len__(self) -> int:
-        """Count the evaluations, over all contexts.
+        """Count the evaluations of all contexts.
 
         Raises:
             StoreError: If the file cannot be read.
@@ -344,7 +344,7 @@ class EvaluationStore:
         )
 
     def __enter__(self) -> Self:
-        """Give the store itself."""
+        """Return the store itself."""
         return self
 
     def __exit__(
@@ -353,7 +353,7 @@ class EvaluationStore:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the store."""
         self.close()
 
 

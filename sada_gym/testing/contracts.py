@@ -58,7 +58,7 @@ class RecordingOracle:
 
     @property
     def remaining(self) -> int:
-        """Queries left."""
+        """The number of queries left."""
         return self._budget - len(self.queries)
 
     @property
@@ -67,7 +67,7 @@ class RecordingOracle:
         return self._application.fooling_threshold
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu, (n, d): (n,) float64."""
+        """Score mu (n, d), and give (n,) float64."""
         batch = validate_mu(mu, self.queries.shape[1])
         if len(batch) > self.remaining:
             pytest.fail(f"{len(batch)} queries were asked for, {self.remaining} were left")
@@ -102,7 +102,7 @@ class AdversaryContract:
     uses_values: bool = False
 
     def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary, cheap to train."""
+        """Make the adversary with options that let it train fast."""
         raise NotImplementedError("Implement make(dimension, seed) in the subclass.")
 
     def train(
@@ -121,7 +121,7 @@ class AdversaryContract:
     @pytest.fixture(scope="class")
     @classmethod
     def training(cls) -> Training:
-        """One training for all tests of the class, which only draw from it."""
+        """Train once for all tests of the class, which only draw samples."""
         adversary, oracle = cls().train()
         return Training(adversary, oracle, adversary.sample(100))
 
@@ -243,10 +243,10 @@ class AdversaryContract:
 
 
 class ApplicationContract:
-    """What every application keeps. Subclass it and implement `make`.
+    """The contract of every application. Subclass it and implement `make`.
 
     Attributes:
-        sizes: Batch sizes that purity is tested with, out of 1 to 70; None for all.
+        sizes: Batch sizes from 1 to 70 that test purity; None for all.
     """
 
     sizes: tuple[int, ...] | None = None
@@ -258,7 +258,7 @@ class ApplicationContract:
     @pytest.fixture(scope="class")
     @classmethod
     def application(cls) -> Iterator[Application]:
-        """One application for all tests of the class."""
+        """Make one application for all tests of the class."""
         application = cls().make()
         yield application
         application.close()
