@@ -1,4 +1,4 @@
-"""Keeps scores repeatable: it guards global generators and torch's threads, and asks agents twice."""
+"""What keeps scores repeatable: guarded generators, one thread of torch, agents asked twice."""
 
 from __future__ import annotations
 

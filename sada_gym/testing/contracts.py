@@ -67,7 +67,7 @@ class RecordingOracle:
         return self._application.fooling_threshold
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu, (n, d): (n,) float64."""
+        """Score mu (n, d), and give (n,) float64."""
         batch = validate_mu(mu, self.queries.shape[1])
         if len(batch) > self.remaining:
             pytest.fail(f"{len(batch)} queries were asked for, {self.remaining} were left")
@@ -102,7 +102,7 @@ class AdversaryContract:
     uses_values: bool = False
 
     def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary, cheap to train."""
+        """Make the adversary with options that let it train fast."""
         raise NotImplementedError("Implement make(dimension, seed) in the subclass.")
 
     def train(
@@ -121,7 +121,7 @@ class AdversaryContract:
     @pytest.fixture(scope="class")
     @classmethod
     def training(cls) -> Training:
-        """One training for all tests of the class, which only draw from it."""
+        """Train once for all tests of the class, which only draw samples."""
         adversary, oracle = cls().train()
         return Training(adversary, oracle, adversary.sample(100))
 
