@@ -10,10 +10,11 @@ from pydantic import Field
 
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.paper import CLASS_COLUMNS
+from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.registration import tracks
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -200,12 +201,17 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_DRIVING_TRACKS = tuple(
-    f"SADA-Driving-{task}-v0" for task in ("Straight", "OneCurve", "Navigation")
-)
-_RACING_TRACKS = tuple(f"SADA-UAV-{anchors}Anchors-v0" for anchors in (3, 4, 5))
-_DIGIT_TRACKS = tuple(f"SADA-Digits-{digit}-v0" for digit in range(10))
-_MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
+
+
+def _tracks_of(application: str) -> tuple[str, ...]:
+    """List the tracks of an application."""
+    return tuple(track for track in tracks() if track.startswith(f"{application}-"))
+
+
+_DRIVING_TRACKS = _tracks_of("SADA-Driving")
+_RACING_TRACKS = _tracks_of("SADA-UAV")
+_MAIN_TRACKS = tuple(track for track in CLASS_COLUMNS.values() if track in TABLE_1_COLUMNS.values())
+"""The classes that have a column in the paper's Table 1."""
 
 SUITES: tuple[Suite, ...] = (
     Suite(
@@ -237,7 +243,7 @@ SUITES: tuple[Suite, ...] = (
     ),
     Suite(
         name="digits",
-        tracks=_DIGIT_TRACKS,
+        tracks=_tracks_of("SADA-Digits"),
         tables=(_PAPER_BUDGETS,),
         contenders=tuple(c for c in CONTENDERS if c.label != "sada"),
         seeds_of=dict.fromkeys(("SADA-Digits-3-v0", "SADA-Digits-8-v0"), 3),
