@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import sys
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -11,6 +13,9 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
+
+# pages show docstrings of `studies`, which is not installed
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 project = "sada_gym"
 author = "The sada_gym developers"

@@ -114,7 +114,7 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     pictures = {"tracks": tracks(rng)}
-    application = UAVApplication(4, agent=agents.load_pilot(arguments.pilot))
+    application = UAVApplication(4, agent=agents.load(arguments.pilot, "SADA-UAV"))
     pictures["seen"] = seen(application)
     passed, failed = rollouts(application, rng)
     pictures["passed"] = Image.fromarray(summary(passed))

@@ -75,14 +75,8 @@ class Balancing(Application):
         return STEPS
 
 
-class BalancingEnv(AdversaryEnv):
-    """The application as a Gymnasium environment: the action is mu, the reward is -Q."""
-
-    def __init__(self, *, horizon: int = 1) -> None:
-        super().__init__(Balancing(), horizon=horizon)
-
-
-gym.register("Balancing-v0", entry_point=BalancingEnv)
+# the application as a Gymnasium environment: the action is mu, the reward is -Q
+gym.register("Balancing-v0", entry_point=AdversaryEnv, kwargs={"application": Balancing})
 
 
 def main() -> None:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.errors import UserError
+from sada_gym.arrays import real_scores
+from sada_gym.determinism import generators_kept, refuse_random
+from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, ParameterSpace
 
 SEED_BOUND = 2**31
@@ -18,6 +22,12 @@ SEED_BOUND = 2**31
 
 RESERVED_KEYS = frozenset({"score", "fooled", "seed", "parameters"})
 """What `Application.evaluate` puts into every info itself."""
+
+_ASKED_TWICE = 4
+"""Worlds in which a user's agent is asked twice before its first score counts."""
+
+_TRUSTED = ("sada_gym", "stable_baselines3")
+"""Where the classes of shipped agents are defined."""
 
 Frame = npt.NDArray[np.uint8]
 """An RGB image, (height, width, 3) uint8."""
@@ -66,10 +76,12 @@ class Application(ABC):
         parameters: What mu controls.
         agent: The agent under test; None where it is part of the world.
         agent_name: What reports call it.
+        render_fps: Frames of `replay` in a second of its episode.
     """
 
     name: ClassVar[str]
     version: ClassVar[int] = 0
+    render_fps: ClassVar[int] = 4
     fooling_threshold: float
     sample_size: int
     parameters: ParameterSpace
@@ -104,20 +116,16 @@ class Application(ABC):
             The n outcomes in the same order.
 
         Raises:
-            ValueError: If mu or the seeds are not as described, or a score is not in [0, 1].
+            ValueError: If mu or the seeds are not as described, a score is not in [0, 1], or a
+                user's agent answers differently when it is asked twice.
         """
         batch = self.parameters.validate(mu)
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        scored = self._evaluate(batch, checked)
-        score = np.asarray(scored.score, dtype=np.float64)
-        if score.shape != (len(batch),) or not ((score >= 0.0) & (score <= 1.0)).all():
-            raise UserError(
-                f"Expected {len(batch)} scores in [0, 1] from {type(self).__name__}._evaluate, "
-                f"got shape {score.shape}: {score}. Mend the application's scoring."
-            )
-        self._check_extras(scored.extras, len(batch))
+        with generators_kept() if self._brings_agent else nullcontext():
+            self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
+            score, extras = self._scored(batch, checked)
         fooled = score <= self.fooling_threshold
         names = self.parameters.names
         physical = self.parameters.physical(batch).tolist()  # in one go: it is much faster
@@ -127,24 +135,47 @@ class Application(ABC):
                 "fooled": bool(fooled[i]),
                 "seed": checked[i],
                 "parameters": dict(zip(names, physical[i], strict=True)),
-                **scored.extras[i],
+                **extras[i],
             }
             for i in range(len(batch))
         )
         return Outcomes(score, fooled, infos)
 
-    def _check_extras(self, extras: Sequence[Mapping[str, Any]], count: int) -> None:
-        if len(extras) != count:
+    def _scored(
+        self, mu: Mu, seeds: list[int]
+    ) -> tuple[npt.NDArray[np.float64], Sequence[Mapping[str, Any]]]:
+        """Check what `_evaluate` returns: n scores and n extras."""
+        source = f"{type(self).__name__}._evaluate"
+        scored = self._evaluate(mu, seeds)
+        if not isinstance(scored, Scored):
+            raise UserTypeError(f"Expected a Scored from {source}, got {scored!r}. Return one.")
+        score = real_scores(scored.score, source)
+        if score.shape != (len(mu),) or not ((score >= 0.0) & (score <= 1.0)).all():
             raise UserError(
-                f"Expected {count} extras from {type(self).__name__}._evaluate, one for each mu, "
-                f"got {len(extras)}. Give an empty dictionary where there is nothing to add."
+                f"Expected {len(mu)} scores in [0, 1] from {source}, got shape {score.shape}: "
+                f"{score}. Mend the application's scoring."
             )
-        taken = sorted(RESERVED_KEYS & set().union(*extras))
-        if taken:
-            raise UserError(
-                f"Expected the extras of {type(self).__name__}._evaluate to leave {taken} to "
-                "Application.evaluate, which sets them. Name yours differently."
+        _check_extras(scored.extras, len(mu), source)
+        return score, scored.extras
+
+    @cached_property
+    def _brings_agent(self) -> bool:
+        """Whether the agent is a user's own. The shipped ones are known to be deterministic."""
+        from sada_gym import agents
+
+        package = type(self.agent).__module__.partition(".")[0]
+        shipped = self.agent_name in agents.names(self.name) and package in _TRUSTED
+        return self.agent is not None and not shipped
+
+    def _refuse_random_agent(self, mu: Mu, seeds: list[int]) -> None:
+        """Let a user's agent answer twice before its first score counts."""
+        if self._brings_agent and "_asked_twice" not in self.__dict__:
+            first, second = (
+                [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
+                for _ in range(2)
             )
+            refuse_random(self.agent_name or type(self.agent).__name__, first, second, seeds)
+            self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
 
     @abstractmethod
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
@@ -193,6 +224,24 @@ class Application(ABC):
         """Free what the application holds; calling it twice is fine."""
 
 
+def _check_extras(extras: Any, count: int, source: str) -> None:
+    if not isinstance(extras, Sequence) or len(extras) != count:
+        found = len(extras) if isinstance(extras, Sequence) else repr(extras)
+        raise UserError(
+            f"Expected {count} extras from {source}, one for each mu, got {found}. Give an empty "
+            "dictionary where there is nothing to add."
+        )
+    odd = [extra for extra in extras if not isinstance(extra, Mapping)]
+    if odd:
+        raise UserTypeError(f"Expected dictionaries as extras from {source}, got {odd[0]!r}.")
+    taken = sorted(RESERVED_KEYS & set().union(*extras))
+    if taken:
+        raise UserError(
+            f"Expected the extras of {source} to leave {taken} to Application.evaluate, which sets "
+            "them. Name yours differently."
+        )
+
+
 def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
     """Check one mu, (d,), and a seed, and give them as (1, d) and a Python int.
 
@@ -226,6 +275,8 @@ def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) ->
     Raises:
         ValueError: If not.
     """
+    if not hasattr(seeds, "__len__"):
+        raise UserTypeError(f"Expected a list of seeds, one for each mu, got {seeds!r}.")
     if len(seeds) != count:
         raise UserError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")
     checked = []

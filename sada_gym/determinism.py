@@ -1,31 +1,39 @@
-"""What libraries keep for the whole process: global generators, torch's threads."""
+"""What makes scores repeatable: global generators, torch's threads, agents asked twice."""
 
 from __future__ import annotations
 
 import os
 import random
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import Any
 
 import numpy as np
+
+from sada_gym.errors import UserError
 
 
 @contextmanager
 def generators_kept() -> Iterator[None]:
-    """Let a library seed Python's, NumPy's and torch's generators; afterwards they are as before.
+    """Let other code seed Python's, NumPy's and torch's generators; afterwards they are as before.
 
-    SB3 does so whenever a model with a seed is made or loaded.
+    SB3 seeds them whenever a model with a seed is made or loaded, and a user's agent may do so when
+    it acts. Torch is left alone where nobody has imported it yet.
     """
-    import torch
-
+    torch = sys.modules.get("torch")
     python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the global one
     try:
-        with torch.random.fork_rng():
+        with nullcontext() if torch is None else torch.random.fork_rng(_used_gpus(torch)):
             yield
     finally:
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002
+
+
+def _used_gpus(torch: Any) -> Sequence[int]:
+    """The GPUs whose generators can have moved; asking for the states would start an idle one."""
+    return range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
 
 
 @contextmanager
@@ -42,6 +50,48 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
+
+
+def refuse_random(
+    agent: str,
+    first: Sequence[Mapping[str, Any]],
+    second: Sequence[Mapping[str, Any]],
+    seeds: Sequence[int],
+) -> None:
+    """Refuse an agent that answered differently when it was asked a second time.
+
+    Args:
+        agent: What messages call it.
+        first: Its answers in n worlds: the score, and what else is known of each.
+        second: Its answers in the same worlds, asked again.
+        seeds: The worlds' seeds.
+
+    Raises:
+        UserError: If two answers differ in a single bit.
+    """
+    for before, after, seed in zip(first, second, seeds, strict=True):
+        for key in before:
+            if not _same(before[key], after.get(key)):
+                raise UserError(
+                    f"Expected an agent that answers the same whenever it is asked, but {agent} "
+                    f"gave the {key} {before[key]} and then {after.get(key)} in the same world "
+                    f"(seed {seed}). Switch off what is random in it (a sampling policy: "
+                    "deterministic=True; dropout: model.eval()), and let it remember nothing from "
+                    "one episode to the next."
+                )
+
+
+def _same(first: Any, second: Any) -> bool:
+    """Whether two answers are equal to the last bit, as far as they are plain data or arrays."""
+    if isinstance(first, Mapping):
+        return all(_same(first[key], second.get(key)) for key in first)
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(_same, first, second))
+    if isinstance(first, np.ndarray):
+        return first.dtype == object or first.tobytes() == np.asarray(second).tobytes()
+    if isinstance(first, int | float | str | np.generic):
+        return bool(first == second or (first != first and second != second))
+    return True
 
 
 def _one_thread_in_a_fork() -> None:

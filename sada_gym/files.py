@@ -14,11 +14,11 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from sada_gym.errors import FileError
 
@@ -48,12 +48,22 @@ _OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 
 
 class Strict(BaseModel):
-    """Frozen, and no field that is not known."""
+    """A frozen model without unknown fields, whose numbers are finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 Model = TypeVar("Model", bound=Strict)
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(f"expected text in one line, got control characters in {text!r}")
+    return text
+
+
+OneLine = Annotated[str, AfterValidator(_printable)]
+"""Text from a file that can be shown in a terminal: no line breaks, no control characters."""
 
 
 @contextmanager

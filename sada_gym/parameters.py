@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.arrays import as_array, real_numbers
+from sada_gym.errors import UserError
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
@@ -95,7 +95,7 @@ class ParameterSpace:
         Returns:
             Physical values of the same shape, float64.
         """
-        share = (np.asarray(mu, dtype=np.float32).astype(np.float64) + 1.0) / 2.0
+        share = (as_array(mu, "mu").astype(np.float32).astype(np.float64) + 1.0) / 2.0
         physical: npt.NDArray[np.float64] = self._low + share * (self._high - self._low)
         return physical
 
@@ -108,7 +108,9 @@ class ParameterSpace:
         Returns:
             Values of the same shape in [-1, 1] where the physical ones lie in their range.
         """
-        share = (np.asarray(physical, dtype=np.float64) - self._low) / (self._high - self._low)
+        share = (as_array(physical, "physical").astype(np.float64) - self._low) / (
+            self._high - self._low
+        )
         mu: npt.NDArray[np.float32] = (2.0 * share - 1.0).astype(np.float32)
         return mu
 
@@ -124,7 +126,7 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
         ValueError: If mu is no array of real numbers, the shape is wrong, or a value is NaN or
             outside the box.
     """
-    given = _real_numbers(mu)
+    given = real_numbers(mu, "mu")
     with np.errstate(over="ignore"):  # what overflows float32 lies outside the box
         batch: npt.NDArray[Any] = np.ascontiguousarray(given, dtype=np.float32)
     if batch.ndim != 2 or batch.shape[1] != dimension:
@@ -138,31 +140,3 @@ def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
             " Clip or rescale it; mu is normalised, not in physical units."
         )
     return batch
-
-
-def _real_numbers(mu: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Give mu as an array, and refuse what NumPy would turn into numbers of another meaning."""
-    rows = mu if isinstance(mu, list | tuple) else [mu]
-    if any(np.ma.isMaskedArray(row) for row in rows):
-        raise UserTypeError(
-            "Expected mu without a mask, got a masked array, whose hidden values would count. "
-            "Fill it with mu.filled(value)."
-        )
-    try:
-        given = np.asarray(mu)
-    except (TypeError, ValueError, RuntimeError) as error:  # ragged rows; a tensor with a gradient
-        raise UserTypeError(f"Expected mu to be an array of real numbers, got: {error}") from error
-    if given.dtype.kind not in "iuf":
-        raise UserTypeError(
-            f"Expected mu to be an array of real numbers, got dtype {given.dtype}. Convert it with "
-            "mu.astype(numpy.float32)."
-        )
-    return given
-
-
-def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box[Any]]:
-    """Give the action space, mu, and the observation space of environments of d parameters."""
-    return (
-        gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32),
-        gym.spaces.Box(-1.0, 1.0, (dimension + 2,), np.float32),
-    )

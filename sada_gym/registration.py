@@ -1,111 +1,64 @@
-"""The environments' ids: one table, registered with Gymnasium when `sada_gym` is imported."""
+"""The environments' ids, registered with Gymnasium when `sada_gym` is imported."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
 import inspect
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from sada_gym.application import Application
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.envs.catalogue import cards
+from sada_gym.errors import UserError, refuse_unknown
 
-
-@dataclass(frozen=True)
-class Registration:
-    """One row of the table.
-
-    Attributes:
-        id: The environment's id, with its version.
-        entry_point: `module:class` of the scalar environment; a string, so that nothing is loaded.
-        vector_entry_point: `module:class` of the native batched environment.
-        kwargs: Keywords that the id fixes; an id that fixes some is a track of the leaderboard.
-    """
-
-    id: str
-    entry_point: str
-    vector_entry_point: str
-    kwargs: Mapping[str, Any] = field(default_factory=dict)
-
-
-def _track(application: str, suffix: str = "", **kwargs: Any) -> Registration:
-    module = f"sada_gym.envs.{application.lower()}"
-    return Registration(
-        id=f"SADA-{application}{suffix}-v0",
-        entry_point=f"{module}:{application}Env",
-        vector_entry_point=f"{module}:{application}VectorEnv",
-        kwargs=kwargs,
-    )
-
-
-TABLE: tuple[Registration, ...] = (
-    _track("Analytic"),
-    _track("Detection"),
-    _track("Detection", "-Aeroplane", object_class="aeroplane"),
-    _track("Detection", "-Bench", object_class="bench"),
-    _track("Detection", "-Bicycle", object_class="bicycle"),
-    _track("Detection", "-Boat", object_class="boat"),
-    _track("Detection", "-Bottle", object_class="bottle"),
-    _track("Detection", "-Bus", object_class="bus"),
-    _track("Detection", "-Car", object_class="car"),
-    _track("Detection", "-Chair", object_class="chair"),
-    _track("Detection", "-DiningTable", object_class="diningtable"),
-    _track("Detection", "-Motorbike", object_class="motorbike"),
-    _track("Detection", "-Train", object_class="train"),
-    _track("Detection", "-Truck", object_class="truck"),
-    _track("Driving"),
-    _track("Driving", "-Straight", task="straight"),
-    _track("Driving", "-OneCurve", task="one_curve"),
-    _track("Driving", "-Navigation", task="navigation"),
-    _track("UAV"),
-    _track("UAV", "-3Anchors", anchors=3),
-    _track("UAV", "-4Anchors", anchors=4),
-    _track("UAV", "-5Anchors", anchors=5),
-    _track("Digits"),
-    *(_track("Digits", f"-{digit}", digit=digit) for digit in range(10)),
-    _track("Pixel"),
-)
-
-INNER_TASKS: tuple[Registration, ...] = (
-    Registration(
-        id="SADA-DrivingTask-v0",
-        entry_point="sada_gym.envs.driving:DrivingTaskEnv",
-        vector_entry_point="sada_gym.envs.driving:DrivingTaskVectorEnv",
-    ),
-    Registration(
-        id="SADA-RacingTask-v0",
-        entry_point="sada_gym.envs.uav:RacingTaskEnv",
-        vector_entry_point="sada_gym.envs.uav:RacingTaskVectorEnv",
-    ),
-)
-"""What the agents under attack are trained on: no adversary environments."""
+_ENV, _VECTOR_ENV = "sada_gym.envs:AdversaryEnv", "sada_gym.envs:AdversaryVectorEnv"
 
 
 def register_environments() -> None:
-    """Register the whole table with Gymnasium; doing it again changes nothing."""
-    for row in (*TABLE, *INNER_TASKS):
-        if row.id not in gym.registry:
-            gym.register(
-                id=row.id,
-                entry_point=row.entry_point,
-                vector_entry_point=row.vector_entry_point,
-                kwargs=dict(row.kwargs),
-            )
+    """Register the ids of all cards with Gymnasium; doing it again changes nothing."""
+    for card in cards():
+        for env_id, keywords in ids_of(card.name).items():
+            _register(env_id, _ENV, _VECTOR_ENV, {"application": card.application, **keywords})
+        for task in card.tasks:
+            _register(task.id, task.entry_point, task.vector_entry_point, {})
+
+
+def _register(
+    env_id: str, entry_point: str, vector_entry_point: str, kwargs: dict[str, Any]
+) -> None:
+    if env_id not in gym.registry:
+        gym.register(
+            env_id, entry_point=entry_point, vector_entry_point=vector_entry_point, kwargs=kwargs
+        )
+
+
+def ids_of(application: str | None = None) -> dict[str, Mapping[str, Any]]:
+    """Give the ids of an application, or of all, with the keywords that each fixes."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for card in cards():
+        if application in (None, card.name):
+            found[card.id] = {}
+            found |= {card.track_id(track.suffix): track.kwargs for track in card.tracks}
+    return found
 
 
 def env_ids() -> tuple[str, ...]:
-    """Give this package's ids, in the table's order."""
-    return tuple(row.id for row in TABLE)
+    """Give the ids of this package's adversary environments."""
+    return tuple(ids_of())
 
 
 def tracks() -> tuple[str, ...]:
-    """Give the leaderboard's tracks: the ids that fix their keywords, in the table's order."""
-    return tuple(row.id for row in TABLE if row.kwargs)
+    """Give the leaderboard's tracks: the ids that fix keywords."""
+    return tuple(env_id for env_id, keywords in ids_of().items() if keywords)
+
+
+def task_ids() -> tuple[str, ...]:
+    """Give the ids of the inner tasks, on which the agents under attack are trained."""
+    return tuple(task.id for card in cards() for task in card.tasks)
 
 
 def find_spec(env_id: str) -> EnvSpec:
@@ -152,9 +105,6 @@ def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
     """
     spec = find_spec(env_id)
     _check_keywords(spec, env_kwargs)
-    render_mode = env_kwargs.get("render_mode")
-    if render_mode is not None and not isinstance(render_mode, str):  # Gymnasium fails on those
-        raise UserTypeError(f"Expected render_mode to be a string or None, got {render_mode!r}.")
     env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
     if not isinstance(getattr(env, "application", None), Application):
         env.close()
@@ -173,26 +123,17 @@ def make_application(env_id: str, **env_kwargs: Any) -> Application:
 
 
 def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
-    if spec.entry_point is None:
-        raise UserError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
-    render_mode = env_kwargs.get("render_mode")
-    if render_mode is not None and not isinstance(render_mode, str):  # gymnasium.make fails on it
-        raise UserError(f"Expected render_mode to be a string or None, got {render_mode!r}.")
     creator = spec.entry_point
+    if creator is None:
+        raise UserError(f"Expected {spec.id!r} to have an entry point, got none. Register one.")
     accepted = inspect.signature(
         load_env_creator(creator) if isinstance(creator, str) else creator
-    ).parameters.values()
-    if any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in accepted):
-        return
-    names = [parameter.name for parameter in accepted]
-    for keyword in env_kwargs:
-        if keyword not in names:
-            raise UserError(
-                f"Expected keywords of {spec.id} among {', '.join(names)}, got {keyword!r}."
-                f"{_did_you_mean(keyword, names)}"
-            )
+    ).parameters
+    # an AdversaryEnv takes any keywords and checks them itself, by its application's
+    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
+        refuse_unknown(f"keyword of {spec.id}", env_kwargs, list(accepted))
 
 
-def _did_you_mean(word: str, known: Mapping[str, Any] | list[str]) -> str:
+def _did_you_mean(word: str, known: Iterable[str]) -> str:
     matches = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
     return f" Did you mean {' or '.join(map(repr, matches))}?" if matches else ""

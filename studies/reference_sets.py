@@ -22,19 +22,15 @@ import numpy as np
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.envs.detection.application import DetectionApplication
+from sada_gym.envs.catalogue import ReferenceSize, find_card
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.files import write_file
 from sada_gym.measures.reference import FOLDER, reference_mu, reference_seeds, write_reference
-from sada_gym.registration import find_spec, make_application, tracks
+from sada_gym.registration import make_application, tracks
 
 BLOCK = 500
 CHUNK = 112
-SOBOL_SEEDS = {"SADA-Digits": 2020}
-"""Other than 0: `bayesian` with the seed 0 begins its search at the same Sobol points."""
-SIZES = {"SADA-Detection": (20_000, 8), "SADA-Digits": (20_000, 8)}
-OTHER_SIZE = (4_000, 3)
 
 
 class SharedRenderer(Renderer):
@@ -64,20 +60,23 @@ def shared_renderer() -> SharedRenderer:
 
 @functools.cache
 def application(track: str, agent: str) -> Application:
-    if track.startswith("SADA-Detection"):
-        object_class = find_spec(track).kwargs["object_class"]
-        return DetectionApplication(object_class, agent=agent, renderer=shared_renderer())
-    return make_application(track, agent=agent)
+    shared = {"renderer": shared_renderer()} if track.startswith("SADA-Detection") else {}
+    return make_application(track, agent=agent, **shared)
+
+
+def size_of(name: str) -> ReferenceSize:
+    card = find_card(name)
+    assert card is not None
+    return card.reference
 
 
 def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> None:
     """Write the scores of a block of points, (agents, points, seeds)."""
     applications = [application(track, name) for name in names]
-    points, seeds = SIZES.get(applications[0].name, OTHER_SIZE)
-    rows = range(block * BLOCK, min((block + 1) * BLOCK, points))
-    sobol_seed = SOBOL_SEEDS.get(applications[0].name, 0)
-    mu = reference_mu(len(applications[0].parameters), points, sobol_seed)
-    pairs = [(row, seed) for row in rows for seed in reference_seeds(row, seeds)]
+    size = size_of(applications[0].name)
+    rows = range(block * BLOCK, min((block + 1) * BLOCK, size.points))
+    mu = reference_mu(len(applications[0].parameters), size.points, size.sobol_seed)
+    pairs = [(row, seed) for row in rows for seed in reference_seeds(row, size.seeds)]
     scores: list[list[np.ndarray]] = [[] for _ in names]
     for start in range(0, len(pairs), CHUNK):
         chunk = pairs[start : start + CHUNK]
@@ -86,7 +85,7 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
         for of_agent, one in zip(scores, applications, strict=True):
             of_agent.append(one.evaluate(batch, [seed for _, seed in chunk]).score)
     buffer = io.BytesIO()
-    np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), seeds) for s in scores]))
+    np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), size.seeds) for s in scores]))
     write_file(path, buffer.getvalue())
 
 
@@ -102,10 +101,12 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for track in arguments.tracks:
             name = make_application(track).name
-            names, (points, _) = agents.names(name), SIZES.get(name, OTHER_SIZE)
-            names = tuple(n for n in names if arguments.agents is None or n in arguments.agents)
+            size = size_of(name)
+            names = tuple(
+                n for n in agents.names(name) if arguments.agents is None or n in arguments.agents
+            )
             stem = f"{track}-{'-'.join(names)}"
-            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(-(-points // BLOCK))]
+            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(-(-size.points // BLOCK))]
             missing = [i for i, path in enumerate(paths) if not path.exists()]
             started = time.monotonic()
             futures = [pool.submit(evaluate_block, track, names, i, paths[i]) for i in missing]
@@ -120,7 +121,7 @@ def main() -> None:
                     track,
                     make_application(track, agent=agent),
                     of_agent,
-                    sobol_seed=SOBOL_SEEDS.get(name, 0),
+                    sobol_seed=size.sobol_seed,
                 )
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import pickle
+import random
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.testing import assert_array_equal
 
 from sada_gym.application import Application, Scored
+from sada_gym.envs.digits import DigitsApplication
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.oracle import Oracle
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.testing.rules import global_states
 
 
 class Given(Application):
@@ -79,6 +86,52 @@ def test_bad_scores_are_the_applications_fault(score: Any) -> None:
         Given(score, [{}]).evaluate([[0]], [0])
 
 
+@pytest.mark.parametrize(
+    ("score", "dtype"), [(["0.5"], "<U3"), ([0.5 + 0j], "complex128"), ([None], "object")]
+)
+def test_scores_that_are_no_real_numbers_are_the_applications_fault(score: Any, dtype: str) -> None:
+    message = f"Expected scores from Given._evaluate to be real numbers, got dtype {dtype}"
+    with pytest.raises(ValueError, match=message):
+        Given(score).evaluate([[0]], [0])
+
+
+def test_masked_scores_are_the_applications_fault() -> None:
+    class Masked(Given):
+        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+            return Scored(np.ma.masked_array([0.5], [True]), [{}])
+
+    with pytest.raises(ValueError, match="Expected scores without a mask"):
+        Masked([0.5]).evaluate([[0]], [0])
+
+
+def test_scores_that_are_booleans_count_as_0_and_1() -> None:
+    assert Given([True, False]).evaluate([[0], [0]], [0, 1]).score.tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (np.zeros(1), r"Expected a Scored from Odd._evaluate, got array\(\[0.\]\). Return one."),
+        (Scored(np.zeros(1), None), "Expected 1 extras from Odd._evaluate, one for each mu, got N"),  # type: ignore[arg-type]
+        (Scored(np.zeros(1), [3]), "Expected dictionaries as extras from Odd._evaluate, got 3"),  # type: ignore[list-item]
+    ],
+)
+def test_anything_but_scores_and_dictionaries_is_the_applications_fault(
+    answer: Any, message: str
+) -> None:
+    class Odd(Given):
+        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+            return answer
+
+    with pytest.raises(ValueError, match=message):
+        Odd([0.5]).evaluate([[0]], [0])
+
+
+def test_seeds_that_are_no_list_are_refused() -> None:
+    with pytest.raises(ValueError, match="Expected a list of seeds, one for each mu, got 5"):
+        Given([0.5]).evaluate([[0]], 5)  # type: ignore[arg-type]
+
+
 def test_missing_extras_are_named() -> None:
     with pytest.raises(ValueError, match=r"Expected 1 extras from Given._evaluate.*got 0"):
         Given([0.5], []).evaluate([[0]], [0])
@@ -102,3 +155,139 @@ def test_replay_of_a_single_frame_episode_is_its_picture_and_score() -> None:
     frames, score = Drawn([0.5]).replay(np.zeros(1), 7)
     assert score == 0.5
     assert_array_equal(frames, np.full((1, 2, 2, 3), 7))
+
+
+class Classifies(torch.nn.Module):
+    """A user's classifier of digits; `change` is what is wrong with it."""
+
+    def __init__(self, change: Any = None) -> None:
+        super().__init__()
+        self.layer = torch.nn.Linear(64, 10)
+        torch.nn.init.constant_(self.layer.weight, 0.01)
+        self.change = change
+        self.calls = 0
+        self.eval()
+
+    def forward(self, images: Any) -> Any:
+        self.calls += 1
+        logits = self.layer(images.flatten(1))
+        return logits if self.change is None else self.change(self, logits)
+
+
+def sampling(classifier: Classifies, logits: Any) -> Any:
+    return logits + torch.rand_like(logits)
+
+
+def remembering(classifier: Classifies, logits: Any) -> Any:
+    return logits * (1 + classifier.calls / 1000)
+
+
+def dropping_out(classifier: Classifies, logits: Any) -> Any:
+    return torch.nn.functional.dropout(logits, training=True)
+
+
+def drawing_from_numpy(classifier: Classifies, logits: Any) -> Any:
+    return logits * float(np.random.rand())  # noqa: NPY002 - the fault under test
+
+
+def reseeding(classifier: Classifies, logits: Any) -> Any:
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002 - the fault under test
+    torch.manual_seed(1)
+    return logits + torch.rand_like(logits)
+
+
+def of(change: Any) -> DigitsApplication:
+    return DigitsApplication(image=3, agent=Classifies(change), agent_id="mine")
+
+
+@pytest.mark.parametrize("change", [sampling, remembering, dropping_out, drawing_from_numpy])
+def test_an_agent_that_is_random_is_refused_before_a_score_counts(
+    change: Any, tmp_path: Any
+) -> None:
+    path = tmp_path / "run.sqlite"
+    with Oracle(of(change), budget=4, store=path) as oracle:
+        with pytest.raises(ValueError, match=r"answers the same whenever it is asked, but mine ga"):
+            oracle(np.zeros((2, 6)))
+        assert oracle.remaining == 4
+    with EvaluationStore(path) as store:
+        assert len(store) == 0
+
+
+def test_the_sentence_on_a_random_agent_says_how_to_mend_it() -> None:
+    with pytest.raises(
+        ValueError, match=r"mine gave the score 0\.\d+ and then 0\.\d+ in the same "
+    ):
+        of(sampling).evaluate(np.zeros((1, 6)), [5])
+    with pytest.raises(ValueError, match=r"deterministic=True; dropout: model\.eval\(\)"):
+        of(sampling).evaluate(np.zeros((1, 6)), [5])
+
+
+def test_a_users_agent_is_asked_twice_once() -> None:
+    application = of(None)
+    calls = application.agent.calls
+    application.evaluate(np.zeros((9, 6)), range(9))
+    assert application.agent.calls == calls + 4 + 4 + 9
+    copy = pickle.loads(pickle.dumps(application))
+    for again in (application, copy):
+        calls = again.agent.calls
+        again.evaluate(np.zeros((9, 6)), range(9))
+        assert again.agent.calls == calls + 9
+
+
+def test_a_shipped_agent_is_not_asked_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    application = DigitsApplication()
+    batches = []
+    monkeypatch.setattr(
+        application.agent, "forward", lambda images: batches.append(1) or images.new_zeros(16, 10)
+    )
+    application.evaluate(np.zeros((9, 6)), range(9))
+    assert len(batches) == 1
+
+
+def test_an_agent_that_differs_only_in_an_extra_is_refused() -> None:
+    class Drawing(Given):
+        agent = object()
+
+        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+            return Scored(self.score, [{"path": [np.random.default_rng().random(3)]}])
+
+    with pytest.raises(ValueError, match="but object gave the path"):
+        Drawing([0.5]).evaluate([[0]], [0])
+
+
+def test_extras_that_are_nan_or_unknown_objects_say_nothing_about_the_agent() -> None:
+    class Odd(Given):
+        agent = object()
+
+        def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+            extra = {"a": float("nan"), "b": np.array([np.nan]), "c": object(), "d": None}
+            return Scored(self.score, [extra])
+
+    assert Odd([0.5]).evaluate([[0]], [0]).score == [0.5]
+
+
+def test_an_agent_that_seeds_global_generators_leaves_the_callers_as_they_were() -> None:
+    application = of(reseeding)  # pure: it seeds them anew before each answer
+    before = global_states()
+    first = application.evaluate(np.zeros((2, 6)), [0, 1])
+    assert global_states() == before
+    random.random()
+    torch.rand(3)
+    assert_array_equal(application.evaluate(np.zeros((2, 6)), [0, 1]).score, first.score)
+
+
+def test_an_agent_that_fails_leaves_global_generators_as_they_were() -> None:
+    def failing(classifier: Classifies, logits: Any) -> Any:
+        torch.manual_seed(classifier.calls)
+        if classifier.calls > made:
+            raise KeyError
+        return logits
+
+    made = 10**6
+    application = of(failing)
+    made = application.agent.calls
+    before = global_states()
+    with pytest.raises(KeyError):
+        application.evaluate(np.zeros((1, 6)), [0])
+    assert global_states() == before

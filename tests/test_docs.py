@@ -18,7 +18,7 @@ import typer
 
 from sada_gym import adversaries, agents
 from sada_gym.cli import app
-from sada_gym.envs.detection.shapes import CLASSES, styles
+from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -184,6 +184,8 @@ def _read(name: str) -> str:
 def test_every_adversary_class_and_style_is_documented() -> None:
     detection = _read("docs/environments/detection.md")
     for name in CLASSES:
-        assert f"| {name} | {', '.join(styles(name))} |" in detection
+        shapes = [shape.name.partition("/")[2] for shape in benchmark_shapes(name)]
+        styles = dict.fromkeys(shape.rpartition("-")[0] for shape in shapes)
+        assert f"| {name} | {', '.join(styles)} |" in detection
     page = _read("docs/adversaries.md")
     assert all(f"`{name}`" in page for name in adversaries.names())

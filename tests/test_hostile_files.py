@@ -14,12 +14,8 @@ from sada_gym import adversaries, agents
 from sada_gym.errors import UserError
 from sada_gym.testing.landscapes import FunctionOracle
 
-LOADERS = {
-    "SADA-Detection": agents.load_detector,
-    "SADA-Driving": agents.load_driver,
-    "SADA-UAV": agents.load_pilot,
-    "SADA-Digits": agents.load_classifier,  # SADA-Pixel's are the same
-}
+# SADA-Pixel's are those of SADA-Digits
+APPLICATIONS = ["SADA-Detection", "SADA-Driving", "SADA-UAV", "SADA-Digits"]
 
 
 class Payload:
@@ -79,14 +75,14 @@ VARIANTS = sorted(hostile_files("marker", b"weights"))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("application", LOADERS)
+@pytest.mark.parametrize("application", APPLICATIONS)
 def test_no_agents_file_runs_code(application, variant, tmp_path):
     marker, file = tmp_path / "ran", tmp_path / "agent.safetensors"
     (first, *_) = agents.names(application)
     good = agents.card(first, application).path.read_bytes()
     file.write_bytes(hostile_files(marker, good)[variant])
     with pytest.raises(UserError, match="Expected"):
-        LOADERS[application](file)
+        agents.load(file, application)
     assert not marker.exists()
 
 

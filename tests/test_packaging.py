@@ -1,6 +1,6 @@
 """What is installed from the sdist works: no checkout beside it, and all its data inside.
 
-`make package` runs all of it; what steps environments compiles all kernels anew and is `slow`.
+`make package` runs all of it, and so does `make test-all`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
@@ -137,7 +139,6 @@ def test_the_sdist_is_what_the_package_is_built_from(sdist: Path) -> None:
     assert folders == {"sada_gym", "sada_gym.egg-info"}
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1_800)  # all kernels are compiled
 def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
     lines = python(installed, "-c", STEP_ALL, installed).splitlines()
@@ -146,7 +147,6 @@ def test_every_id_steps_outside_the_checkout(installed: Path) -> None:
     assert [line.split()[0] for line in lines if line.startswith("SADA-")] == [*sada_gym.env_ids()]
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1_800)  # all kernels are compiled
 def test_driving_is_attacked_outside_the_checkout(installed: Path) -> None:
     command = "attack SADA-Driving-Straight-v0 --adversary random --budget 4 --samples 2 --out run"

@@ -54,6 +54,12 @@ def test_validate_gives_contiguous_float32(space: ParameterSpace) -> None:
     assert mu.flags.c_contiguous
 
 
+def test_a_mask_is_refused_wherever_values_are_mapped(space: ParameterSpace) -> None:
+    for change in (space.physical, space.normalised, space.describe):
+        with pytest.raises(ValueError, match="without a mask, got a masked array"):
+            change(np.ma.zeros(2))
+
+
 def test_validate_takes_an_empty_batch_and_the_faces(space: ParameterSpace) -> None:
     assert space.validate(np.zeros((0, 2))).shape == (0, 2)
     assert_array_equal(space.validate([[-1, 1]]), [[-1, 1]])

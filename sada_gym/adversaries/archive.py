@@ -23,6 +23,7 @@ class Archive(Learner):
     """
 
     name: ClassVar[str] = "archive"
+    packages = ()
     uniform_queries: ClassVar[bool] = True
 
     def sample(self, n: int) -> npt.NDArray[np.float32]:

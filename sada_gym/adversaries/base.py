@@ -50,6 +50,9 @@ class Adversary(ABC):
         options_class: The dataclass that declares the options.
         presets: Named sets of options, `default` among them; none where there is one set.
         options: The options, those not given at their defaults.
+        packages: The packages that its samples depend on, by their names on PyPI, beside NumPy and
+            SciPy. A run records their versions. Where a class does not declare them, a run
+            records the versions of all packages that any of ours needs.
         flags: What a reader of the result must know, such as that no point fooled; set by `train`.
         uniform_queries: Whether all training queries are uniform in the box, so that their fooling
             rate is that of uniform worlds.
@@ -62,6 +65,7 @@ class Adversary(ABC):
     options_class: ClassVar[type[Options]] = Options
     presets: ClassVar[Mapping[str, Options]] = {}
     uniform_queries: ClassVar[bool] = False
+    packages: ClassVar[tuple[str, ...]]
 
     options: Options
 

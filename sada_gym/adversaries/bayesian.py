@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureLearner
-from sada_gym.adversaries.models.expected_improvement import LEAST_CANDIDATES, minimise
+from sada_gym.adversaries.models.expected_improvement import LEAST_CANDIDATES, Search
 from sada_gym.adversaries.models.mixture import fit_best_mixture
-from sada_gym.adversaries.omega import Omega, evaluate_uniform, induce
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import UserError
+
+_LEAST_GROWTH = 1.5
 
 
 @dataclass(frozen=True)
@@ -78,3 +83,66 @@ class Bayesian(MixtureLearner):
                 f"none of the last {len(late)} points fooled: learnt from the lowest scores instead"
             )
         self._mixture = fit_best_mixture(induced.chosen, o.components, self.rng)
+
+
+def minimise(
+    oracle: Query,
+    omega: Omega,
+    rng: np.random.Generator,
+    *,
+    candidates: int = 16_384,
+    batch: int = 1,
+) -> Omega:
+    """Spend the oracle's remaining budget where Q is expected to improve most.
+
+    Each step asks for the candidate of the largest expected improvement under a Gaussian process
+    fitted to all evaluations. Q is noisy, so the incumbent is not the lowest score but the lowest
+    posterior mean at an evaluated point (Picheny, Wagner & Ginsbourger 2013, "A benchmark of
+    kriging-based infill criteria for noisy optimization": expected improvement with plug-in).
+    Kernel and candidates (see `Search`) are renewed whenever the evaluations have doubled, so that
+    the factorisations from scratch cost a third of the steps.
+
+    Args:
+        oracle: Answers the queries.
+        omega: What was evaluated before, at least one point.
+        rng: All randomness.
+        candidates: Number of candidates, a power of two.
+        batch: Points asked for at once. Within a batch each is taken to score its posterior mean
+            until the scores arrive ("kriging believer": Ginsbourger, Le Riche & Carraro 2010,
+            "Kriging is well-suited to parallelize optimization").
+
+    Returns:
+        All evaluations, those of `omega` first, in order.
+
+    Raises:
+        ValueError: If a score is not finite.
+    """
+    # one thread: the last bits of a product, and so the search, depend on their number
+    blas = ThreadpoolController()
+    kernel = None
+    for stop in stages(len(omega), len(omega) + oracle.remaining):
+        with blas.limit(limits=1, user_api="blas"):
+            search = Search(
+                omega.mu, omega.score, kernel, rng, candidates=candidates, capacity=stop
+            )
+        while len(omega) < stop:
+            with blas.limit(limits=1, user_api="blas"):
+                chosen = [search.choose() for _ in range(min(batch, stop - len(omega)))]
+            found = evaluate(np.array(chosen), oracle)
+            with blas.limit(limits=1, user_api="blas"):
+                search.observe(found.score)
+            omega += found
+        kernel = search.kernel
+        del search  # the next one needs as much memory again
+    return omega
+
+
+def stages(start: int, stop: int) -> list[int]:
+    """Give the numbers of evaluations at which to begin anew: halvings of stop, and stop itself."""
+    ends = []
+    while stop > start:
+        ends.append(stop)
+        stop //= 2
+        if stop < _LEAST_GROWTH * start:
+            break
+    return ends[::-1]

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
+from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
+from sada_gym.adversaries.bbgan_training import train_gan
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
-from sada_gym.adversaries.models.bbgan_networks import Discriminator, Generator
-from sada_gym.adversaries.models.bbgan_options import PAPER, BBGANOptions
-from sada_gym.adversaries.models.bbgan_training import train_gan
 from sada_gym.adversaries.omega import Omega, induce
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.determinism import one_thread
@@ -43,6 +43,7 @@ class BBGAN(Learner):
     """
 
     name: ClassVar[str] = "bbgan"
+    packages = ("torch",)
     uniform_queries: ClassVar[bool] = True
     options_class = BBGANOptions
     presets: ClassVar[Mapping[str, BBGANOptions]] = {

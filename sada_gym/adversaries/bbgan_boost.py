@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan import BBGAN
-from sada_gym.adversaries.models.bbgan_options import PAPER, BBGANOptions
+from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import option
 

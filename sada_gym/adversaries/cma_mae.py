@@ -67,6 +67,7 @@ class CMAMAE(Learner):
     """
 
     name: ClassVar[str] = "cma-mae"
+    packages = ("scikit-learn", "torch", "numba", "ribs")
     options_class = CMAMAEOptions
     options: CMAMAEOptions
 

@@ -92,6 +92,7 @@ class CrossEntropy(Learner):
     """
 
     name: ClassVar[str] = "cross-entropy"
+    packages = ("scikit-learn",)
     options_class = CrossEntropyOptions
     options: CrossEntropyOptions
 

@@ -28,6 +28,8 @@ class GaussianOptions(Options):
 class MixtureLearner(Learner):
     """A learner whose distribution is a mixture, `_mixture`, which `_fit` sets."""
 
+    packages = ("scikit-learn",)
+
     _mixture: Mixture
 
     def _draw(self, n: int) -> npt.NDArray[np.float64]:

@@ -29,6 +29,7 @@ class GP(Selection):
     """
 
     name: ClassVar[str] = "gp"
+    packages = ()
 
     def _fit(self, omega: Omega) -> None:
         if len(omega) > MOST_POINTS:

@@ -19,7 +19,7 @@ from sada_gym.adversaries.fresh import fresh_rows, row_keys
 from sada_gym.adversaries.omega import Omega, evaluate_uniform
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
-from sada_gym.files import Strict, write_file, write_model
+from sada_gym.files import OneLine, Strict, write_file, write_model
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -44,7 +44,7 @@ class Record(Strict):
     adversary: str
     dimension: int
     options: dict[str, Any]
-    flags: tuple[str, ...]
+    flags: tuple[OneLine, ...]
     threshold: float
     before_fit: Mapping[str, Any]
     generator: Mapping[str, Any]

@@ -82,6 +82,7 @@ class LevelSet(Learner):
     """
 
     name: ClassVar[str] = "level-set"
+    packages = ("scikit-learn",)
     ranks: ClassVar[bool] = True
     options_class = LevelSetOptions
     options: LevelSetOptions
@@ -106,7 +107,9 @@ class LevelSet(Learner):
         return omega
 
     def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
-        return Surrogate(omega, self.threshold, rng, self.options.models, ranks=self.ranks)
+        return Surrogate(
+            omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
+        )
 
     def _chosen(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int

@@ -19,6 +19,7 @@ class Random(Learner):
     """
 
     name: ClassVar[str] = "random"
+    packages = ()
 
     def sample(self, n: int) -> npt.NDArray[np.float32]:
         """Draw n uniform mu: (n, d) float32 in [-1, 1].

@@ -45,6 +45,7 @@ class Reinforce(RLAdversary):
     """
 
     name: ClassVar[str] = "reinforce"
+    packages = ("scikit-learn", "torch")
     options_class = ReinforceOptions
     presets: ClassVar[Mapping[str, ReinforceOptions]] = {
         "default": ReinforceOptions(),

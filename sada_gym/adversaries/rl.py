@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
+from sada_gym.adversaries.failure_reward import failure_rewards
 from sada_gym.adversaries.learner import NONE_FOOLED, Learner
-from sada_gym.adversaries.models.failure_reward import failure_rewards
 from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option

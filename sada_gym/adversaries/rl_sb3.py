@@ -51,6 +51,8 @@ class SB3Adversary(RLAdversary):
     A subclass implements `_make`, `_moments` and `_learn`, and `_squash` where it needs it.
     """
 
+    packages = ("scikit-learn", "torch", "stable-baselines3")
+
     options: SB3Options
 
     @abstractmethod

@@ -68,6 +68,7 @@ class SMC(Learner):
     """
 
     name: ClassVar[str] = "smc"
+    packages = ("scikit-learn",)
     options_class = SMCOptions
     options: SMCOptions
 

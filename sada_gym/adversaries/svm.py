@@ -43,6 +43,7 @@ class SVM(Selection):
     """
 
     name: ClassVar[str] = "svm"
+    packages = ("scikit-learn",)
 
     def _fit(self, omega: Omega) -> None:
         x, label = _standardise(omega.mu.astype(np.float64)), np.digitize(omega.score, _EDGES)

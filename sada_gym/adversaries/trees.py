@@ -40,6 +40,7 @@ class Trees(Learner):
     """
 
     name: ClassVar[str] = "trees"
+    packages = ("scikit-learn",)
     uniform_queries = True
     options_class = TreesOptions
     options: TreesOptions

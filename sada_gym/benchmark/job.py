@@ -207,9 +207,7 @@ def _store(evaluator: Evaluator, job: RunJob, visible: bool) -> Iterator[None]:
         try:
             yield
         finally:
-            if evaluator.store is not None:
-                evaluator.store.close()
-                evaluator.store = None
+            evaluator.detach()
 
 
 def _attach(evaluator: Evaluator, path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from sada_gym.agents import AGENTS
+from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.benchmark.folder import (
     SETTINGS_FILE,
@@ -245,7 +245,7 @@ def run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
 
     return (
         place(run.table, tables),
-        place(run.agent, [agent.name for agent in AGENTS]),
+        place(run.agent, agents.names()),
         place(run.track, env_ids()),
         place(run.label, [contender.label for contender in CONTENDERS]),
         run.seed,

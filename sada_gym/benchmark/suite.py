@@ -14,7 +14,7 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
-from sada_gym.registration import tracks
+from sada_gym.registration import ids_of
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -201,15 +201,9 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-
-
-def _tracks_of(application: str) -> tuple[str, ...]:
-    """List the tracks of an application."""
-    return tuple(track for track in tracks() if track.startswith(f"{application}-"))
-
-
-_DRIVING_TRACKS = _tracks_of("SADA-Driving")
-_RACING_TRACKS = _tracks_of("SADA-UAV")
+_DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
+    tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
+)
 _MAIN_TRACKS = tuple(track for track in CLASS_COLUMNS.values() if track in TABLE_1_COLUMNS.values())
 """The classes that have a column in the paper's Table 1."""
 
@@ -243,7 +237,7 @@ SUITES: tuple[Suite, ...] = (
     ),
     Suite(
         name="digits",
-        tracks=_tracks_of("SADA-Digits"),
+        tracks=_DIGIT_TRACKS,
         tables=(_PAPER_BUDGETS,),
         contenders=tuple(c for c in CONTENDERS if c.label != "sada"),
         seeds_of=dict.fromkeys(("SADA-Digits-3-v0", "SADA-Digits-8-v0"), 3),

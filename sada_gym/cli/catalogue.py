@@ -34,12 +34,11 @@ def envs(
         if env_id is not None:
             _show_environment(env_id, env_kwargs or [])
             return
-        from sada_gym.registration import TABLE
+        from sada_gym.registration import ids_of
 
         table = _table("id", "keywords it fixes")
-        for row in TABLE:
-            fixed = ", ".join(f"{k}={v}" for k, v in row.kwargs.items())
-            table.add_row(row.id, fixed)
+        for known_id, keywords in ids_of().items():
+            table.add_row(known_id, ", ".join(f"{k}={v}" for k, v in keywords.items()))
         out.print(table)
         say("[dim]", "An id that fixes a keyword is a track of the leaderboard.")
         say("[dim]", "To see one in detail: sada-gym envs ID")
@@ -65,11 +64,12 @@ def _show_environment(env_id: str, pairs: list[str]) -> None:
 
 def agents() -> None:
     """List the trained agents that are shipped."""
-    from sada_gym.agents import AGENTS
+    from sada_gym.envs.catalogue import cards
 
     table = _table("agent", "for", "what it is")
-    for agent in AGENTS:
-        table.add_row(agent.name, agent.application, agent.summary)
+    for card in cards():
+        for agent in card.agents:
+            table.add_row(agent.name, card.name, agent.summary)
     out.print(table)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -13,17 +14,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
-from sada_gym.envs.checks import (
-    check_reset_options,
-    checked_render_mode,
-    checked_seed,
-    warn_without_render_mode,
-)
+from sada_gym.arrays import shaped
+from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
+from sada_gym.envs.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.envs.vector import SeededVectorEnv
-from sada_gym.errors import UserError
-from sada_gym.parameters import proposal_spaces
-
-Observation = npt.NDArray[np.float32]
+from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.lazy import load
+from sada_gym.resets import check_reset_options, checked_seed
 
 
 class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
@@ -67,25 +64,40 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     does so by itself.
 
     ## Arguments
-    - `application`: the black box under attack.
+    - `application`: the black box under attack: an `Application`, a class of them, or the
+      `module:Class` of one, as an id of your own passes it:
+      `gymnasium.register("Own-v0", entry_point="sada_gym.envs:AdversaryEnv",
+      vector_entry_point="sada_gym.envs:AdversaryVectorEnv",
+      kwargs={"application": "own_module:OwnApplication"})`.
     - `horizon=1`: proposals in one episode.
     - `render_mode=None`: `"rgb_array"` makes `render` give a frame of the last evaluation; after
       `reset`, of the world at mu = 0 with the seed that comes next.
+    - all others: the application's own, where its class is given.
 
     ## Version History
-    A registered environment has its own.
+    The application's documentation has its own.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": RenderModes(["rgb_array"]),
+        "render_fps": Application.render_fps,
+    }
 
     def __init__(
-        self, application: Application, *, horizon: int = 1, render_mode: str | None = None
+        self,
+        application: Application | type[Application] | str,
+        *,
+        horizon: int = 1,
+        render_mode: str | None = None,
+        **keywords: Any,
     ) -> None:
-        self.application = application
-        self.horizon = _checked_horizon(horizon)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
-        self.action_space, self.observation_space = proposal_spaces(len(application.parameters))
-        self._episodes = _Episodes(application, horizon, count=1)
+        self.application = _made(application, keywords)
+        self.metadata = _metadata(self.application, self.metadata)
+        self.horizon = horizon
+        dimension = len(self.application.parameters)
+        self.action_space, self.observation_space = proposal_spaces(dimension)
+        self._episodes = _Episodes(self.application, horizon, count=1)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -100,17 +112,15 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
         check_reset_options(options)
         seed = _folded(checked_seed(seed))
         super().reset(seed=seed)
-        self._episodes.start(0, _draw_seed(self.np_random) if seed is None else seed)
+        self._episodes.begin(0, _draw_seed(self.np_random) if seed is None else seed)
         return self._episodes.observation[0].copy(), {}
 
     def step(
         self, action: npt.NDArray[Any]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Evaluate one mu of shape (d,)."""
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        (info,) = self._episodes.step([action], [self.np_random]).infos
+        mu = shaped(action, self.action_space.shape, "an action")
+        (info,) = self._episodes.step(mu[None], [self.np_random]).infos
         terminated = bool(self._episodes.over[0])
         return self._episodes.observation[0].copy(), -info["score"], terminated, False, info
 
@@ -139,10 +149,11 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     one thing: an autoreset leaves what `render` draws, the last evaluation, in place.
 
     Args:
-        application: The black box under attack.
+        application: The black box under attack, as `AdversaryEnv` takes it.
         num_envs: Number of environments.
         horizon: Proposals in one episode.
         render_mode: `"rgb_array"` makes `render` give a frame of each environment.
+        **keywords: The application's own, where its class is given.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -152,21 +163,22 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
 
     def __init__(
         self,
-        application: Application,
+        application: Application | type[Application] | str,
         *,
         num_envs: int = 1,
         horizon: int = 1,
         render_mode: str | None = None,
+        **keywords: Any,
     ) -> None:
-        self.application = application  # first: older Gymnasiums close what was refused
+        self.application = _made(application, keywords)
         super().__init__(num_envs=num_envs, render_mode=render_mode)
-        self.horizon = _checked_horizon(horizon)
-        self.single_action_space, self.single_observation_space = proposal_spaces(
-            len(application.parameters)
-        )
+        self.metadata = _metadata(self.application, self.metadata)
+        self.horizon = horizon
+        dimension = len(self.application.parameters)
+        self.single_action_space, self.single_observation_space = proposal_spaces(dimension)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._episodes = _Episodes(application, horizon, count=num_envs)
+        self._episodes = _Episodes(self.application, horizon, count=num_envs)
 
     def reset(
         self,
@@ -182,7 +194,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
         for i, given in self._reseeded(seed, options):
-            self._episodes.start(i, self._next_seed(i) if given is None else given)
+            self._episodes.begin(i, self._next_seed(i) if given is None else given)
         return self._episodes.observation.copy(), {}
 
     def step(
@@ -195,17 +207,15 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         dict[str, Any],
     ]:
         """Evaluate a batch of mu, (num_envs, d), and begin anew where an episode is over."""
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        outcomes = self._episodes.step(actions, self._generators)
+        mu = shaped(actions, self.action_space.shape, "actions")
+        outcomes = self._episodes.step(mu, self._generators)
         terminated = self._episodes.over
         infos: dict[str, Any] = {}
         for i, info in enumerate(outcomes.infos):
             if terminated[i]:
                 last = self._episodes.observation[i].copy()
                 infos = self._add_info(infos, {"final_obs": last, "final_info": info}, i)
-                self._episodes.start(i, self._next_seed(i), autoreset=True)
+                self._episodes.begin(i, self._next_seed(i), autoreset=True)
             else:
                 infos = self._add_info(infos, info, i)
         truncated = np.zeros(self.num_envs, dtype=np.bool_)
@@ -224,7 +234,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
 
     def close_extras(self, **_: Any) -> None:
         """Free what the application holds."""
-        self.application.close()
+        if hasattr(self, "application"):  # older Gymnasiums close what was refused, too
+            self.application.close()
 
     def _own_seed(self, given: int | None) -> int | None:
         return _folded(given)
@@ -233,41 +244,25 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         return _draw_seed(self._generators[index])
 
 
-class _Episodes:
-    """The meta-episodes of n environments in lockstep: the dynamics, for scalar and vector alike.
-
-    Attributes:
-        observation: (n, d + 2) float32; hand out copies.
-    """
+class _Episodes(Proposals):
+    """The meta-episodes of n environments around one application, with their seeds."""
 
     def __init__(self, application: Application, horizon: int, count: int) -> None:
-        dimension = len(application.parameters)
-        self.observation = np.zeros((count, dimension + 2), dtype=np.float32)
+        super().__init__(len(application.parameters), horizon, count)
         self._application = application
-        self._horizon = horizon
-        self._steps_left = np.zeros(count, dtype=np.int64)
         self._pending: list[int | None] = [None] * count
         self._shown: list[tuple[npt.NDArray[np.float32], int] | None] = [None] * count
 
-    @property
-    def over(self) -> npt.NDArray[np.bool_]:
-        """Where no step is left, or none has begun: (n,) bool."""
-        over: npt.NDArray[np.bool_] = self._steps_left == 0
-        return over
-
-    def start(self, index: int, seed: int, *, autoreset: bool = False) -> None:
+    def begin(self, index: int, seed: int, *, autoreset: bool = False) -> None:
         """Begin one episode, whose first evaluation has this seed."""
-        self._steps_left[index] = self._horizon
+        self.start(index)
         self._pending[index] = seed
-        self.observation[index] = 0.0
-        self.observation[index, -1] = 1.0
         if not autoreset:
             self._shown[index] = (np.zeros(len(self._application.parameters), np.float32), seed)
 
     def step(self, mu: npt.ArrayLike, generators: Sequence[np.random.Generator]) -> Outcomes:
         """Evaluate mu (n, d); a bad one leaves everything as it was."""
-        if self.over.any():
-            raise ResetNeeded("Expected reset() before step(): no episode has a step left.")
+        self.check_begun()
         batch = self._application.parameters.validate(mu)
         seeds = [
             _draw_seed(generator) if seed is None else seed
@@ -277,10 +272,7 @@ class _Episodes:
         outcomes = self._application.evaluate(batch, seeds)
         self._pending = [None] * len(seeds)
         self._shown = [(row.copy(), seed) for row, seed in zip(batch, seeds, strict=True)]
-        self._steps_left -= 1
-        self.observation[:, :-2] = batch
-        self.observation[:, -2] = outcomes.score
-        self.observation[:, -1] = self._steps_left / self._horizon
+        self.record(batch, outcomes.score)
         return outcomes
 
     def render(self, index: int) -> Frame:
@@ -291,15 +283,38 @@ class _Episodes:
         return self._application.render(*shown)
 
 
+def _made(
+    application: Application | type[Application] | str, keywords: Mapping[str, Any]
+) -> Application:
+    """Give the application that an environment is built around, made where it is not yet."""
+    named = load(application) if isinstance(application, str) else application
+    if isinstance(named, Application):
+        if keywords:
+            raise UserError(
+                f"Expected no keywords beside a made application, got {', '.join(keywords)}. Pass "
+                "them to the application, or pass its class."
+            )
+        return named
+    if not (isinstance(named, type) and issubclass(named, Application)):
+        raise UserTypeError(
+            "Expected an Application, a subclass of it, or the 'module:Class' of one, got "
+            f"{application!r}."
+        )
+    accepted = inspect.signature(named).parameters
+    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
+        subject = f"{getattr(named, 'name', named.__name__)}-v{named.version}"
+        known = [*accepted, "horizon", "render_mode"]
+        refuse_unknown(f"keyword of {subject}", keywords, known)
+    return named(**keywords)
+
+
+def _metadata(application: Application, metadata: Mapping[str, Any]) -> dict[str, Any]:
+    return {**metadata, "render_fps": application.render_fps}
+
+
 def _folded(seed: int | None) -> int | None:
     return None if seed is None else fold_seed(seed)
 
 
 def _draw_seed(generator: np.random.Generator) -> int:
     return int(generator.integers(SEED_BOUND))
-
-
-def _checked_horizon(horizon: int) -> int:
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-        raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
-    return horizon

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import validate_seeds
-from sada_gym.errors import UserError
-
-RESET_MASK = "reset_mask"
+from sada_gym.arrays import shaped
+from sada_gym.envs.proposals import MAX_ENVS
+from sada_gym.errors import UserError, refuse_number
 
 MAX_TILE = 1_024
 """Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
+
+
+class RenderModes(list[str]):
+    """The render modes of an environment; what is no string counts as one of them.
+
+    `gymnasium.make` fails on such a mode before the environment can say what it expected.
+    """
+
+    def __contains__(self, mode: object) -> bool:
+        """Whether a mode is known, or is no mode at all."""
+        return not isinstance(mode, str) or super().__contains__(mode)
 
 
 def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
@@ -84,8 +94,10 @@ def checked_num_envs(num_envs: int) -> int:
     Raises:
         ValueError: If there are none.
     """
-    if num_envs < 1:
-        raise UserError(f"Expected at least one environment, got num_envs={num_envs}.")
+    whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
+    if not whole or num_envs < 1:
+        raise UserError(f"Expected at least one environment, got num_envs={num_envs!r}.")
+    refuse_number("num_envs", num_envs, 1, MAX_ENVS)
     return num_envs
 
 
@@ -94,17 +106,14 @@ def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArr
 
     Args:
         actions: One, or one an environment.
-        space: Of which shape they are to be.
+        space: The space that they belong to.
         what: `an action` or `actions`, for messages.
 
     Raises:
         ValueError: If they are of another shape or not finite numbers.
     """
-    shape = np.shape(actions)
-    if shape != space.shape:
-        raise UserError(f"Expected {what} of shape {space.shape}, got {shape}.")
-    array = np.asarray(actions)
-    if not np.issubdtype(array.dtype, np.number) or not np.isfinite(array).all():
+    array = shaped(actions, space.shape, what, what.removeprefix("an "))
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise UserError(f"Expected {what} of finite numbers, got {actions}.")
     return array
 
@@ -150,66 +159,3 @@ def check_kind(name: str, given: Any, kind: type[Any]) -> None:
 
 def _is_number(given: Any) -> bool:
     return isinstance(given, int | float | np.number) and not isinstance(given, bool)
-
-
-def checked_seed(seed: int | None) -> int | None:
-    """Give the seed of a reset back as a Python int.
-
-    Raises:
-        ValueError: If it is no int from 0 up.
-    """
-    return None if seed is None else validate_seeds([seed], 1, bounded=False)[0]
-
-
-def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
-
-    Raises:
-        ValueError: If there is not one for each, or one is no int from 0 up.
-    """
-    if seed is None:
-        return [None] * count
-    if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray):
-        (first,) = validate_seeds([seed], 1, bounded=False)
-        return [first + i for i in range(count)]
-    if len(seed) != count:
-        raise UserError(
-            f"Expected {count} seeds, one for each environment, got {len(seed)}. "
-            "Pass an int to have them counted up from it."
-        )
-    return [checked_seed(one) for one in seed]
-
-
-def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:
-    """Check the options of a reset.
-
-    Gymnasium lets an environment ignore what it does not know. A misspelt mask or a seed among the
-    options would then change nothing without a word.
-
-    Raises:
-        ValueError: If one is not among the known ones.
-    """
-    for name in options or {}:
-        if name not in known:
-            takes = f"reset options among {list(known)}" if known else "no reset options"
-            hint = " Pass the seed as reset(seed=...)." if name == "seed" else ""
-            raise UserError(f"Expected {takes}, got {name!r}.{hint}")
-
-
-def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
-    """Which of `count` environments are to be reset: those in `options["reset_mask"]`, or all.
-
-    Raises:
-        ValueError: If the mask is no array of bool, (count,), or there are other options.
-    """
-    check_reset_options(options, (RESET_MASK,))
-    mask = (options or {}).get(RESET_MASK)
-    if mask is None:
-        return range(count)
-    mask = np.asarray(mask)
-    if mask.shape != (count,) or mask.dtype != np.bool_:
-        raise UserError(
-            f"Expected reset_mask of shape ({count},) and dtype bool, "
-            f"got {mask.shape} and {mask.dtype}."
-        )
-    return [int(i) for i in np.flatnonzero(mask)]

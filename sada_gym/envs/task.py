@@ -13,14 +13,9 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.application import Frame
-from sada_gym.envs.checks import (
-    check_reset_options,
-    checked_actions,
-    checked_render_mode,
-    checked_seed,
-    warn_without_render_mode,
-)
+from sada_gym.envs.checks import checked_actions, checked_render_mode, warn_without_render_mode
 from sada_gym.envs.vector import SeededVectorEnv
+from sada_gym.resets import check_reset_options, checked_seed
 
 Observation = dict[str, npt.NDArray[Any]]
 

@@ -11,12 +11,8 @@ import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
-from sada_gym.envs.checks import (
-    checked_num_envs,
-    checked_render_mode,
-    reset_mask,
-    spread_seeds,
-)
+from sada_gym.envs.checks import checked_num_envs, checked_render_mode
+from sada_gym.resets import reset_mask, spread_seeds
 
 Observed = TypeVar("Observed")
 

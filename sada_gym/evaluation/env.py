@@ -8,14 +8,13 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.errors import BudgetExhausted, UserError, refuse_number
-from sada_gym.parameters import proposal_spaces
-
-Observation = npt.NDArray[np.float32]
+from sada_gym.arrays import shaped
+from sada_gym.envs.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
+from sada_gym.errors import BudgetExhausted, refuse_number
+from sada_gym.resets import check_reset_options, checked_seed, reset_mask
 
 
 class Queried(Protocol):
@@ -80,19 +79,16 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, oracle: Queried, horizon: int = 1) -> None:
-        self._proposals = _Proposals(oracle, horizon, count=1)
+        self.oracle = oracle
+        self._proposals = Proposals(oracle.dimension, horizon, count=1)
         self.action_space, self.observation_space = proposal_spaces(oracle.dimension)
-
-    @property
-    def oracle(self) -> Queried:
-        """What is queried."""
-        return self._proposals.oracle
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; it costs no query."""
-        super().reset(seed=seed, options=options)
+        check_reset_options(options)
+        super().reset(seed=checked_seed(seed))
         self._proposals.start(0)
         return self._proposals.observation[0].copy(), {}
 
@@ -104,10 +100,8 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
         Raises:
             BudgetExhausted: If no query is left.
         """
-        shape = np.shape(action)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected an action of shape {self.action_space.shape}, got {shape}.")
-        score = float(self._proposals.step(np.asarray(action)[None])[0])
+        mu = shaped(action, self.action_space.shape, "an action")
+        score = float(_query(self.oracle, self._proposals, mu[None])[0])
         terminated = bool(self._proposals.over[0])
         truncated = not terminated and self.oracle.remaining == 0
         info = {"score": score}
@@ -137,18 +131,14 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     }
 
     def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
-        refuse_number("num_envs", num_envs, 1)
+        refuse_number("num_envs", num_envs, 1, MAX_ENVS)
         self.num_envs = num_envs
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
-        self._proposals = _Proposals(oracle, horizon, count=num_envs)
+        self.oracle = oracle
+        self._proposals = Proposals(oracle.dimension, horizon, count=num_envs)
         self.single_action_space, self.single_observation_space = proposal_spaces(oracle.dimension)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-
-    @property
-    def oracle(self) -> Queried:
-        """What is queried."""
-        return self._proposals.oracle
 
     def reset(
         self,
@@ -157,9 +147,8 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
-        for i in np.flatnonzero(mask):
-            self._proposals.start(int(i))
+        for i in reset_mask(options, self.num_envs):
+            self._proposals.start(i)
         return self._proposals.observation.copy(), {}
 
     def step(
@@ -176,10 +165,8 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         Raises:
             BudgetExhausted: If fewer queries were left; these are spent then.
         """
-        shape = np.shape(actions)
-        if shape != self.action_space.shape:
-            raise UserError(f"Expected actions of shape {self.action_space.shape}, got {shape}.")
-        scores = self._proposals.step(actions)
+        mu = shaped(actions, self.action_space.shape, "actions")
+        scores = _query(self.oracle, self._proposals, mu)
         terminated = self._proposals.over
         truncated = ~terminated & (self.oracle.remaining == 0)
         infos: dict[str, Any] = {}
@@ -193,49 +180,19 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         return self._proposals.observation.copy(), -scores, terminated, truncated, infos
 
 
-class _Proposals:
-    """The dynamics of n environments in lockstep, for scalar and vector alike.
-
-    Attributes:
-        observation: (n, d + 2) float32; hand out copies.
-    """
-
-    def __init__(self, oracle: Queried, horizon: int, count: int) -> None:
-        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
-            raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
-        self.oracle = oracle
-        self.observation = np.zeros((count, oracle.dimension + 2), dtype=np.float32)
-        self._horizon = horizon
-        self._steps_left = np.zeros(count, dtype=np.int64)
-
-    @property
-    def over(self) -> npt.NDArray[np.bool_]:
-        """Where no step is left, or none has begun: (n,) bool."""
-        over: npt.NDArray[np.bool_] = self._steps_left == 0
-        return over
-
-    def start(self, index: int) -> None:
-        """Begin one episode."""
-        self._steps_left[index] = self._horizon
-        self.observation[index] = 0.0
-        self.observation[index, -1] = 1.0
-
-    def step(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Query mu (n, d)."""
-        if self.over.any():
-            raise ResetNeeded("Expected reset() before step(): no episode has a step left.")
-        batch = np.asarray(mu)
-        left = self.oracle.remaining
-        if left < len(batch):
-            if left:
-                self.oracle(batch[:left])
-            raise BudgetExhausted(
-                f"Expected at least {len(batch)} queries to be left for a step, got {left}. The "
-                "budget is spent: catch this around the training, as OracleEnv shows."
-            )
-        scores = self.oracle(batch)
-        self._steps_left -= 1
-        self.observation[:, :-2] = batch
-        self.observation[:, -2] = np.clip(scores, -1.0, 1.0)
-        self.observation[:, -1] = self._steps_left / self._horizon
-        return scores
+def _query(
+    oracle: Queried, proposals: Proposals, batch: npt.NDArray[Any]
+) -> npt.NDArray[np.float64]:
+    """Take a step of every episode: query a batch of mu, (n, d), as far as the budget goes."""
+    proposals.check_begun()
+    left = oracle.remaining
+    if left < len(batch):
+        if left:
+            oracle(batch[:left])
+        raise BudgetExhausted(
+            f"Expected at least {len(batch)} queries to be left for a step, got {left}. The "
+            "budget is spent: catch this around the training, as OracleEnv shows."
+        )
+    scores = oracle(batch)
+    proposals.record(batch, scores)
+    return scores

@@ -99,6 +99,7 @@ class Evaluator:
                 "Expected no store with a bare function, whose scores nothing identifies. "
                 "Make it an Application with a name and a fingerprint, or drop the store."
             )
+        self.detach()
         context = Context.of(self.application)
         store = EvaluationStore(path)
         try:
@@ -107,6 +108,16 @@ class Evaluator:
             store.close()
             raise
         self.store = store
+
+    def detach(self) -> None:
+        """Close the store; later scores are not kept. Without a store nothing happens.
+
+        Raises:
+            StoreError: If SQLite cannot close the file.
+        """
+        store, self.store = self.store, None
+        if store is not None:
+            store.close()
 
     def evaluate(
         self,
@@ -166,7 +177,7 @@ class Evaluator:
         if self._dispatcher is not None:
             self._dispatcher.close(now=now)
         if self.store is not None:
-            self.store.close()
+            self.store.close()  # not detached: a later score must not get lost without a word
         if self._built_here and self.application is not None:
             self.application.close()
 

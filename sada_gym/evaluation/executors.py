@@ -9,14 +9,13 @@ import sys
 from collections.abc import Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Any
 
 from typing_extensions import Self
 
 from sada_gym.errors import MissingExtra, UserError
-from sada_gym.evaluation.spawn import restore_environment
+from sada_gym.evaluation.spawn import restore_environment, spawn_context
 from sada_gym.evaluation.workers import _inherited_settings
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
@@ -165,7 +164,7 @@ def _local_cluster(workers: int) -> OpenExecutor:
     import dask
 
     environment = _Environment([*dask.config.get(_NANNY), *_ENVIRONMENT, *_SET_BY_DASK])
-    resource_tracker.ensure_running()  # its own start would unblock SIGINT again
+    spawn_context()  # starts the resource tracker: its own start would unblock SIGINT again
     # the cluster's thread inherits the blocked SIGINT, and so do all workers that it starts: a
     # Ctrl-C is the parent's
     with dask.config.set({f"{_NANNY}.{name}": "1" for name in _ENVIRONMENT}), _inherited_settings():

@@ -22,6 +22,13 @@ from sada_gym.parameters import Mu
 SCHEMA_VERSION = 1
 """Kept in SQLite's `user_version`; raise it when the tables change."""
 
+_LOG_PAGES = 128
+"""The write-ahead log is emptied into the file at this many pages of 4 KiB.
+
+Seeds are random, so nearly every row of a chunk changes a page of its own, and the log soon holds
+the whole file many times: SQLite's own limit, 1,000 pages, took 4 MB for 300 KB of scores.
+"""
+
 _APPLICATION_ID = int.from_bytes(b"SADA", "big")
 _SCHEMA = f"""
 BEGIN IMMEDIATE;
@@ -108,7 +115,7 @@ class EvaluationStore:
     memory is needed, so that the file may lie on a network drive. `synchronous = NORMAL`: a
     commit survives the death of the process; a power cut may take the last commits (they are
     evaluated again) but never corrupts the file. A sync to disk per commit would cost more than
-    many an evaluation.
+    many an evaluation. The log is small (half a megabyte), and it is gone once the store is closed.
 
     Args:
         path: The file; it is created where there is none. Its folder must exist.
@@ -156,6 +163,8 @@ class EvaluationStore:
             raise StoreError(corrupt(self.path, " ".join(verdict.split())))
         self._check_content()
         run("PRAGMA journal_mode = WAL")
+        run(f"PRAGMA wal_autocheckpoint = {_LOG_PAGES}")
+        run(f"PRAGMA journal_size_limit = {_LOG_PAGES * 4096}")
         run("PRAGMA synchronous = NORMAL")
         run("PRAGMA temp_store = MEMORY")
         run("BEGIN IMMEDIATE")  # takes the lock now, not with the first chunk

@@ -33,6 +33,8 @@ class Ideal(Adversary):
         fooling_set: The points to draw from, (m, d), m >= 1. Coverage is measured by others.
     """
 
+    packages = ()
+
     name: ClassVar[str] = IDEAL
 
     def __init__(self, dimension: int, *, seed: int | None = None, fooling_set: Mu) -> None:

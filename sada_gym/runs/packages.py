@@ -6,10 +6,10 @@ import functools
 import platform
 from collections.abc import Iterable, Mapping
 from importlib import metadata
-from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
+from sada_gym.envs.catalogue import find_card
 
 version = functools.cache(metadata.version)  # which parses a file each time
 
@@ -31,35 +31,6 @@ _ORDER = (
     "pillow",
 )
 _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
-_OF_APPLICATION: Mapping[str, tuple[str, ...]] = {
-    "SADA-Analytic": (),
-    "SADA-Detection": ("torch", "pybullet", "trimesh", "numba", "pillow"),
-    "SADA-Driving": ("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
-    "SADA-UAV": ("torch", "stable-baselines3", "pybullet", "numba"),
-    "SADA-Digits": ("scikit-learn", "torch"),
-    "SADA-Pixel": ("scikit-learn", "torch"),
-}
-_OF_ADVERSARY: Mapping[str, tuple[str, ...]] = {
-    "ideal": (),
-    "random": (),
-    "archive": (),
-    "gp": (),
-    "gaussian": ("scikit-learn",),
-    "gmm10": ("scikit-learn",),
-    "gmm50": ("scikit-learn",),
-    "svm": ("scikit-learn",),
-    "bayesian": ("scikit-learn",),
-    "bbgan": ("torch",),
-    "bbgan-boost": ("torch",),
-    "cross-entropy": ("scikit-learn",),
-    "smc": ("scikit-learn",),
-    "cma-mae": ("scikit-learn", "torch", "numba", "ribs"),
-    "reinforce": ("scikit-learn", "torch"),
-    **dict.fromkeys(("ppo", "sac", "td3"), ("scikit-learn", "torch", "stable-baselines3")),
-    "sada": ("scikit-learn",),
-    "trees": ("scikit-learn",),
-    "level-set": ("scikit-learn",),
-}
 
 
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
@@ -74,8 +45,8 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
     """
     names = {
         *_EVERY_RUN,
-        *_declared(application, application.name, _OF_APPLICATION),
-        *_declared(adversary, adversary.name, _OF_ADVERSARY),
+        *_of_application(application),
+        *_of_adversary(adversary),
     }
     found = {"python": platform.python_version()}
     for name in names:
@@ -93,10 +64,26 @@ def in_order(found: Mapping[str, str]) -> dict[str, str]:
     return {name: found[name] for name in (*known, *others)}
 
 
-def _declared(owner: Any, name: str, table: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    declared: tuple[str, ...] | None = getattr(owner, "packages", None)
+def _of_application(application: Application) -> tuple[str, ...]:
+    declared: tuple[str, ...] | None = getattr(application, "packages", None)
     if declared is not None:
         return tuple(declared)
-    module = (owner if isinstance(owner, type) else type(owner)).__module__
-    ours = module.partition(".")[0] == "sada_gym"
-    return table[name] if ours and name in table else _ORDER[1:]
+    card = find_card(application.name) if _is_ours(type(application)) else None
+    return _ORDER[1:] if card is None else card.packages
+
+
+def _of_adversary(adversary: type[Adversary]) -> tuple[str, ...]:
+    """Give what an adversary's class or one of its bases declares.
+
+    A class of a user's own may need more than the class of ours that it derives from, so it does
+    not inherit our declaration.
+    """
+    bases = (base for base in adversary.__mro__ if "packages" in vars(base))
+    declared = next(bases, None)
+    if declared is None or _is_ours(declared) != _is_ours(adversary):
+        return _ORDER[1:]
+    return tuple(adversary.packages)
+
+
+def _is_ours(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "sada_gym"

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +76,14 @@ class RecordingOracle:
         return self._application.evaluate(batch, seeds).score
 
 
+class Training(NamedTuple):
+    """A trained adversary, the oracle it was trained on, and what it sampled first, (100, d)."""
+
+    adversary: Adversary
+    oracle: RecordingOracle
+    first_samples: npt.NDArray[np.float32]
+
+
 class AdversaryContract:
     """What every adversary keeps. Subclass it and implement `make`.
 
@@ -110,10 +118,17 @@ class AdversaryContract:
         adversary.train(oracle)
         return adversary, oracle
 
+    @pytest.fixture(scope="class")
+    @classmethod
+    def training(cls) -> Training:
+        """One training for all tests of the class, which only draw from it."""
+        adversary, oracle = cls().train()
+        return Training(adversary, oracle, adversary.sample(100))
+
     @pytest.fixture
-    def trained(self) -> tuple[Adversary, RecordingOracle]:
+    def trained(self, training: Training) -> tuple[Adversary, RecordingOracle]:
         """A trained adversary and the oracle it was trained on."""
-        return self.train()
+        return training.adversary, training.oracle
 
     @pytest.mark.parametrize("dimension", [1, 2, 16])
     def test_samples_lie_in_the_box(self, dimension: int) -> None:
@@ -136,23 +151,18 @@ class AdversaryContract:
         adversary, _ = trained
         assert (adversary.sample(100) != adversary.sample(100)).any()
 
-    def test_same_seed_same_result(self, trained: tuple[Adversary, RecordingOracle]) -> None:
-        adversary, oracle = trained
+    def test_same_seed_same_result(self, training: Training) -> None:
         again, oracle_again = self.train()
-        assert_array_equal(oracle_again.queries, oracle.queries)
-        assert_array_equal(again.sample(100), adversary.sample(100))
+        assert_array_equal(oracle_again.queries, training.oracle.queries)
+        assert_array_equal(again.sample(100), training.first_samples)
 
-    def test_other_seed_other_result(self, trained: tuple[Adversary, RecordingOracle]) -> None:
-        adversary, _ = trained
+    def test_other_seed_other_result(self, training: Training) -> None:
         other, _ = self.train(seed=1)
-        assert (other.sample(100) != adversary.sample(100)).any()
+        assert (other.sample(100) != training.first_samples).any()
 
-    def test_same_result_in_another_process(
-        self, trained: tuple[Adversary, RecordingOracle]
-    ) -> None:
-        adversary, _ = trained
+    def test_same_result_in_another_process(self, training: Training) -> None:
         there = in_fresh_process(_train_and_sample, self, 100, home=type(self))
-        assert_array_equal(there, adversary.sample(100))
+        assert_array_equal(there, training.first_samples)
 
     def test_a_small_budget_suffices_or_is_refused(self) -> None:
         for budget in (1, 3, 10):

@@ -127,6 +127,13 @@ def test_a_file_that_thins_out_everything_ends_the_sampling(tmp_path):
         ({"options": {"margin": 2}}, "Expected margin to be a float from 0 to 1"),
         ({"adversary": "boxes"}, "saved adversary to be one of box; got 'boxes'"),
         ({"threshold": "low"}, "threshold: Input should be a valid number"),
+        ({"threshold": float("nan")}, "threshold: Input should be a finite number"),
+        ({"threshold": float("inf")}, "threshold: Input should be a finite number"),
+        (
+            {"flags": ["fine", "\x1b[2J"]},
+            r"flags.1: Value error, .* control characters in '.x1b\[2J'",
+        ),
+        ({"flags": ["two\nlines"]}, "flags.0: Value error, expected text in one line"),
         ({"generator": {"bit_generator": "MT19937"}}, "Expected a folder that"),
         ({"more": 1}, "more: Extra inputs are not permitted"),
     ],

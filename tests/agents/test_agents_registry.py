@@ -1,35 +1,43 @@
 """The registry's rows, and files of weights that are not what they should be."""
 
-from importlib import import_module
-
 import pytest
 from safetensors.torch import load_file, save_file
 
 from sada_gym import agents
+from sada_gym.envs.catalogue import cards
+from sada_gym.lazy import load
+
+WITH_AGENTS = [card for card in cards() if card.agents]
 
 
-@pytest.mark.parametrize("row", agents.AGENTS, ids=lambda row: f"{row.application} {row.name}")
-def test_a_row_says_how_its_agent_is_loaded(row):
-    module, _, function = row.loader.partition(":")
-    assert callable(getattr(import_module(module), function))
+@pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
+def test_a_card_says_how_its_agents_are_loaded(card):
+    assert callable(load(card.agent_loader))
     with pytest.raises(
-        ValueError, match=f"Expected a file with a {row.kind}'s weights, got no.safe"
+        ValueError, match=f"Expected a file with a {card.agent_kind}'s weights, got no.safe"
     ):
-        agents.load("no.safetensors", row.application)
-    with pytest.raises(ValueError, match=f"Expected a {row.kind}'s name among .*pickles"):
-        agents.load("mine.zip", row.application)
+        agents.load("no.safetensors", card.name)
+    with pytest.raises(ValueError, match=f"Expected a {card.agent_kind}'s name among .*pickles"):
+        agents.load("mine.zip", card.name)
 
 
-@pytest.mark.parametrize("row", agents.AGENTS, ids=lambda row: f"{row.application} {row.name}")
+@pytest.mark.parametrize("name", ["SADA-Analytic", "SADA-Detecton"])
+def test_an_application_without_shipped_agents_gets_a_sentence(name):
+    with pytest.raises(
+        ValueError, match=f"one of SADA-Detection, .*, got '{name}'. Pass the agent itself."
+    ):
+        agents.load("photographer", name)
+
+
+@pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
 @pytest.mark.parametrize("foreign", ["photographer", "cil", "waypoint-pid"])
-def test_another_kind_of_agents_file_is_refused_with_a_way_out(row, foreign):
-    card = agents.card(foreign)
-    if card.application == row.application:
+def test_another_kind_of_agents_file_is_refused_with_a_way_out(card, foreign):
+    if foreign in agents.names(card.name):
         return
     with pytest.raises(
         ValueError, match=f"Expected the weights of .*{foreign}.*, got .*agent=model"
     ) as caught:
-        agents.load(card.path, row.application)
+        agents.load(agents.card(foreign).path, card.name)
     assert "\n" not in str(caught.value)
 
 
@@ -39,4 +47,4 @@ def test_a_drivers_file_must_say_how_it_is_built(tmp_path):
     with pytest.raises(
         ValueError, match=r'built as \{"branch_features": 64.*got one that does not say'
     ):
-        agents.load_driver(path)
+        agents.load(path, "SADA-Driving")

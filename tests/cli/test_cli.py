@@ -105,7 +105,7 @@ def test_a_second_run_needs_resume(tmp_path):
         ([*ATTACK, "--set", "colour=3"], "colour"),
         ([*ATTACK, "--preset", "paper"], "Expected no preset with toy:Greedy"),
         ([*ATTACK, "-a", "bbgan", "--preset", "papr"], "papr"),
-        ([*ATTACK, "--env-kwargs", "dimensions=3"], "Did you mean 'dimension'"),
+        ([*ATTACK, "--env-kwargs", "dimensions=3"], "Did you mean dimension?"),
         ([*ATTACK, "--env-kwargs", "dimension=0"], "Expected dimension to be an int of at least 1"),
         (
             [*ATTACK, "--env-kwargs", "dimension"],

@@ -232,6 +232,9 @@ def test_rendering_without_a_render_mode_warns() -> None:
         (np.zeros((1, 2)), r"Expected an action of shape \(2,\), got \(1, 2\)"),
         (np.array([0, np.nan]), r"Expected mu within \[-1, 1\], got nan"),
         (np.array([0, 1.01]), r"Expected mu within \[-1, 1\], got 1.01"),
+        ([[1], [1, 2]], "Expected mu to be an array of real numbers, got: setting an array el"),
+        (np.ma.zeros(2), r"Expected mu without a mask, .* mu.filled\(value\)"),
+        (["0", "0"], "Expected mu to be an array of real numbers, got dtype <U1"),
     ],
 )
 def test_a_bad_action_is_refused(action: np.ndarray, message: str) -> None:
@@ -272,6 +275,10 @@ def test_a_bad_batch_of_actions_is_refused() -> None:
     envs.reset()
     with pytest.raises(ValueError, match=r"Expected actions of shape \(2, 2\), got \(3, 2\)"):
         envs.step(np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="Expected mu to be an array of real numbers, got: "):
+        envs.step([[0, 0], [0]])
+    with pytest.raises(ValueError, match="Expected mu without a mask"):
+        envs.step(np.ma.zeros((2, 2)))
 
 
 @pytest.mark.parametrize("env_class", [AdversaryEnv, AdversaryVectorEnv])
@@ -280,6 +287,7 @@ def test_a_bad_batch_of_actions_is_refused() -> None:
     [
         ({"horizon": 0}, "Expected horizon to be an int of at least 1, got 0"),
         ({"horizon": 1.5}, "Expected horizon to be an int of at least 1, got 1.5"),
+        ({"horizon": 10**30}, "Expected horizon of at most 2,147,483,647, got 1,000,000,000,000,"),
         ({"render_mode": "human"}, r"Expected render_mode None or among \['rgb_array'\]"),
     ],
 )
@@ -289,5 +297,24 @@ def test_bad_keywords_are_refused(env_class: Any, keywords: dict[str, Any], mess
 
 
 def test_no_environments_are_refused() -> None:
-    with pytest.raises(ValueError, match="Expected at least one environment, got num_envs=0"):
-        AdversaryVectorEnv(AnalyticApplication(), num_envs=0)
+    for count in (0, "3", 1.5, None):
+        with pytest.raises(
+            ValueError, match=f"Expected at least one environment, got num_envs={count!r}"
+        ):
+            AdversaryVectorEnv(AnalyticApplication(), num_envs=count)
+    with pytest.raises(ValueError, match="Expected num_envs of at most 1,048,576, got 10,000,000,"):
+        AdversaryVectorEnv(AnalyticApplication(), num_envs=10**10)
+
+
+@pytest.mark.parametrize("options", [5, "seed", 0, ["reset_mask"]])
+def test_options_that_are_no_dictionary_are_refused(options: Any) -> None:
+    message = "Expected the options of a reset in a dictionary, got"
+    with pytest.raises(ValueError, match=message):
+        AdversaryEnv(AnalyticApplication()).reset(options=options)
+    with pytest.raises(ValueError, match=message):
+        AdversaryVectorEnv(AnalyticApplication(), num_envs=2).reset(options=options)
+
+
+def test_a_scalar_array_is_no_seed() -> None:
+    with pytest.raises(ValueError, match=r"Expected seeds to be ints from 0 up, got array\(3\)"):
+        AdversaryVectorEnv(AnalyticApplication(), num_envs=2).reset(seed=np.array(3))  # type: ignore[arg-type]

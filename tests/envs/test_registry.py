@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from families import SHIPPED, family
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import SyncVectorEnv
@@ -21,130 +24,50 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
 from sada_gym.application import Application, Outcomes
-from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
-from sada_gym.envs.driving import task as driving_task
-from sada_gym.registration import TABLE, find_spec, register_environments
+from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv, catalogue
+from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.envs.catalogue import APPLICATIONS, ApplicationCard, PurityCase, cards
+from sada_gym.lazy import load
+from sada_gym.registration import find_spec, register_environments
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_live_parameters, check_outcomes
 
 IDS = sada_gym.env_ids()
-SAME_WORLDS = {
-    "SADA-Detection-v0": "SADA-Detection-Car-v0",
-    "SADA-Driving-v0": "SADA-Driving-Navigation-v0",
-    "SADA-UAV-v0": "SADA-UAV-3Anchors-v0",
-}
+CARD_OF = {env_id: card for card in cards() for env_id in (card.id, *card.track_ids)}
+SAME_WORLDS = {card.id: card.track_id(card.same_as) for card in cards() if card.same_as}
 """General ids, and the track that each is by default: the same application.
 
-That it is the same is tested; what is expensive is then tested on the track alone.
+That it is the same is tested; the rest is then tested on the track alone.
 """
-OWN_WORLDS = ("SADA-Analytic-v0", "SADA-Digits-v0", "SADA-Pixel-v0")
-"""General ids that are no track's: they have none, or their seeds pick any digit."""
 WORLDS = [env_id for env_id in IDS if env_id not in SAME_WORLDS]
-SLOW_FAMILIES = ("SADA-Driving", "SADA-UAV")
-"""Where an evaluation is a whole episode in closed loop, or many."""
-FULL = [*OWN_WORLDS, *SAME_WORLDS.values()]
-"""One world a family, for what all its tracks share: networks, tiles, lockstep."""
-SHIPPED = (
-    "SADA-Detection-Car-v0",
-    "SADA-Driving-Straight-v0",
-    "SADA-UAV-4Anchors-v0",
-    "SADA-Digits-v0",
-)
-"""One track of each family: tests that need the shipped agent on one track have it there."""
-BRIEF = {
-    "SADA-Driving-Straight-v0": 5,
-    "SADA-Driving-OneCurve-v0": 5,
-    "SADA-Driving-Navigation-v0": 5,
-    "SADA-UAV-3Anchors-v0": 8,
-    "SADA-UAV-4Anchors-v0": 1,
-    "SADA-UAV-5Anchors-v0": 15,
-}
-"""Seeds of `draw_worlds` with worlds in which the shipped agent's episodes end early.
-
-They were found by trying. With any other seed the tests check the same, and take longer.
-"""
-TELLING = {
-    "SADA-Driving-Straight-v0": 1,
-    "SADA-Driving-OneCurve-v0": 1,
-    "SADA-UAV-4Anchors-v0": 2,
-    "SADA-UAV-5Anchors-v0": 3,
-}
-"""Seeds with which `check_live_parameters` sees every parameter in its first pairs of worlds.
-
-They were found by trying; the other tracks do so with 0. With any other seed the test checks the
-same, and takes longer.
-"""
 
 
-class PurityCase(NamedTuple):
-    """Worlds and batch sizes for `assert_pure`, which also tries each world alone.
-
-    Attributes:
-        n: Number of worlds.
-        sizes: Sizes of batches beside 1 and n; each begins at another world, so that a world
-            stands at several places of a tile.
-    """
-
-    n: int
-    sizes: tuple[int, ...]
+def seed_of(env_id: str, seeds: Mapping[str, int]) -> int:
+    """The seed that a card has for a track, by its suffix; 0 where it has none."""
+    card = CARD_OF[env_id]
+    by_id = {card.track_id(suffix): seed for suffix, seed in seeds.items()}
+    return by_id.get(env_id, 0)
 
 
-# The least that would still catch a score that depends on its tile, its place or the batch's size.
-# One track of a family tries all of that; its other tracks run the same code in other worlds.
-PURITY = {
-    # tiles of 14 images: 17 worlds are a full tile and a padded one; 13 to 15 are around its border
-    "SADA-Detection": PurityCase(3, (2,)),
-    "SADA-Detection-Car-v0": PurityCase(17, (2, 13, 14, 15)),
-    # tiles of 16 cars, and one evaluation is several: 1, 2 and 3 fill tiles in as many ways
-    "SADA-Driving": PurityCase(2, ()),
-    "SADA-Driving-Straight-v0": PurityCase(3, (2,)),
-    # tiles of 8 drones; test_racing_pilot.py flies more than one tile
-    "SADA-UAV": PurityCase(2, ()),
-    "SADA-UAV-4Anchors-v0": PurityCase(3, (2,)),
-    # tiles of 16 images
-    "SADA-Digits": PurityCase(3, (2,)),
-    "SADA-Digits-v0": PurityCase(40, (2, 15, 16, 17, 31, 33)),
-    "SADA-Pixel": PurityCase(40, (2, 15, 16, 17, 31, 33)),
-    "SADA-Analytic": PurityCase(70, tuple(range(1, 71))),
-}
+def brief_seed(env_id: str) -> int:
+    return seed_of(env_id, CARD_OF[env_id].case.brief)
+
+
+def purity_case(env_id: str) -> PurityCase:
+    case = CARD_OF[env_id].case
+    return case.purity if env_id in SHIPPED else case.purity_elsewhere
 
 
 def one_step_is_slow(env_id: str) -> bool:
-    return env_id.startswith(SLOW_FAMILIES)
-
-
-class Swerving:
-    """A driver that leaves the lane at once, where the driver is not what counts."""
-
-    observation_space, action_space = driving_task.OBSERVATION_SPACE, driving_task.ACTION_SPACE
-
-    def predict(self, observation: dict[str, np.ndarray], *, deterministic: bool) -> Any:
-        return np.tile(np.float32([1.0, 1.0]), (len(observation["speed"]), 1)), None
-
-
-class Speechless:
-    """A pilot that misses every gate at once."""
-
-    fingerprint = "speechless"
-
-    def start(self, count: int) -> None:
-        pass
-
-    def act(self, races: Any, which: np.ndarray) -> np.ndarray:
-        return np.full((len(which), 4), np.nan)
+    return CARD_OF[env_id].case.slow
 
 
 def with_quick_agent(env_id: str) -> dict[str, Any]:
-    """Keywords for tests of the environment's own doing, which any agent shows.
-
-    An episode is short; a detector is shown one image a call instead of a tile of them.
-    """
-    if env_id.startswith("SADA-Driving"):
-        return {"agent": Swerving()}
-    if env_id.startswith("SADA-UAV"):
-        return {"agent": Speechless()}
-    return {"tile": 1} if env_id.startswith("SADA-Detection") else {}
+    """Keywords for tests of the environment's own doing, which any agent shows."""
+    case = CARD_OF[env_id].case
+    agent = {"agent": load(case.quick_agent)()} if case.quick_agent else {}
+    return {**case.quick_kwargs, **agent}
 
 
 def with_shipped_agent_on_one_track(env_id: str) -> dict[str, Any]:
@@ -152,7 +75,7 @@ def with_shipped_agent_on_one_track(env_id: str) -> dict[str, Any]:
     return {} if env_id in SHIPPED else with_quick_agent(env_id)
 
 
-@pytest.fixture(params=WORLDS)
+@pytest.fixture(params=family(WORLDS, *SHIPPED))
 def env_id(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -167,7 +90,7 @@ def env(env_id: str) -> Iterator[AdversaryEnv]:
 
 def proposals(env_id: str, n: int) -> np.ndarray:
     application = sada_gym.make_application(env_id, **with_quick_agent(env_id))
-    return draw_worlds(application, n, BRIEF.get(env_id, 0))[0]
+    return draw_worlds(application, n, brief_seed(env_id))[0]
 
 
 def test_gymnasium_accepts_it_without_a_warning(env: AdversaryEnv) -> None:
@@ -227,16 +150,17 @@ def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) 
         assert frame.shape[2] == 3
 
 
-def test_pictures_of_a_bad_seed_are_refused(env: AdversaryEnv, env_id: str) -> None:
-    (mu,) = proposals(env_id, 1)
+def test_pictures_of_a_bad_seed_are_refused() -> None:
+    env, mu = AdversaryEnv(AnalyticApplication()), [0.0, 0.0]
     draws = (env.replay, env.application.render, env.application.observation)
     for draw, seed in product(draws, [-1, 2**31, 1.5, "x"]):
         with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\)"):
             draw(mu, seed)
 
 
-@pytest.mark.parametrize("horizon", [1, 3])
-def test_the_native_batch_equals_the_scalar_environments(env_id: str, horizon: int) -> None:
+# test_adversary_env.py tries other horizons
+def test_the_native_batch_equals_the_scalar_environments(env_id: str) -> None:
+    horizon = 3
     keywords = with_quick_agent(env_id)
     num_envs = 2 if one_step_is_slow(env_id) else 3
     steps = horizon + 1  # the last one is after the autoreset
@@ -295,9 +219,8 @@ def test_the_spec_survives_json(env_id: str) -> None:
 
 def test_scores_are_pure(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    n, sizes = PURITY.get(env_id, PURITY[application.name])
-    seed = BRIEF.get(env_id, 0)
-    assert_pure(application, n=n, seed=seed, sizes=sizes, other_process=False)
+    case, seed = purity_case(env_id), brief_seed(env_id)
+    assert_pure(application, n=case.n, seed=seed, sizes=case.sizes, other_process=False)
     application.close()
 
 
@@ -306,12 +229,14 @@ def evaluated(worlds: list[tuple[Application, np.ndarray, list[int]]]) -> list[O
 
 
 def test_another_process_gives_the_same_outcomes() -> None:
-    """One process evaluates on a track of each family: its start takes longest."""
+    """One process evaluates on a track of each family: its start takes longest.
+
+    Two worlds each are enough: `test_scores_are_pure` varies batches, tiles and their order.
+    """
     worlds = []
-    for env_id in ("SADA-Analytic-v0", *SHIPPED):
+    for env_id in SHIPPED:
         application = sada_gym.make_application(env_id)
-        n, _ = PURITY.get(env_id, PURITY[application.name])
-        worlds.append((application, *draw_worlds(application, n, BRIEF.get(env_id, 0))))
+        worlds.append((application, *draw_worlds(application, 2, brief_seed(env_id))))
     elsewhere = in_fresh_process(evaluated, worlds, home=PurityCase)
     for (application, _, _), here, there in zip(worlds, evaluated(worlds), elsewhere, strict=True):
         compare_outcomes(here, there, f"of {application.name} in another process")
@@ -319,13 +244,10 @@ def test_another_process_gives_the_same_outcomes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("env_id", "n"),
-    [(env_id, 17 if one_step_is_slow(env_id) else 70) for env_id in FULL],
-)
-def test_scores_are_pure_in_every_batch_size(env_id: str, n: int) -> None:
+@pytest.mark.parametrize("env_id", SHIPPED)
+def test_scores_are_pure_in_every_batch_size(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    assert_pure(application, n=n)
+    assert_pure(application, n=17 if one_step_is_slow(env_id) else 70)
     application.close()
 
 
@@ -337,11 +259,12 @@ def test_infos_can_be_batched(env_id: str) -> None:
 
 def test_no_parameter_is_dead(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    check_live_parameters(application, seed=TELLING.get(env_id, 0))
+    check_live_parameters(application, seed=seed_of(env_id, CARD_OF[env_id].case.telling))
     application.close()
 
 
-def test_the_docstring_has_gymnasiums_headings(env: AdversaryEnv) -> None:
+@pytest.mark.parametrize("card", cards(), ids=lambda card: card.name)
+def test_the_docstring_has_gymnasiums_headings(card: ApplicationCard) -> None:
     headings = [
         "Description",
         "Action Space",
@@ -352,7 +275,11 @@ def test_the_docstring_has_gymnasiums_headings(env: AdversaryEnv) -> None:
         "Arguments",
         "Version History",
     ]
-    found = [line.strip()[3:] for line in (type(env).__doc__ or "").splitlines() if "## " in line]
+    found = [
+        line.strip()[3:]
+        for line in (load(card.application).__doc__ or "").splitlines()
+        if "## " in line
+    ]
     assert found == headings
 
 
@@ -385,12 +312,15 @@ def test_a_general_id_is_its_default_track(general: str, track: str) -> None:
 def test_every_id_is_a_world_or_the_same_as_one() -> None:
     assert {*WORLDS, *SAME_WORLDS} == set(IDS)
     assert set(SAME_WORLDS.values()) <= set(WORLDS)
-    assert set(SAME_WORLDS) == {row.id for row in TABLE if not row.kwargs} - {*OWN_WORLDS}
+    for card in cards():  # what differs from every track is tested itself
+        settings = [sada_gym.make_application(i).settings for i in (card.id, *card.track_ids)]
+        assert (settings[0] in settings[1:]) == (card.same_as is not None)
 
 
 def test_the_general_id_with_its_keyword_is_the_track() -> None:
-    assert [row.id for row in TABLE if row.kwargs] == list(sada_gym.tracks())
-    assert gym.spec("SADA-Detection-DiningTable-v0").kwargs == {"object_class": "diningtable"}
+    assert sada_gym.tracks() == tuple(i for card in cards() for i in card.track_ids)
+    application = sada_gym.make_application("SADA-Detection-DiningTable-v0")
+    assert application.settings["object_class"] == "diningtable"
     assert len([i for i in sada_gym.tracks() if i.startswith("SADA-Detection-")]) == 12
 
 
@@ -471,8 +401,8 @@ def test_make_application_gives_what_the_environment_has() -> None:
         (
             "SADA-Analytic-v0",
             {"dimensoin": 3},
-            "Expected keywords of SADA-Analytic-v0 among dimension, .*, got 'dimensoin'. "
-            "Did you mean 'dimension'",
+            "Expected the keyword of SADA-Analytic-v0 to be one of dimension, .*; got "
+            "'dimensoin'. Did you mean dimension",
         ),
         ("SADA-Analytic-v0", {"dimension": 0}, "Expected dimension to be an int of at least 1"),
     ],
@@ -494,8 +424,61 @@ def test_an_id_with_only_a_vector_entry_point_is_refused() -> None:
         del gym.registry["VectorOnly-v0"]
 
 
-@pytest.mark.parametrize("env_id", sada_gym.env_ids())
-def test_the_id_carries_the_applications_name_and_version(env_id):
-    application = sada_gym.make_application(env_id)
-    assert env_id.startswith(application.name)
-    assert env_id.endswith(f"-v{application.version}")
+@pytest.mark.parametrize("card", cards(), ids=lambda card: card.name)
+def test_a_card_names_its_application(card: ApplicationCard) -> None:
+    kind = load(card.application)
+    assert (kind.name, kind.version) == (card.name, card.version)
+    assert card.id == f"{card.name}-v{card.version}"
+
+
+def test_every_folder_of_an_application_has_its_card_in_the_list() -> None:
+    folder = Path(catalogue.__file__).parent
+    assert {path.parent.name for path in folder.glob("*/application.py")} == {*APPLICATIONS}
+    assert len({card.name for card in cards()}) == len(APPLICATIONS)
+
+
+def test_every_keyword_of_an_application_works_through_make() -> None:
+    for card in cards():
+        accepted = inspect.signature(load(card.application)).parameters
+        env = gym.make(card.id, **{name: p.default for name, p in accepted.items()})
+        assert env.unwrapped.application.settings == sada_gym.make_application(card.id).settings
+
+
+def test_an_application_is_registered_by_its_name() -> None:
+    kwargs = {"application": "sada_gym.envs.analytic:AnalyticApplication", "dimension": 3}
+    entry_points = {
+        "entry_point": "sada_gym.envs:AdversaryEnv",
+        "vector_entry_point": "sada_gym.envs:AdversaryVectorEnv",
+    }
+    gym.register("Named-v0", **entry_points, kwargs=kwargs)
+    try:
+        assert gym.make("Named-v0", regions=2).unwrapped.application.regions == 2
+        assert gym.make_vec("Named-v0", num_envs=2).action_space.shape == (2, 3)
+    finally:
+        del gym.registry["Named-v0"]
+
+
+@pytest.mark.parametrize(
+    ("application", "keywords", "message"),
+    [
+        ("sada_gym.envs.analytic:AnalyticApplication", {"regoins": 3}, "Did you mean regions"),
+        (AnalyticApplication(), {"regions": 3}, "Expected no keywords beside a made application"),
+        (dict, {}, "Expected an Application, a subclass of it, or the 'module:Class' of one"),
+        ("sada_gym.envs:AdversaryEnv", {}, "Expected an Application, a subclass of it"),
+        (AnalyticApplication, {"horizon": 0}, "Expected horizon to be an int of at least 1"),
+    ],
+)
+@pytest.mark.parametrize("kind", [AdversaryEnv, AdversaryVectorEnv])
+def test_what_is_no_application_is_refused(
+    kind: Any, application: Any, keywords: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        kind(application, **keywords)
+
+
+@pytest.mark.parametrize("render_mode", [5, b"rgb_array", ["rgb_array"], "rgb_aray"])
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec, sada_gym.make_application])
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_bad_render_mode_gets_a_sentence(make: Any, render_mode: Any) -> None:
+    with pytest.raises(ValueError, match=r"Expected render_mode None or among .*rgb_array"):
+        make("SADA-Analytic-v0", render_mode=render_mode)

@@ -11,6 +11,7 @@ from toy import Toy, paraboloid
 
 from sada_gym.errors import BudgetExhausted, StoreError, UserError, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator, _chunk_size
+from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.oracle import Oracle, evaluation_seeds
 
 MU = np.random.default_rng(0).uniform(-1, 1, (150, 3)).astype(np.float32)
@@ -165,6 +166,25 @@ def test_oracles_on_one_evaluator_share_its_store(tmp_path):
         assert not set(train.record.seed) & set(test.record.seed)
     assert len(evaluator.store) == 15
     evaluator.close()
+
+
+def test_an_evaluator_without_its_store_keeps_nothing_more(tmp_path):
+    first, second = tmp_path / "first.sqlite", tmp_path / "second.sqlite"
+    with_store = Evaluator(Toy(), store=first)
+    Oracle(with_store, budget=10)(MU[:10])
+    with_store.detach()
+    with_store.detach()
+    assert with_store.store is None
+    Oracle(with_store, budget=10, stream="test")(MU[:10])
+    with_store.attach(second)
+    Oracle(with_store, budget=5)(MU[:5])
+    with_store.attach(first)  # closes the second one
+    assert len(with_store.store) == 10
+    with EvaluationStore(second) as store:
+        assert len(store) == 5
+    with_store.close()
+    with pytest.raises(StoreError, match="to be open"):  # not silently without it
+        Oracle(with_store, budget=5)(MU[:5])
 
 
 class Interrupting:

@@ -204,6 +204,21 @@ def test_bad_actions_and_counts_are_refused():
     vector = OracleVectorEnv(oracle_of(3), 2)
     with pytest.raises(UserError, match=r"Expected actions of shape \(2, 2\)"):
         vector.step(np.zeros((3, 2)))
+    with pytest.raises(UserError, match="Expected mu without a mask"):
+        env.step(np.ma.zeros(2))
+    with pytest.raises(UserError, match="Expected mu without a mask"):
+        vector.step(np.ma.zeros((2, 2)))
+    with pytest.raises(UserError, match="Expected mu to be an array of real numbers, got: "):
+        env.step([[1], [1, 2]])
+    for one in (env, vector):
+        with pytest.raises(
+            UserError, match="Expected the options of a reset in a dictionary, got 5"
+        ):
+            one.reset(options=5)
+        with pytest.raises(UserError, match=r"Expected .*reset options.*, got 'mask'"):
+            one.reset(options={"mask": 1})
+    with pytest.raises(UserError, match="Expected horizon of at most 2,147,483,647"):
+        OracleEnv(oracle_of(3), 10**30)
     assert env.oracle.remaining == 3
 
 

@@ -13,7 +13,7 @@ import pytest
 import sada_gym
 
 ROOT = Path(sada_gym.__file__).parent.parent
-SHADOWS = ("pickle", "selectors", "signal", "socket", "struct", "tempfile")
+SHADOWS = ("multiprocessing", "pickle", "selectors", "signal", "socket", "struct", "tempfile")
 
 SCRIPT = """
 import os
@@ -74,12 +74,18 @@ def run(command: Sequence[str], folder: Path) -> str:
     return done.stdout
 
 
-def test_the_command_line_leaves_the_folders_files_alone(hostile: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+def test_the_command_line_leaves_the_folders_files_alone(
+    hostile: Path, tmp_path: Path, executor: str
+) -> None:
+    if executor == "dask":
+        pytest.importorskip("distributed")
     start = tmp_path / "start.py"  # as the installed command does: it has a folder of its own
     code = "from sada_gym.cli import main\nif __name__ == '__main__':\n    main()\n"
     start.write_text(code, encoding="utf-8")
     words = "attack SADA-Analytic-v0 --adversary random --budget 20 --samples 20 --workers 2"
-    run([sys.executable, str(start), *words.split(), "--out", str(tmp_path / "out")], hostile)
+    words += f" --executor {executor} --out"
+    run([sys.executable, str(start), *words.split(), str(tmp_path / "out")], hostile)
     assert (tmp_path / "out" / "result.json").is_file()
 
 

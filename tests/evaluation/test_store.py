@@ -172,6 +172,23 @@ def test_commits_survive_a_kill_and_the_lock_does_not(path):
         assert store.lookup(key, mu, [0, 1, 2]).tolist() == [0.0, 0.125, 0.25]
 
 
+def test_a_store_takes_little_more_room_than_its_scores(path):
+    def taken():
+        return sum(file.stat().st_size for file in path.parent.iterdir())
+
+    with EvaluationStore(path) as store:
+        key = store.context(Context.of(Toy(8)))
+        greatest = 0
+        for start in range(0, 5_000, 50):
+            mu = RNG.uniform(-1, 1, (50, 8)).astype(np.float32)
+            seeds = [int(seed) for seed in RNG.integers(2**31, size=50)]
+            store.commit(key, mu, seeds, RNG.random(50))
+            greatest = max(greatest, taken() - 60 * start)
+    assert greatest < 900_000  # the write-ahead log, emptied again and again
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert taken() < 60 * 5_000 + 30_000  # 32 bytes of mu, 8 each of seed and score
+
+
 def test_an_empty_file_becomes_a_store(path):
     path.touch()
     filled(path)

@@ -9,10 +9,13 @@ import pytest
 from toy import Greedy, Toy
 
 from sada_gym import adversaries
+from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
 from sada_gym.attack import attack
+from sada_gym.envs.catalogue import cards
 from sada_gym.registration import make_application
 from sada_gym.runs import packages as module
+from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.packages import in_order, packages
 
 
@@ -25,11 +28,9 @@ def test_only_what_the_run_loads_counts():
 
 
 def test_every_adversary_and_application_of_ours_has_its_row():
-    assert set(module._OF_ADVERSARY) == {"ideal", *adversaries.names()}
-    names = {"SADA-Analytic", "SADA-Detection", "SADA-Driving", "SADA-UAV"}
-    names |= {"SADA-Digits", "SADA-Pixel"}
-    assert set(module._OF_APPLICATION) == names
-    rows = [*module._OF_ADVERSARY.values(), *module._OF_APPLICATION.values(), module._EVERY_RUN]
+    kinds = [Ideal, *map(adversaries.find, adversaries.names())]
+    of_applications = [card.packages for card in cards()]
+    rows = [*(kind.packages for kind in kinds), *of_applications, module._EVERY_RUN]
     assert {name for row in rows for name in row} <= set(module._ORDER)
 
 
@@ -57,6 +58,20 @@ def test_a_class_of_ones_own_may_name_its_packages():
     found = packages(Own(), OwnGreedy)
     assert list(found) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "rich"]
     assert "torch" in packages(Toy(), OwnGreedy)  # nothing is known of it: all may count
+
+
+def test_a_class_of_ones_own_does_not_inherit_the_packages_of_ours():
+    class Deeper(BBGAN):
+        name = "deeper"
+
+    class Declared(Deeper):
+        packages = ("torch", "rich")
+
+    application = make_application("SADA-Analytic-v0")
+    assert "pybullet" in packages(application, Deeper)
+    found = packages(application, type("Heir", (Declared,), {"__module__": Declared.__module__}))
+    assert {"torch", "rich"} <= set(found)
+    assert "pybullet" not in found
 
 
 def test_versions_have_one_order():
@@ -110,6 +125,6 @@ def test_what_a_run_loads_is_declared(what):
         application = make_application(what)
         declared = module._OF_APPLICATION[application.name]
     else:
-        declared = module._OF_ADVERSARY[what]
+        declared = adversaries.find(what).packages
     counted = {*module._EVERY_RUN, *declared}
     assert {name for name in module._ORDER if name in found} <= counted

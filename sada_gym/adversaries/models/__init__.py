@@ -1,1 +1,1 @@
-"""What several solvers fit: mixtures, Gaussian processes, surrogates, and the GAN."""
+"""What several solvers fit to points and scores: mixtures, Gaussian processes, surrogates."""

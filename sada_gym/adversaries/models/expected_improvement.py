@@ -1,4 +1,4 @@
-"""Bayesian optimisation: minimises Q by expected improvement, exactly, for thousands of steps."""
+"""The next query of Bayesian optimisation: the candidate of the largest expected improvement."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 from scipy.stats import qmc
-from threadpoolctl import ThreadpoolController
 
-from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.pool_posterior import Array, Matern, PoolPosterior, fit_matern
-from sada_gym.adversaries.omega import Omega, evaluate
 from sada_gym.errors import AdversaryError
 
 LEAST_CANDIDATES = 512
@@ -20,7 +17,6 @@ _FIT_POINTS = 1024
 _ROUND, _CENTRES, _NEIGHBOURS = 8, 8, 4
 _NEAREST, _FARTHEST = -2.0, -0.5
 _WATCHED = 256
-_LEAST_GROWTH = 1.5
 
 
 def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Array:
@@ -40,77 +36,29 @@ def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Arr
     return improvement
 
 
-def minimise(
-    oracle: Query,
-    omega: Omega,
-    rng: np.random.Generator,
-    *,
-    candidates: int = 16_384,
-    batch: int = 1,
-) -> Omega:
-    """Spend the oracle's remaining budget where Q is expected to improve most.
+class Search:
+    """Chooses points one after another under one fit of the kernel.
 
-    Each step asks for the candidate of the largest expected improvement under a Gaussian process
-    fitted to all evaluations. Q is noisy, so the incumbent is not the lowest score but the lowest
-    posterior mean at an evaluated point (Picheny, Wagner & Ginsbourger 2013, "A benchmark of
-    kriging-based infill criteria for noisy optimization": expected improvement with plug-in). Of
-    the evaluated points, those of the 256 lowest means stay among the candidates to be watched.
-
-    The candidates are a scrambled Sobol sequence. Every 8 steps those of the least expected
-    improvement give way to neighbours of the best ones, which refines the search where it is worth
-    it. Kernel and candidates are renewed where the evaluations have doubled, so that the
-    factorisations from scratch cost a third of the steps.
+    The candidates are a scrambled Sobol sequence. Every 8 steps, neighbours of the best candidates
+    replace those of the least expected improvement, which refines the search where it is worth it.
+    Of the evaluated points, those of the 256 lowest posterior means stay among the candidates.
 
     Args:
-        oracle: Answers the queries.
-        omega: What was evaluated before, at least one point.
+        mu: (n, d) float32, what was evaluated before, at least one point.
+        score: (n,) its scores.
+        kernel: The kernel that the fit starts from; None starts at the prior's mode.
         rng: All randomness.
         candidates: Number of candidates, a power of two.
-        batch: Points asked for at once. Within a batch each is taken to score its posterior mean
-            until the scores arrive ("kriging believer": Ginsbourger, Le Riche & Carraro 2010,
-            "Kriging is well-suited to parallelize optimization").
+        capacity: The most evaluations, those of `mu` included.
 
-    Returns:
-        All evaluations, those of `omega` first, in order.
-
-    Raises:
-        ValueError: If a score is not finite.
+    Attributes:
+        kernel: The fitted kernel.
     """
-    # one thread: the last bits of a product, and so the search, depend on their number
-    blas = ThreadpoolController()
-    kernel = None
-    for stop in stages(len(omega), len(omega) + oracle.remaining):
-        with blas.limit(limits=1, user_api="blas"):
-            search = _Search(omega, kernel, rng, candidates=candidates, capacity=stop)
-        while len(omega) < stop:
-            with blas.limit(limits=1, user_api="blas"):
-                chosen = [search.choose() for _ in range(min(batch, stop - len(omega)))]
-            found = evaluate(np.array(chosen), oracle)
-            with blas.limit(limits=1, user_api="blas"):
-                search.observe(found.score)
-            omega += found
-        kernel = search.kernel
-        del search  # the next one needs as much memory again
-    return omega
-
-
-def stages(start: int, stop: int) -> list[int]:
-    """Give the numbers of evaluations at which to begin anew: halvings of stop, and stop itself."""
-    ends = []
-    while stop > start:
-        ends.append(stop)
-        stop //= 2
-        if stop < _LEAST_GROWTH * start:
-            break
-    return ends[::-1]
-
-
-class _Search:
-    """The choice of points, from one fit of the kernel to the next."""
 
     def __init__(
         self,
-        omega: Omega,
+        mu: npt.NDArray[np.float32],
+        score: Array,
         kernel: Matern | None,
         rng: np.random.Generator,
         *,
@@ -118,19 +66,19 @@ class _Search:
         capacity: int,
     ) -> None:
         self._rng = rng
-        self._offset, self._scale = omega.score.mean(), omega.score.std() or 1.0
-        values = self._standardise(omega.score)
-        some = rng.permutation(len(omega))[:_FIT_POINTS]
-        self.kernel = fit_matern(omega.mu[some], values[some], kernel)
-        sobol = qmc.Sobol(omega.mu.shape[1], rng=rng).random(candidates)
+        self._offset, self._scale = score.mean(), score.std() or 1.0
+        values = self._standardise(score)
+        some = rng.permutation(len(mu))[:_FIT_POINTS]
+        self.kernel = fit_matern(mu[some], values[some], kernel)
+        sobol = qmc.Sobol(mu.shape[1], rng=rng).random(candidates)
         pool = (2.0 * sobol - 1.0).astype(np.float32)
-        self._posterior = PoolPosterior(self.kernel, pool, omega.mu, values, capacity=capacity)
-        self._known = {row.tobytes() for row in omega.mu}
+        self._posterior = PoolPosterior(self.kernel, pool, mu, values, capacity=capacity)
+        self._known = {row.tobytes() for row in mu}
         self._evaluated = np.zeros(candidates, bool)
         self._steps = 0
 
         best = np.argsort(self._posterior.mean_at_observations(), kind="stable")[:_WATCHED]
-        self._posterior.replace(np.arange(len(best)), omega.mu[best])
+        self._posterior.replace(np.arange(len(best)), mu[best])
         self._evaluated[: len(best)] = True
 
     def choose(self) -> npt.NDArray[np.float32]:

@@ -13,7 +13,6 @@ from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.models.sparse_gp import SparseGP
-from sada_gym.adversaries.omega import Omega
 
 Array = npt.NDArray[np.float64]
 
@@ -88,7 +87,8 @@ class Surrogate:
     cross-entropy method: the surrogate then leads towards what fools.
 
     Args:
-        omega: All evaluated points.
+        mu: (n, d), all evaluated points.
+        score: (n,), their scores.
         threshold: The fooling threshold.
         rng: All randomness.
         models: Which of `MODELS` take part.
@@ -101,22 +101,23 @@ class Surrogate:
 
     def __init__(
         self,
-        omega: Omega,
+        mu: npt.NDArray[np.floating],
+        score: Array,
         threshold: float,
         rng: np.random.Generator,
         models: Sequence[str] = tuple(MODELS),
         *,
         ranks: bool = True,
     ) -> None:
-        x = omega.mu.astype(np.float64)
-        least = min(_LEAST_FOOLING, len(omega))
-        level = max(threshold, float(np.partition(omega.score, least - 1)[least - 1]))
+        x = mu.astype(np.float64)
+        least = min(_LEAST_FOOLING, len(score))
+        level = max(threshold, float(np.partition(score, least - 1)[least - 1]))
         self.raised = level > threshold
-        fooled = omega.score <= level
+        fooled = score <= level
         self._stack: LogisticRegression | None = None
         if fooled.all():
             return
-        y = rankdata(omega.score) / len(omega) if ranks else omega.score
+        y = rankdata(score) / len(score) if ranks else score
         # more threads would give other last bits
         with threadpool_limits(1):
             self.regressions = [MODELS[name](x, y, rng) for name in models]

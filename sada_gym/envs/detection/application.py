@@ -42,28 +42,63 @@ from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
 class DetectionApplication(Application):
-    """A frozen detector looks at one object of a class; Q is its confidence in that class.
+    """A frozen detector is shown one object in an urban place.
 
-    Args:
-        object_class: One of the 12 classes, or of the folders in `shapes`.
-        agent: A shipped detector's name, a safetensors file with the shipped architecture's
-            weights, or any model with torchvision's calling convention.
-        labels: The model's label of each class, such as {"car": 3}; the shipped detectors and
-            models with a `labels` attribute know their own.
-        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
-        shapes: A folder with a user's own CAD files instead of the benchmark's shapes; see
-            `sada_gym.envs.detection.shapes.cad`.
-        skip_unreadable: Go on without CAD files that cannot be read.
-        image_size: Pixels a side, a multiple of 16 for the shipped detectors.
-        renderer: Renders the scenes; by default the process's TinyRenderer.
-        tile: Images in one call of the detector; the last call is filled up with black images. A
-            network's float32 output depends on the batch's size, so the size never varies. By
-            default 1 for a user's model, and 14 for the shipped architecture.
+    ## Description
+    A random CAD shape of the class stands in the middle of an open place: ground, buildings, sky.
+    Camera and main light look at its centre. The adversary places both and paints the object; the
+    picture goes to the detector, and its highest confidence in the class is the score Q. The shape
+    and the place vary with the evaluation's seed: the same mu can give different Q. Everything is
+    synthetic: shapes, place and light are our own procedures, no photograph is involved.
 
-    Raises:
-        ValueError: If the class is unknown, the model's label for it is not given, the model is in
-            training mode or has weights that are not finite, or the size or the tile is out of
-            range.
+    ## Action Space
+    `Box(-1, 1, (8,), float32)`, linear in:
+
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | 0 | camera distance from the object's centre | 8 | 14.5 | scene units |
+    | 1 | camera azimuth; 0 looks at the front | -180 | 180 | deg |
+    | 2 | camera pitch above the horizon | 0 | 51.6 | deg |
+    | 3 | light azimuth relative to the camera; 180 is backlight | -180 | 180 | deg |
+    | 4 | light pitch above the horizon | 3 | 90 | deg |
+    | 5, 6, 7 | red, green, blue of the object's paint | 0 | 1 | sRGB |
+
+    An object measures 5 scene units from corner to corner of its bounding box.
+
+    ## Observation Space
+    `Box(-1, 1, (10,), float32)`: last mu (0 to 7), last score (8), share of the steps left (9);
+    zeros where there is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`: minus the detector's highest confidence in the class
+    among its best 20 detections, 0 where there is none.
+
+    ## Starting State
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.3), `seed`, `parameters`, `shape`, `box` (x0 y0 x1 y1 in pixels, the true
+    one, zeros where the object is out of sight) and `detections` (best first, a list of `box`,
+    `label`, `score`).
+
+    ## Arguments
+    - `object_class="car"`: aeroplane, bench, bicycle, boat, bottle, bus, car, chair, diningtable,
+      motorbike, train or truck; each has an id of its own, such as `SADA-Detection-Car-v0`.
+    - `agent="photographer"`: a shipped detector (`photographer`, `surveyor`), a safetensors file,
+      or any model with torchvision's calling convention, with `labels={"car": 3}`.
+    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+      weights.
+    - `shapes=None`: a folder of a user's CAD files, one folder a class, instead of the 100 shapes;
+      `skip_unreadable=False`.
+    - `image_size=128`: pixels a side.
+    - `renderer=None`: a `Renderer` of your own; by default the process's TinyRenderer.
+    - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 14
+      for the shipped architecture.
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
+
+    ## Version History
+    - v0: initial version.
     """
 
     name: ClassVar[str] = "SADA-Detection"

@@ -36,20 +36,67 @@ def ranges(width: int) -> dict[str, Parameter]:
 
 
 class DigitsApplication(ClassifierApplication):
-    """A frozen classifier looks at a warped digit; Q is its probability of the true class.
+    """A frozen classifier looks at a warped handwritten digit.
 
-    Args:
-        digit: The seed picks a test image of this class; None: of any.
-        image: Index among the test images: always this one, so that the seed changes nothing.
-        parameters: Two to six of `NAMES`, in the order that mu has them; the others stay neutral.
-        agent: See `ClassifierApplication`, as for the rest.
-        agent_id: See there.
-        images: See there.
-        labels: See there.
-        tile: See there.
+    ## Description
+    The seed picks one of the real test images of scikit-learn's digits, 8 x 8 pixels. The adversary
+    turns, scales, slants and moves the digit, and changes its contrast and the thickness of its
+    stroke. The score Q is the classifier's softmax probability of the true class. An evaluation
+    takes a tenth of a millisecond, so adversaries are developed here. With `image=` the landscape
+    is deterministic: one of a real image each.
 
-    Raises:
-        UserError: If the parameters are not as described, or see `ClassifierApplication`.
+    Seeds pick among the images that the classifier gets right at mu = 0. An image that it gets
+    wrong unchanged would count as fooled whatever the adversary does.
+
+    ## Action Space
+    `Box(-1, 1, (6,), float32)`, linear in; at mu = 0 the image is unchanged, to the last bit:
+
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | 0 | `rotation_deg`, counterclockwise | -35 | 35 | deg |
+    | 1 | `scale` about the image's centre | 0.75 | 1.25 | none |
+    | 2 | `shear`: shift to the right for each pixel of height | -0.3 | 0.3 | none |
+    | 3 | `shift_px` to the right | -1 | 1 | pixels |
+    | 4 | `contrast` about middle grey | 0.5 | 1.5 | none |
+    | 5 | `stroke`: thin or thick | -1 | 1 | none |
+
+    `parameters=` picks two to six of them, by name, in the order given; the others stay neutral.
+    Images of another width than 8 are shifted by up to an eighth of it.
+
+    ## Observation Space
+    `Box(-1, 1, (d + 2,), float32)`: last mu, last score, share of the steps left; zeros where there
+    is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`: minus the softmax probability of the true class.
+
+    ## Starting State
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s. Of n images, seed s
+    picks the one at s modulo n.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.1, what a guess among ten classes gives), `seed`, `parameters`, `image`
+    (its index), `label` (the true class) and `predicted` (the classifier's).
+
+    ## Arguments
+    - `digit=None`: the seed picks an image of this class; None: of any. Each has an id of its own,
+      such as `SADA-Digits-3-v0`.
+    - `image=None`: index among the test images: always this one, also if the classifier gets it
+      wrong unchanged.
+    - `parameters=("rotation_deg", "scale", "shear", "shift_px", "contrast", "stroke")`.
+    - `agent="cnn"`: the shipped classifier, a safetensors file of its architecture, or any torch
+      module from (B, 1, height, width) in [0, 1] to (B, K) logits.
+    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+      weights.
+    - `images=None`, `labels=None`: your own, (n, height, width) floats in [0, 1] with background 0,
+      and (n,) classes from 0.
+    - `tile=None`: images in one call of the classifier; by default 1 for a model of your own, and
+      16 for the shipped architecture.
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
+
+    ## Version History
+    - v0: initial version.
     """
 
     name: ClassVar[str] = "SADA-Digits"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError, UserTypeError
 
 TEST_EVERY = 4
@@ -89,7 +90,7 @@ def checked_images(images: Any, labels: Any) -> LabelledImages:
         raise UserError(
             f"Expected images= and labels= together, got {given} alone. Pass {missing} as well."
         )
-    pictures, classes = _array("images", images), _array("labels", labels)
+    pictures, classes = as_array(images, "images"), as_array(labels, "labels")
     if pictures.ndim != 3 or 0 in pictures.shape:
         hint = " Pass image[None] for a single one." if pictures.ndim == 2 else ""
         if pictures.ndim == 4:
@@ -118,13 +119,6 @@ def checked_images(images: Any, labels: Any) -> LabelledImages:
         )
     kept = np.array(pictures, dtype=np.float32)  # a copy, which the user cannot change later
     return _frozen(LabelledImages(kept, classes.astype(np.int64)))
-
-
-def _array(what: str, given: Any) -> npt.NDArray[Any]:
-    try:
-        return np.asarray(given)
-    except (TypeError, ValueError, RuntimeError) as error:  # ragged rows; a tensor with a gradient
-        raise UserTypeError(f"Expected {what} to be an array of numbers, got: {error}") from error
 
 
 def _frozen(data: LabelledImages) -> LabelledImages:

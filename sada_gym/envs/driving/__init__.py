@@ -1,40 +1,22 @@
-"""Self-driving: the town, the camera, the vehicle, the tasks and their scoring.
+"""Self-driving: the town, the camera, the vehicle, the tasks and their scoring."""
 
-Names are loaded on first use.
-"""
+from typing import TYPE_CHECKING
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from sada_gym.lazy import lazy_names
 
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication
     from sada_gym.envs.driving.course import Course
-    from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
     from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
 
-__all__ = [
-    "Course",
-    "DrivingApplication",
-    "DrivingEnv",
-    "DrivingTaskEnv",
-    "DrivingTaskVectorEnv",
-    "DrivingVectorEnv",
-]
+__all__ = ["Course", "DrivingApplication", "DrivingTaskEnv", "DrivingTaskVectorEnv"]
 
-_MODULES = {
-    "Course": "course",
-    "DrivingApplication": "application",
-    "DrivingEnv": "env",
-    "DrivingTaskEnv": "task",
-    "DrivingTaskVectorEnv": "task",
-    "DrivingVectorEnv": "env",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        from importlib import import_module
-
-        return getattr(import_module(f"sada_gym.envs.driving.{_MODULES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Course": "course",
+        "DrivingApplication": "application",
+        "DrivingTaskEnv": "task",
+        "DrivingTaskVectorEnv": "task",
+    },
+)

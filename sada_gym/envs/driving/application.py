@@ -14,26 +14,63 @@ from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.driving.agent.driver import Driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import Drives, Ending, OnStep, Rollout, Start, record
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, OnStep, Rollout, Start, record
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
 class DrivingApplication(Application):
-    """A frozen driver on five routes of the benchmark's town.
+    """A frozen driver with a camera drives five routes through a town.
 
-    Args:
-        task: `straight`, `one_curve` or `navigation`.
-        agent: A shipped driver's name, a file of weights, or an SB3 model.
-        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
+    ## Description
+    The driver gets the image of a camera at the front of its car, its speed, and at junctions a
+    command that says where to go. The adversary mounts the camera and chooses the weather; the
+    score Q is the share of the five routes on which the car arrives in time without leaving its
+    lane. The car is highway-env's. Town, light and weather are our own procedures: it is not CARLA. The
+    seed fixes the rain, so that Q is random in the two rainy weathers only.
 
-    Raises:
-        UserError: If task or agent is unknown, the agent's spaces are not the task's, or its
-            weights are not finite numbers.
-    """
+    ## Action Space
+    `Box(-1, 1, (3,), float32)`, linear in:
+
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | 0 | camera height | 1 | 2 | m |
+    | 1 | camera pitch | -20 | -10 | deg |
+    | 2 | weather, by sixths: ClearNoon, WetNoon, HardRainNoon, ClearSunset, WetCloudyNoon, SoftRainSunset | 0 | 6 | |
+
+    The drivers were trained at 1.4 m, -15° and in the first four weathers.
+
+    ## Observation Space
+    `Box(-1, 1, (5,), float32)`: last mu (0 to 2), last score (3), share of the steps left (4);
+    zeros where there is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`: minus the share of arrivals.
+
+    ## Starting State
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.6), `seed`, `parameters`, `weather` (its name), `endings` (for each route
+    `arrived`, `left_lane` or `too_late`) and `progress` (the share of each route that was driven).
+
+    ## Arguments
+    - `task="navigation"`: `straight`, `one_curve` or `navigation`; each has an id of its own, such
+      as `SADA-Driving-OneCurve-v0`.
+    - `agent="cil"`: a shipped driver (`cil`, `cil-augmented`, `ppo`), a file of weights that our
+      training script wrote, or an SB3 model trained on `SADA-DrivingTask-v0`.
+    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+      weights.
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
+
+    ## Version History
+    - v0: initial version.
+    """  # noqa: E501 - a table's row
 
     name = "SADA-Driving"
+    render_fps = POLICY_HZ
     fooling_threshold = 0.6
     sample_size = 100
     parameters = ParameterSpace(

@@ -20,25 +20,56 @@ RADIUS = 0.15
 class PixelApplication(ClassifierApplication):
     """A frozen classifier looks at an image with noise on it.
 
-    Q = max(p_y - max over j != y of p_j, 0), with p the softmax probabilities and y the true class
-    (the paper's supplement, "Pixel Adversarial Attack on Image Classifiers"). The classifier is
-    fooled where Q = 0: where another class is at least as likely.
+    ## Description
+    The pixel attack of the paper's supplement: mu is the noise on the image, one number a pixel.
+    The score is Q = max(p_y - max over j != y of p_j, 0), with p the classifier's softmax
+    probabilities and y the true class. The classifier is fooled where Q = 0: where another class is
+    at least as likely as the true one.
 
-    A pixel x becomes x + mu min(radius, 1 - x) where mu is positive and x + mu min(radius, x) where
-    it is negative: mu in [-1, 1]^d reaches exactly the images in [0, 1]^d within `radius` of x.
+    By default one image is attacked, the first test image that the classifier gets right: noise is
+    made for one image. With `digit=` the seed picks an image of this class, so that mu is one noise
+    for many images.
 
-    Args:
-        image: Index among the test images. By default the first that the classifier gets right.
-        digit: The seed picks an image of this class instead: one noise for many images.
-        radius: Greatest change of a pixel, in (0, 1].
-        agent: See `ClassifierApplication`, as for the rest.
-        agent_id: See there.
-        images: See there.
-        labels: See there.
-        tile: See there.
+    ## Action Space
+    `Box(-1, 1, (64,), float32)`: `row0_column0`, `row0_column1`, ..., row by row, the noise in
+    units of `radius`. A pixel x becomes x + mu min(radius, 1 - x) where mu is positive, and
+    x + mu min(radius, x) where it is negative. So the image stays in [0, 1], no pixel changes by
+    more than `radius`, every such image can be reached, and mu = 0 is the unchanged image. A black
+    pixel cannot become darker: negative mu leave it as it is.
 
-    Raises:
-        UserError: If the radius is not as described, or see `ClassifierApplication`.
+    ## Observation Space
+    `Box(-1, 1, (d + 2,), float32)`: last mu, last score, share of the steps left; zeros where there
+    is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`.
+
+    ## Starting State
+    No proposal yet. The seed changes nothing, unless `digit=` is given: then seed s picks, of the n
+    images that the classifier gets right unchanged, the one at s modulo n.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0), `seed`, `parameters` (radius times mu: the noise that was asked for),
+    `image` (its index), `label` (the true class) and `predicted` (the classifier's).
+
+    ## Arguments
+    - `image=None`: index among the test images, also of one that the classifier gets wrong
+      unchanged; by default the first that it gets right.
+    - `digit=None`: the seed picks an image of this class instead.
+    - `radius=0.15`: the greatest change of a pixel, in (0, 1].
+    - `agent="cnn"`: the shipped classifier, a safetensors file of its architecture, or any torch
+      module from (B, 1, height, width) in [0, 1] to (B, K) logits.
+    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+      weights.
+    - `images=None`, `labels=None`: your own, (n, height, width) floats in [0, 1], and (n,) classes
+      from 0. Then d is height times width.
+    - `tile=None`: images in one call of the classifier; by default 1 for a model of your own, and
+      16 for the shipped architecture.
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
+
+    ## Version History
+    - v0: initial version.
     """
 
     name: ClassVar[str] = "SADA-Pixel"
@@ -89,14 +120,17 @@ class PixelApplication(ClassifierApplication):
         self, mu: npt.ArrayLike, images: npt.NDArray[np.float32]
     ) -> npt.NDArray[np.float32]:
         """Put the noise of mu, (n, d), on images (n, height, width): the attacked images."""
+        return self._attacked(self.parameters.validate(mu), images)
+
+    def _attacked(self, mu: Mu, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         clean = images.astype(np.float64)
-        share = self.parameters.validate(mu).astype(np.float64).reshape(clean.shape)
+        share = mu.astype(np.float64).reshape(clean.shape)
         room = np.where(share > 0.0, 1.0 - clean, clean)
         attacked = clean + share * np.minimum(self.radius, room)
         return np.clip(attacked, 0.0, 1.0).astype(np.float32)
 
     def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
-        return self.attacked(mu, self.images.images[self.indices[positions]])
+        return self._attacked(mu, self.images.images[self.indices[positions]])
 
     def _score(
         self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]

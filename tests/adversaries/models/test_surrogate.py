@@ -6,7 +6,6 @@ from threadpoolctl import threadpool_limits
 from sada_gym.adversaries.models.exact_gp import fit_weights, predict_mean
 from sada_gym.adversaries.models.sparse_gp import SparseGP
 from sada_gym.adversaries.models.surrogate import CrossFittedTrees, Surrogate
-from sada_gym.adversaries.omega import Omega
 from sada_gym.testing.landscapes import Landscape
 
 
@@ -64,7 +63,7 @@ def test_probabilities_are_calibrated_on_new_points():
     waves = Landscape(0)
     rng = np.random.default_rng(0)
     mu = rng.uniform(-1, 1, (2_000, 8)).astype(np.float32)
-    surrogate = Surrogate(Omega(mu, waves(mu)), 0.3, rng)
+    surrogate = Surrogate(mu, waves(mu), 0.3, rng)
     fresh = rng.uniform(-1, 1, (6_000, 8)).astype(np.float32)
     p, true = surrogate(fresh), waves.fooling_rate(fresh)
     assert p.min() >= 0.0
@@ -79,7 +78,7 @@ def test_probabilities_are_calibrated_on_new_points():
 def test_where_few_fool_it_leads_to_the_lowest_scores():
     x, _ = noisy(400, 2)
     score = 0.4 + 0.25 * (x[:, 0] + 1.0)
-    surrogate = Surrogate(Omega(x.astype(np.float32), score), 0.3, np.random.default_rng(0))
+    surrogate = Surrogate(x.astype(np.float32), score, 0.3, np.random.default_rng(0))
     p = surrogate(np.array([[-0.99, 0.0], [0.0, 0.0]]))
     assert p[0] > 0.5
     assert p[1] < 0.1

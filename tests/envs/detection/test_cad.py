@@ -237,6 +237,30 @@ def test_coordinates_that_overflow_are_a_sentence(tmp_path: Path, value: str) ->
         load_folder(tmp_path)
 
 
+@pytest.mark.parametrize("face", ["f 0 1 2", "  f 1/2/3 00//1 3", "f 1 2 \\\n 0 # 9", "f 1 -0 3"])
+def test_a_face_with_the_vertex_0_is_refused(tmp_path: Path, face: str) -> None:
+    (tmp_path / "car").mkdir()
+    text = f"# f 0 0 0\n{TETRAHEDRON.strip()}\n\n{face}\n"
+    (tmp_path / "car" / "zero.obj").write_text(text)
+    line = text.count("\n")
+    with pytest.raises(
+        UserError, match=rf"zero\.obj, got a face with the vertex 0 in line {line}, w"
+    ):
+        load_folder(tmp_path)
+
+
+def test_faces_may_count_vertices_backwards(tmp_path: Path) -> None:
+    (tmp_path / "car").mkdir()
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    for name, faces in (
+        ("a", "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"),
+        ("b", "f -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n"),
+    ):
+        (tmp_path / "car" / f"{name}.obj").write_text(vertices + faces)
+    first, second = load_folder(tmp_path)["car"]
+    np.testing.assert_array_equal(first.vertices, second.vertices)
+
+
 def test_large_coordinates_are_loaded(tmp_path: Path) -> None:
     _write(tmp_path, extents=SIZE * 1e8)
     np.testing.assert_allclose(_extent(tmp_path), [3, 1, 2], rtol=1e-5)

@@ -8,8 +8,6 @@ import pytest
 
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection.agent.data import training_frames, validation_frames
-from sada_gym.envs.detection.agent.prior import photograph
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.renderers.tinyrenderer import TinyRenderer
 from sada_gym.evaluation.store import Context
@@ -139,14 +137,3 @@ def test_whoever_makes_a_renderer_closes_it():
     own.close()
     with pytest.raises(ValueError, match="Expected an open renderer"):
         DetectionApplication("car", renderer=own).evaluate(MU[:1], [0])
-
-
-def test_training_data_is_rendered_by_the_same_interface():
-    renderer = grey(77)
-    keywords = {"survey_share": 0.5, "empty_share": 0.1, "image_size": 32, "seed": 0}
-    frames = training_frames(8, **keywords, renderer=renderer)
-    assert (frames.images == 77).all()
-    assert not frames.labels.any()
-    assert [len(scenes) for scenes in renderer.scenes] == [64, len(frames.images) - 64]
-    frames = validation_frames(1, photograph, image_size=32, seed=0, renderer=renderer)
-    assert (frames.images == 77).all()

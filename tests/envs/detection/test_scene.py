@@ -5,13 +5,14 @@ import json
 
 import numpy as np
 import pytest
+from families import family
 
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection.agent.prior import photograph
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.scene import Scene
-from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, generate
+from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes
 from sada_gym.envs.detection.shapes.catalogue import find_shape
+from studies.training.detection.prior import photograph
 
 MU = np.random.default_rng(0).uniform(-1, 1, (8,)).astype(np.float32)
 
@@ -22,7 +23,7 @@ def same(a, b):
     assert a.to_json() == b.to_json()
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", family(CLASSES, "car"))
 def test_a_benchmark_scene_goes_to_json_and_back(name):
     scene = DetectionApplication(name).scene(MU, 11)
     plain = scene.to_dict()
@@ -35,7 +36,7 @@ def test_a_benchmark_scene_goes_to_json_and_back(name):
 
 def test_an_empty_place_and_a_photographers_scene_too():
     rng = np.random.default_rng(0)
-    for shape in (None, generate("bus", 1_234)):
+    for shape in (None, benchmark_shapes("bus")[3]):
         scene = photograph(shape, rng)
         same(scene, Scene.from_dict(json.loads(scene.to_json())))
 
@@ -60,7 +61,15 @@ def test_shapes_are_found_by_their_names():
     for name in CLASSES:
         for shape in benchmark_shapes(name):
             assert find_shape(shape.name) is shape
-    for name in ("car", "car/saloon-1", "car/nonsense-0", "cat/tabby-0", "car/saloon-x", ""):
+    for name in (
+        "car",
+        "car/saloon-1",
+        "car/saloon-1000",
+        "car/nonsense-0",
+        "cat/tabby-0",
+        "car/saloon-x",
+        "",
+    ):
         assert find_shape(name) is None
 
 

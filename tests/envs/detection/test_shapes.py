@@ -1,29 +1,42 @@
-"""The procedural shapes: conventions of every class, determinism, and the modelling kit."""
+"""The benchmark's shapes, their conventions, and how parts become a shape."""
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from sada_gym.envs.detection.shapes import (
     CLASSES,
     DIAGONAL,
-    TRAINING_SEED,
     Material,
     Shape,
     benchmark_shapes,
+    catalogue,
     fingerprint,
-    generate,
-    kit,
-    styles,
 )
-from sada_gym.envs.detection.shapes.assembly import assemble
-from sada_gym.envs.detection.shapes.polygon import offset_inwards, triangulate
+from sada_gym.envs.detection.shapes.assembly import Part, assemble
+from studies.shapes import kit
+from studies.shapes.catalogue import TRAINING_SEED, generate
 
 MAX_FACES = 2_500
 
+shapes_of_all_classes = pytest.mark.parametrize(
+    ("object_class", "seeds"),
+    [(name, None) for name in CLASSES]
+    + [
+        pytest.param(name, range(TRAINING_SEED, TRAINING_SEED + 12), marks=pytest.mark.slow)
+        for name in CLASSES
+    ],
+    ids=[f"{name}-{kind}" for kind in ("benchmark", "training") for name in CLASSES],
+)
 
-def _samples(object_class: str) -> list[Shape]:
-    training = [generate(object_class, TRAINING_SEED + seed) for seed in range(12)]
-    return [*benchmark_shapes(object_class), *training]
+
+def _samples(object_class: str, seeds: range | None) -> Sequence[Shape]:
+    if seeds is None:
+        return benchmark_shapes(object_class)
+    return [generate(object_class, seed) for seed in seeds]
 
 
 def _corners(shape: Shape) -> np.ndarray:
@@ -36,9 +49,9 @@ def _areas(shape: Shape) -> np.ndarray:
     return np.linalg.norm(edges, axis=1) / 2
 
 
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_conventions(object_class: str) -> None:
-    for shape in _samples(object_class):
+@shapes_of_all_classes
+def test_conventions(object_class: str, seeds: range | None) -> None:
+    for shape in _samples(object_class, seeds):
         assert shape.object_class == object_class
         assert shape.name.startswith(f"{object_class}/")
         assert (shape.vertices.dtype, shape.normals.dtype) == (np.float32, np.float32)
@@ -59,9 +72,11 @@ def test_conventions(object_class: str) -> None:
         assert (_areas(shape) > 0).all()
 
 
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_normals_agree_with_windings_and_point_outward(object_class: str) -> None:
-    for shape in _samples(object_class):
+@shapes_of_all_classes
+def test_normals_agree_with_windings_and_point_outward(
+    object_class: str, seeds: range | None
+) -> None:
+    for shape in _samples(object_class, seeds):
         corners = _corners(shape)
         faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         cosine = np.einsum("fi,fki->fk", faces, shape.normals[shape.faces])
@@ -101,9 +116,11 @@ def _front_sides_first(shape: Shape) -> float:
     return front / hits
 
 
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_paint_covers_enough_for_its_colour_to_matter(object_class: str) -> None:
-    for shape in _samples(object_class):
+@shapes_of_all_classes
+def test_paint_covers_enough_for_its_colour_to_matter(
+    object_class: str, seeds: range | None
+) -> None:
+    for shape in _samples(object_class, seeds):
         areas = _areas(shape)
         share = areas[shape.materials == Material.PAINT].sum() / areas.sum()
         assert share > 0.35, (shape.name, share)
@@ -116,124 +133,37 @@ def test_benchmark_is_100_different_shapes() -> None:
     assert len({shape.vertices.tobytes() for shape in shapes}) == 100
 
 
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_every_style_is_in_the_benchmark(object_class: str) -> None:
-    names = styles(object_class)
-    assert len(names) >= 4
-    found = {shape.name.split("/")[1].rsplit("-", 1)[0] for shape in benchmark_shapes(object_class)}
-    assert found == set(names)
-
-
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_same_seed_same_bytes_and_other_seed_other_shape(object_class: str) -> None:
-    again = generate.__wrapped__
-    cycle = len(styles(object_class))
-    for seed in (0, 3, TRAINING_SEED + 1):
-        assert fingerprint([again(object_class, seed)]) == fingerprint(
-            [generate(object_class, seed)]
-        )
-        same_style = generate(object_class, seed + cycle)
-        assert generate(object_class, seed).vertices.tobytes() != same_style.vertices.tobytes()
-        following = generate(object_class, seed + 1)
-        assert generate(object_class, seed).vertices.tobytes() != following.vertices.tobytes()
-
-
-@pytest.mark.parametrize("object_class", CLASSES)
-def test_training_and_benchmark_share_no_shape(object_class: str) -> None:
-    benchmark = {shape.vertices.tobytes() for shape in benchmark_shapes(object_class)}
-    training = {
-        generate(object_class, TRAINING_SEED + seed).vertices.tobytes() for seed in range(20)
-    }
-    assert len(training) == 20
-    assert not benchmark & training
-
-
-def test_cached_shapes_cannot_be_changed() -> None:
+def test_shapes_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
-        generate("chair", 0).vertices[0, 0] = 1.0
+        benchmark_shapes("chair")[0].vertices[0, 0] = 1.0
 
 
 def test_unknown_class_is_refused() -> None:
     with pytest.raises(ValueError, match=r"one of aeroplane, .*, got 'cow'; choose one of these"):
-        generate("cow", 0)
-    with pytest.raises(ValueError, match="got 'cow'"):
         benchmark_shapes("cow")
-    with pytest.raises(ValueError, match=r"seed of at least 0, got -1"):
-        generate("car", -1)
 
 
-CONCAVE = [(0, 0), (3, 0), (3, 2), (2, 2), (2, 1), (1, 1), (1, 2), (0, 2)]
-
-SOLIDS = {
-    "box": (kit.box((1, 2, 3), (4, 5, 6)), 6.0),
-    "tapered box": (kit.box((2, 2, 3), (0, 0, 0), taper=(0.0, 0.0), shift=(1, 0)), 4.0),
-    "cylinder": (kit.cylinder((0, 0, 0), (0, 0, 2), 1.0, segments=64), 2 * np.pi),
-    "cone": (kit.cylinder((0, 0, 0), (3, 0, 0), 1.0, 0.0, segments=64), np.pi),
-    "tube": (kit.tube([(0, 0, 0), (1, 0, 0), (2, 0, 0)], 0.5, segments=64), np.pi / 2),
-    "lathe": (kit.lathe([(1, 0), (1, 2)], axis="y", segments=64), 2 * np.pi),
-    "extruded": (kit.extrude(CONCAVE, 2.0), 10.0),
-    "extruded clockwise": (kit.extrude(CONCAVE[::-1], 2.0), 10.0),
-    "slab": (kit.slab([(0, 0, 0), (2, 0, 0), (0, 0, 2)], 0.1), 0.2),
-    "loft": (kit.loft([kit.ring((x, 0, 0), 1, 1, segments=64) for x in (0, 1)]), np.pi),
-    "ellipsoid": (kit.ellipsoid((1, 2, 3), (1, 1, 1), segments=48, rings=32), 8 * np.pi),
-    "torus": (
-        kit.torus((0, 0, 0), (0, 1, 0), 2, 0.5, segments=64, tube_segments=32),
-        np.pi**2,
-    ),
-}
+def test_a_missing_or_changed_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh = benchmark_shapes.__wrapped__
+    monkeypatch.setattr(catalogue, "FILE", tmp_path / "benchmark.npz")
+    with pytest.raises(ValueError, match=r"Expected the benchmark's shapes in .*no such file"):
+        fresh("car")
+    (tmp_path / "benchmark.npz").write_bytes(b"shapes")
+    message = rf"Expected benchmark\.npz with SHA-256 {catalogue.SHA256[:12]}\.\.\., got .*changed"
+    with pytest.raises(ValueError, match=message):
+        fresh("car")
 
 
-@pytest.mark.parametrize("name", SOLIDS)
-def test_solids_are_closed_and_of_the_right_volume(name: str) -> None:
-    part, volume = SOLIDS[name]
-    for image in (part, kit.mirrored(part), kit.turned(part, "x", 30, about=(1, 2, 3))):
-        mesh = image.mesh.copy()
-        mesh.merge_vertices()
-        mesh.update_faces(mesh.nondegenerate_faces())
-        assert mesh.is_watertight
-        assert mesh.is_winding_consistent
-        assert mesh.volume == pytest.approx(volume, rel=0.02)
-
-
-def test_chamfer_and_bevel_cut_the_edges() -> None:
-    sharp = kit.box((1, 1, 1), (0, 0, 0)).mesh.volume
-    assert 0.9 * sharp < kit.box((1, 1, 1), (0, 0, 0), chamfer=0.1).mesh.volume < sharp
-    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    assert 0.9 < kit.extrude(square, 1.0, bevel=0.1).mesh.volume < 1.0
-    np.testing.assert_allclose(
-        offset_inwards(np.array(square, float), 0.1),
-        [(0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9)],
+def test_the_shapes_are_those_that_the_benchmark_was_measured_on() -> None:
+    assert fingerprint(shape for name in CLASSES for shape in benchmark_shapes(name)) == (
+        "44fcf4c25a969db28b2c307a6ae8d2fe9c7f8141e785067ee2dc37502682939c"
     )
 
 
-@pytest.mark.parametrize(
-    ("axis", "point", "expected"),
-    [("x", (0, 1, 0), (0, 0, 1)), ("y", (0, 0, 1), (1, 0, 0)), ("z", (1, 0, 0), (0, 1, 0))],
-)
-def test_turned_follows_the_right_hand_rule(axis: str, point: tuple, expected: tuple) -> None:
-    part = kit.turned(kit.box((0.1, 0.1, 0.1), point), axis, 90)
-    np.testing.assert_allclose(part.mesh.centroid, expected, atol=1e-9)
-
-
-def test_both_sides_adds_mirror_images() -> None:
-    left, right = kit.both_sides(kit.box((1, 1, 1), (0, 3, 0)))
-    np.testing.assert_allclose(left.mesh.centroid, (0, 3, 0))
-    np.testing.assert_allclose(right.mesh.centroid, (0, -3, 0))
-    assert right.mesh.volume > 0
-
-
-def test_triangulation_covers_concave_polygons() -> None:
-    ring = np.column_stack([np.array(CONCAVE, float), np.zeros(len(CONCAVE))])
-    faces = triangulate(ring)
-    assert len(faces) == len(CONCAVE) - 2
-    a, b, c = ring[faces].transpose(1, 0, 2)
-    areas = np.cross(b - a, c - a)[:, 2] / 2
-    assert (areas > 0).all()
-    assert areas.sum() == pytest.approx(5.0)
-
-
 def test_sharp_edges_double_vertices_and_round_ones_do_not() -> None:
-    cube = assemble("a", "b", [kit.box((1, 1, 1), (0, 0, 0))])
+    cube = assemble("a", "b", [Part(trimesh.creation.box((1, 1, 1)))])
     assert len(cube.vertices) == 24
     ball = assemble("a", "b", [kit.ellipsoid((1, 1, 1), (0, 0, 0), segments=16, rings=8)])
     assert len(ball.vertices) == 7 * 16 + 2
@@ -243,16 +173,16 @@ def test_sharp_edges_double_vertices_and_round_ones_do_not() -> None:
 
 
 def test_inside_out_parts_are_turned() -> None:
-    part = kit.box((1, 2, 3), (0, 0, 0))
+    part = Part(trimesh.creation.box((1, 2, 3)))
     wrong = part.mesh.copy()
     wrong.invert()
-    a, b = (assemble("a", "b", [p]) for p in (part, kit.Part(wrong)))
+    a, b = (assemble("a", "b", [p]) for p in (part, Part(wrong)))
     for shape in (a, b):
         corners = _corners(shape)
         assert np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) > 0
 
 
 def test_parts_without_area_are_refused() -> None:
-    flat = kit.Part(kit.scaled(kit.box((1, 1, 1), (0, 0, 0)), 0.0).mesh)
+    flat = kit.scaled(Part(trimesh.creation.box((1, 1, 1))), 0.0)
     with pytest.raises(ValueError, match="Expected thing to have a face with area, got none"):
         assemble("thing", "car", [flat])

@@ -345,19 +345,15 @@ def test_each_command_has_a_head_of_its_own(model):
 
 def test_making_and_loading_a_driver_reseeds_nobodys_generators():
     before = np.random.get_state()[1].copy(), torch.get_rng_state(), random.getstate()  # noqa: NPY002
-    agents.load_driver("cil")
+    agents.load("cil", "SADA-Driving")
     new_model(5)
     np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), before[1])
     assert random.getstate() == before[2]
 
 
-def test_agents_of_two_applications_may_share_a_name(monkeypatch):
-    cards = [agents.AgentCard("ppo", of, of, "", "") for of in ("SADA-Driving", "SADA-UAV")]
-    monkeypatch.setattr(agents, "AGENTS", tuple(cards))
-    assert [agents.card("ppo", of).application for of in ("SADA-UAV", "SADA-Driving")] == [
-        "SADA-UAV",
-        "SADA-Driving",
-    ]
-    with pytest.raises(ValueError, match="an agent's name among , got 'ppo'"):
+def test_agents_of_two_applications_may_share_a_name():
+    files = [agents.card("ppo", of).file for of in ("SADA-UAV", "SADA-Driving")]
+    assert files == ["uav/agent/ppo.safetensors", "driving/agent/ppo.safetensors"]
+    with pytest.raises(ValueError, match=r"an agent's name among photographer, .*, got 'ppo'"):
         agents.card("ppo", "SADA-Detection")

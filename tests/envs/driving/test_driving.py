@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.env import DrivingEnv, DrivingVectorEnv
 from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
 from sada_gym.envs.driving.world.weather import NAMES
@@ -96,7 +96,8 @@ def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
     assert [ending.name.lower() for ending in rollout.endings] == info["endings"]
     frames, score = application.replay(MU[2], 7)
     assert score == rollout.score == info["score"]
-    assert DrivingEnv.metadata["render_fps"] == DrivingVectorEnv.metadata["render_fps"] == POLICY_HZ
+    assert AdversaryEnv(application).metadata["render_fps"] == POLICY_HZ
+    assert AdversaryVectorEnv(application).metadata["render_fps"] == POLICY_HZ
     steps = sum(len(states) for states in rollout.states)
     assert len(frames) == steps + 4 * len(rollout.states)  # a second's stay at each end
     assert len({frame.shape for frame in frames}) == 1

@@ -112,7 +112,7 @@ GOLDEN = [0.999339, 0.996588, 0.999979, 0.0, 0.0, 0.988319]
 
 def test_a_white_box_fools_where_random_noise_does_not():
     image = torch.from_numpy(shipped_images().images[:1].copy())[:, None]
-    network = agents.load_classifier("cnn")
+    network = agents.load("cnn", "SADA-Digits")
     moved = image.clone().requires_grad_(True)
     loss = torch.nn.functional.cross_entropy(network(moved), torch.tensor([0]))
     (gradient,) = torch.autograd.grad(loss, moved)

@@ -76,7 +76,7 @@ def test_a_drone_that_is_told_nothing_costs_the_others_nothing():
         """Refuses, as torch does, a tile with a drone that flies fast to its left."""
 
         def __init__(self):
-            self.model = agents.load_pilot("ppo")
+            self.model = agents.load("ppo", "SADA-UAV")
 
         def predict(self, observation, *, deterministic):
             if (observation["motion"][:, 1] > 0.2).any():
@@ -133,7 +133,7 @@ def test_so_does_a_network_that_says_infinity_in_full_flight():
             return answer
 
     network = Late()
-    network.load_state_dict(agents.load_pilot("waypoint-pid").state_dict())
+    network.load_state_dict(agents.load("waypoint-pid", "SADA-UAV").state_dict())
     assert_all_lost(UAVApplication(3, agent=network), decisions=10)
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
 from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending
 from sada_gym.envs.uav.pictures import (
     VIEW_COLUMNS,
@@ -74,7 +73,7 @@ def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score
     assert len(frames) == -(-(len(failed.states) - 1) // 2) + REPLAY_HZ  # the end stays a second
-    assert UAVEnv.metadata["render_fps"] == UAVVectorEnv.metadata["render_fps"] == REPLAY_HZ
+    assert UAVApplication.render_fps == REPLAY_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
     assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
     assert painted(frames[-1], RED) > 50

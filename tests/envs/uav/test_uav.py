@@ -8,9 +8,9 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.env import UAVEnv, UAVVectorEnv
 from sada_gym.envs.uav.episodes import Ending
 from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.track import GATES
@@ -41,17 +41,20 @@ def test_more_races_than_fly_at_a_time_are_the_same(monkeypatch):
 def test_the_environments_keep_gymnasiums_and_sb3s_rules(anchors):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(UAVEnv(anchors, agent=PrivilegedPilot()), skip_render_check=True)
-        check_env_sb3(UAVEnv(anchors, agent=PrivilegedPilot()))
+        check_env(
+            AdversaryEnv(UAVApplication, anchors=anchors, agent=PrivilegedPilot()),
+            skip_render_check=True,
+        )
+        check_env_sb3(AdversaryEnv(UAVApplication, anchors=anchors, agent=PrivilegedPilot()))
 
 
 def test_the_batch_equals_the_scalar_environments():
-    batch = UAVVectorEnv(4, agent=PrivilegedPilot(13.0), num_envs=3)
+    batch = AdversaryVectorEnv(UAVApplication, anchors=4, agent=PrivilegedPilot(13.0), num_envs=3)
     batch.reset(seed=5)
     mu = draw_worlds(batch.application, 3, 0)[0]
     _, rewards, *_ = batch.step(mu)
     for i in range(3):
-        env = UAVEnv(4, agent=PrivilegedPilot(13.0))
+        env = AdversaryEnv(UAVApplication, anchors=4, agent=PrivilegedPilot(13.0))
         env.reset(seed=5 + i)
         assert env.step(mu[i])[1] == rewards[i]
 
@@ -200,8 +203,8 @@ def test_the_docstring_gives_ranges_and_endings_as_they_are():
 
     for anchors, chosen in TEMPLATES.items():
         row = f"| {anchors} | {2 * anchors} | {chosen.range_m:g} |"
-        assert row in UAVEnv.__doc__
-    assert f"at least {LEAST_SPACING_M} m apart" in UAVEnv.__doc__
+        assert row in UAVApplication.__doc__
+    assert f"at least {LEAST_SPACING_M} m apart" in UAVApplication.__doc__
 
 
 def test_the_inner_task_is_no_adversary_environment():

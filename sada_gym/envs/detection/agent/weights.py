@@ -9,8 +9,8 @@ from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
 _MEND = (
-    "Write such a file by python -m sada_gym.envs.detection.agent.train, or, for a detector of "
-    "your own, pass the model as agent=model."
+    "Write such a file in the repository by python -m studies.training.detection.train, or, for a "
+    "detector of your own, pass the model as agent=model."
 )
 
 

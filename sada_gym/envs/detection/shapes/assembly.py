@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from sada_gym.envs.detection.shapes.kit import Part
-from sada_gym.envs.detection.shapes.model import DIAGONAL, Shape
+from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape
 from sada_gym.errors import UserError
 
 CREASE_DEG = 40.0
@@ -17,6 +17,19 @@ CREASE_DEG = 40.0
 
 _Array = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A mesh of one material.
+
+    Attributes:
+        mesh: Closed; vertices (v, 3) in metres, faces (f, 3) counter-clockwise seen from outside.
+        material: What all its faces are made of.
+    """
+
+    mesh: trimesh.Trimesh
+    material: Material = Material.PAINT
 
 
 def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from typing_extensions import Self
 
-from sada_gym.envs.detection.shapes.assembly import assemble
-from sada_gym.envs.detection.shapes.kit import Part
+from sada_gym.envs.detection.shapes.assembly import Part, assemble
 from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError

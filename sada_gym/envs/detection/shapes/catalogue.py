@@ -1,18 +1,16 @@
-"""The shapes by class and seed: the fixed benchmark of 100, and as many more as training wants."""
+"""The 100 shapes of the benchmark, as one file of arrays holds them."""
 
 from __future__ import annotations
 
 import functools
-import importlib
-import re
-from typing import Protocol, cast
+import hashlib
+from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
-from sada_gym.envs.detection.shapes.assembly import assemble
-from sada_gym.envs.detection.shapes.kit import Part
 from sada_gym.envs.detection.shapes.model import Shape
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError, UserError
 
 CLASSES = (
     "aeroplane",
@@ -30,48 +28,15 @@ CLASSES = (
 )
 """The paper's 12 classes, in the order of their labels."""
 
-TRAINING_SEED = 1_000
-"""Seeds from here on are for training; the benchmark's lie below, so the two share no shape."""
+FILE = Path(__file__).with_name("benchmark.npz")
+"""The shapes, written by `python -m studies.shapes.build` in the repository.
 
-_BENCHMARK_COUNT = dict.fromkeys(CLASSES, 8) | dict.fromkeys(
-    ("aeroplane", "boat", "car", "chair"), 9
-)
+Each class has the arrays of its k shapes one after another: `car.names` (k,), `car.sizes` (k, 2),
+the numbers of vertices and faces, and `car.vertices`, `car.normals`, `car.faces`, `car.materials`.
+"""
 
-_NAME = re.compile(r"(?P<object_class>[a-z]+)/[a-z_]+-(?P<seed>[0-9]{1,9})")
-
-
-class _Generator(Protocol):
-    """What a class's module offers: its styles, and parts of one shape in metres."""
-
-    STYLES: tuple[str, ...]
-
-    def build(self, style: str, rng: np.random.Generator) -> list[Part]: ...
-
-
-@functools.lru_cache(maxsize=2_048)
-def generate(object_class: str, seed: int) -> Shape:
-    """Gives the shape of a class and seed; consecutive seeds cycle through the class's styles.
-
-    Args:
-        object_class: One of `CLASSES`.
-        seed: At least 0. Those below `TRAINING_SEED` belong to the benchmark, others to training.
-
-    Returns:
-        A shape whose arrays are read-only, the same for the same arguments.
-
-    Raises:
-        ValueError: If the class is unknown or the seed negative.
-    """
-    generator = _generator(object_class)
-    if seed < 0:
-        raise UserError(f"Expected a seed of at least 0, got {seed}; benchmark shapes start at 0.")
-    style = generator.STYLES[seed % len(generator.STYLES)]
-    rng = np.random.default_rng([CLASSES.index(object_class), seed])
-    parts = generator.build(style, rng)
-    shape = assemble(f"{object_class}/{style}-{seed}", object_class, parts)
-    for array in (shape.vertices, shape.normals, shape.faces, shape.materials):
-        array.flags.writeable = False
-    return shape
+SHA256 = "46e44bb2531813763af0fbe3b8bfdf5572f5318beff8809ac7206f457a739bf3"
+"""The SHA-256 of the file that the benchmark was measured with."""
 
 
 @functools.cache
@@ -81,42 +46,65 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
     Args:
         object_class: One of `CLASSES`.
 
-    Raises:
-        ValueError: If the class is unknown.
-    """
-    _check(object_class)
-    return tuple(generate(object_class, seed) for seed in range(_BENCHMARK_COUNT[object_class]))
-
-
-def find_shape(name: str) -> Shape | None:
-    """Gives the shape of `generate` that has a name, such as `car/saloon-0`; None if none has."""
-    found = _NAME.fullmatch(name)
-    if found is None or found["object_class"] not in CLASSES:
-        return None
-    shape = generate(found["object_class"], int(found["seed"]))
-    return shape if shape.name == name else None
-
-
-def styles(object_class: str) -> tuple[str, ...]:
-    """Gives the names of a class's styles in the order in which consecutive seeds take them.
-
-    Args:
-        object_class: One of `CLASSES`.
+    Returns:
+        Shapes whose arrays are read-only, the same for the same class.
 
     Raises:
-        ValueError: If the class is unknown.
+        UserError: If the class is unknown.
+        FileError: If the file of shapes is missing or was changed.
     """
-    return _generator(object_class).STYLES
-
-
-def _check(object_class: str) -> None:
     if object_class not in CLASSES:
         raise UserError(
             f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}; "
             "choose one of these, or load your own shapes from a folder a class."
         )
+    with np.load(BytesIO(_verified(FILE)), allow_pickle=False) as file:
+        arrays = {
+            name: file[f"{object_class}.{name}"]
+            for name in ("names", "sizes", "vertices", "normals", "faces", "materials")
+        }
+    shapes = []
+    ends = arrays["sizes"].cumsum(axis=0)
+    for name, (vertex, face), (vertices, faces) in zip(
+        arrays["names"].tolist(), (ends - arrays["sizes"]).tolist(), ends.tolist(), strict=True
+    ):
+        shape = Shape(
+            name=name,
+            object_class=object_class,
+            vertices=arrays["vertices"][vertex:vertices].copy(),
+            normals=arrays["normals"][vertex:vertices].copy(),
+            faces=arrays["faces"][face:faces].astype(np.int32),
+            materials=arrays["materials"][face:faces].copy(),
+        )
+        for array in (shape.vertices, shape.normals, shape.faces, shape.materials):
+            array.flags.writeable = False
+        shapes.append(shape)
+    return tuple(shapes)
 
 
-def _generator(object_class: str) -> _Generator:
-    _check(object_class)
-    return cast("_Generator", importlib.import_module(f"{__package__}.{object_class}"))
+def find_shape(name: str) -> Shape | None:
+    """Gives the benchmark's shape of a name, such as `car/saloon-0`; None if there is none."""
+    object_class = name.partition("/")[0]
+    shapes = benchmark_shapes(object_class) if object_class in CLASSES else ()
+    return next((shape for shape in shapes if shape.name == name), None)
+
+
+def _verified(path: Path) -> bytes:
+    """The file's bytes.
+
+    Raises:
+        FileError: If there is no such file, or its SHA-256 differs from the recorded one.
+    """
+    if not path.is_file():
+        raise FileError(
+            f"Expected the benchmark's shapes in {path}, got no such file. Install the package "
+            "again."
+        )
+    content = path.read_bytes()
+    found = hashlib.sha256(content).hexdigest()
+    if found != SHA256:
+        raise FileError(
+            f"Expected {path.name} with SHA-256 {SHA256[:12]}..., got {found[:12]}...: the "
+            "benchmark's shapes were changed. Install the package again."
+        )
+    return content

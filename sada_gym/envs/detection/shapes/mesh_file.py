@@ -46,8 +46,11 @@ def _read(file: Path) -> trimesh.Trimesh:
     if file.stat().st_size > MAX_BYTES:
         raise UserError(f"a file of more than {MAX_BYTES // 2**20:,} MB")
     suffix = file.suffix.lower()
+    content = _as_utf8(file.read_bytes(), suffix)
+    if suffix == ".obj":
+        _refuse_vertex_zero(content)
     scene = trimesh.load_scene(
-        BytesIO(_as_utf8(file.read_bytes(), suffix)),
+        BytesIO(content),
         file_type=suffix[1:],
         process=False,
         skip_materials=True,
@@ -73,6 +76,21 @@ def _read(file: Path) -> trimesh.Trimesh:
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
     return mesh
+
+
+def _refuse_vertex_zero(content: bytes) -> None:
+    """Refuse an OBJ face with the vertex 0, which trimesh would take for the last vertex."""
+    is_face = continued = False
+    for number, line in enumerate(content.splitlines(), 1):
+        words = line.partition(b"#")[0].split()
+        if not continued:
+            is_face = words[:1] == [b"f"]
+        if is_face and any(not word.partition(b"/")[0].strip(b"+-0") for word in words):
+            raise UserError(
+                f"a face with the vertex 0 in line {number}, where OBJ counts vertices from 1, or "
+                "from -1 backwards"
+            )
+        continued = line.endswith(b"\\")
 
 
 def _check_faces(scene: trimesh.Scene) -> None:

@@ -8,8 +8,8 @@ from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
 
 _MEND = (
-    "Write such a file by python -m sada_gym.envs.digits.agent.train, or, for a classifier of "
-    "your own, pass the model as agent=model."
+    "Write such a file in the repository by python -m studies.training.digits.train, or, for a "
+    "classifier of your own, pass the model as agent=model."
 )
 
 

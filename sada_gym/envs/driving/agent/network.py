@@ -17,7 +17,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.training import ShippedPolicy, new_ppo
+from sada_gym.agents.shipped_policy import ShippedPolicy, new_ppo
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64

@@ -12,8 +12,8 @@ from sada_gym.envs.driving.agent.network import BRANCH_FEATURES, ConditionalExtr
 from sada_gym.envs.driving.task import OBSERVATION_SPACE
 
 _MEND = (
-    "Write such a file by python -m sada_gym.envs.driving.agent.train, or, for a driver of your "
-    "own, pass the model as agent=model."
+    "Write such a file in the repository by python -m studies.training.driving.train, or, for a "
+    "driver of your own, pass the model as agent=model."
 )
 
 

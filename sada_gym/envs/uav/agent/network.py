@@ -10,7 +10,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.training import ShippedPolicy, new_ppo
+from sada_gym.agents.shipped_policy import ShippedPolicy, new_ppo
 from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv

@@ -10,8 +10,8 @@ from sada_gym.agents.weights import WeightsFile, load_weights, read_weights, sav
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
 
 _MEND = (
-    "Write such a file by python -m sada_gym.envs.uav.agent.train, or, for a pilot of your own, "
-    "pass the model as agent=model."
+    "Write such a file in the repository by python -m studies.training.uav.train, or, for a "
+    "pilot of your own, pass the model as agent=model."
 )
 
 

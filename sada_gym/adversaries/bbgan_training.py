@@ -1,0 +1,122 @@
+"""The training of BBGAN: a generator and a discriminator on the induced set."""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
+from sada_gym.adversaries.bbgan_options import BBGANOptions
+from sada_gym.adversaries.omega import Induced
+from sada_gym.adversaries.training_log import TrainingLog
+from sada_gym.errors import TrainingDiverged
+
+_LOG_EVERY = 25
+
+
+def train_gan(
+    induced: Induced, o: BBGANOptions, generator: torch.Generator, log: TrainingLog
+) -> tuple[Generator, Discriminator]:
+    """Train G and D by the paper's BBGAN objective: S is real, G's samples are fake.
+
+    With `o.rest` the points of Omega that do not fool are fake as well, so that D learns where the
+    agent is fooled from all of Omega and not from S alone (compare Asokan & Seelamantula 2020,
+    "Teaching a GAN what not to learn"). Where the fooling rate p(mu) is noisy, G is then drawn to
+    where p is high and leaves where it is low; without noise its optimum is unchanged.
+
+    Args:
+        induced: S, (s, d), and the rest of Omega, (n, d).
+        o: The options.
+        generator: All randomness.
+        log: Hears of losses and samples.
+
+    Returns:
+        G and D, their weights averaged over the steps where `o.average` says so.
+
+    Raises:
+        TrainingDiverged: If a loss or a weight is not finite any more.
+    """
+    real, rest = torch.from_numpy(induced.chosen), torch.from_numpy(induced.rest)
+    g = Generator(real.shape[1], o, generator)
+    d = Discriminator(real.shape[1], o, generator)
+    average_g, average_d = copy.deepcopy(g), copy.deepcopy(d)
+    betas = (o.beta1, o.beta2)
+    optimiser_g = torch.optim.Adam(g.parameters(), o.learning_rate, betas)
+    optimiser_d = torch.optim.Adam(d.parameters(), o.learning_rate, betas)
+    weight = min(o.rest, len(rest) / len(real))
+
+    for step in range(o.steps):
+        if o.decay:
+            rate = o.learning_rate * min(1.0, 2.0 * (1.0 - step / o.steps))
+            for group in (*optimiser_g.param_groups, *optimiser_d.param_groups):
+                group["lr"] = rate
+
+        for _ in range(o.discriminator_updates):
+            with torch.no_grad():
+                fake = g(o.batch, generator)
+            batches = [_draw(real, o.batch, generator), fake]
+            if weight:
+                batches.append(_draw(rest, o.batch, generator))
+            logits = d(torch.cat(batches), generator).split(o.batch)
+            loss_d = softplus(-logits[0]).mean() + softplus(logits[1]).mean()
+            if weight:
+                loss_d = loss_d + weight * softplus(logits[2]).mean()
+            optimiser_d.zero_grad()
+            torch.autograd.backward(loss_d)
+            optimiser_d.step()
+
+        for _ in range(o.generator_updates):
+            fake, shift = g.draw(o.batch, generator)
+            loss_g = softplus(-d(fake, generator)).mean()  # non-saturating
+            if o.tether:
+                loss_g = loss_g + o.tether * shift.square().sum(dim=1).mean()
+            optimiser_g.zero_grad()
+            torch.autograd.backward(loss_g)
+            optimiser_g.step()
+
+        keep = min(o.average, (step + 1) / (step + 10)) if o.average else 0.0
+        _average(average_g, g, keep)
+        _average(average_d, d, keep)
+
+        if not bool((loss_d.detach() + loss_g.detach()).isfinite()):
+            raise _diverged(step, o)
+        if log and (step % _LOG_EVERY == 0 or step == o.steps - 1):
+            log.scalars(
+                step,
+                {
+                    "loss/discriminator": float(loss_d.detach()),
+                    "loss/generator": float(loss_g.detach()),
+                },
+            )
+            # a generator of their own: a log must not change the result
+            shown = torch.Generator().manual_seed(step)
+            with torch.no_grad():
+                log.samples(step, average_g(500, shown).numpy())
+    # a last step may have ruined weights that still gave a finite loss
+    for network in (average_g, average_d):
+        if not all(bool(weights.isfinite().all()) for weights in network.parameters()):
+            raise _diverged(o.steps, o)
+    return average_g, average_d
+
+
+def _diverged(step: int, o: BBGANOptions) -> TrainingDiverged:
+    return TrainingDiverged(
+        f"Expected the GAN's training to stay finite, but its loss or weights became infinite or "
+        f"NaN after {step} of {o.steps} steps. Lower learning_rate (it is {o.learning_rate:g}) or "
+        f"initial_sd (it is {o.initial_sd:g}; 0 takes PyTorch's own scale), or take fewer layers."
+    )
+
+
+def _draw(points: Tensor, n: int, generator: torch.Generator) -> Tensor:
+    """Draw n of the points, (n, d), with repetition."""
+    return points[torch.randint(len(points), (n,), generator=generator)]
+
+
+def _average(running: nn.Module, latest: nn.Module, keep: float) -> None:
+    """Move a running average of weights towards the latest ones."""
+    with torch.no_grad():
+        for old, new in zip(running.parameters(), latest.parameters(), strict=True):
+            old.lerp_(new, 1.0 - keep)

@@ -1,0 +1,98 @@
+"""Arrays that users hand over: what NumPy would misread is refused here, with a sentence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import UserError, UserTypeError
+
+
+def refuse_masked(given: Any, what: str) -> None:
+    """Refuse a masked array, or a list of rows with one among them.
+
+    Args:
+        given: What a user handed over.
+        what: What messages call it, a noun such as `mu`.
+
+    Raises:
+        UserTypeError: If it has a mask: NumPy would drop the mask and count what it hides.
+    """
+    rows = given if isinstance(given, list | tuple) else [given]
+    if any(np.ma.isMaskedArray(row) for row in rows):
+        raise UserTypeError(
+            f"Expected {what} without a mask, got a masked array, whose hidden values would count. "
+            f"Fill it with {what}.filled(value)."
+        )
+
+
+def as_array(given: Any, what: str) -> npt.NDArray[Any]:
+    """Give what a user handed over as an array of whatever dtype.
+
+    Raises:
+        UserTypeError: If it has a mask, or its rows differ in length.
+    """
+    refuse_masked(given, what)
+    try:
+        return np.asarray(given)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged rows; a tensor with a gradient
+        raise UserTypeError(
+            f"Expected {what} to be an array of real numbers, got: {error}"
+        ) from error
+
+
+def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
+    """Give what a user handed over as an array of real numbers.
+
+    Raises:
+        UserTypeError: If it has a mask, its rows differ in length, or it holds anything but
+            integers and floats, which NumPy would turn into numbers of another meaning.
+    """
+    array = as_array(given, what)
+    if array.dtype.kind not in "iuf":
+        raise UserTypeError(
+            f"Expected {what} to be an array of real numbers, got dtype {array.dtype}. Convert it "
+            f"with {what}.astype(numpy.float32)."
+        )
+    return array
+
+
+def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
+    """Give scores that a user's code returned as float64.
+
+    Args:
+        given: The scores.
+        source: Where they come from, for messages.
+
+    Raises:
+        UserTypeError: If they have a mask or are no real numbers. Booleans count as 0 and 1.
+    """
+    scores = as_array(given, "scores")
+    if scores.dtype.kind not in "biuf":
+        raise UserTypeError(
+            f"Expected scores from {source} to be real numbers, got dtype {scores.dtype}: "
+            f"{given!r}. Return floats."
+        )
+    return scores.astype(np.float64)
+
+
+def shaped(
+    given: Any, shape: tuple[int, ...] | None, what: str, noun: str = "mu"
+) -> npt.NDArray[Any]:
+    """Give an action, or one an environment, as an array of this shape.
+
+    Args:
+        given: What a user handed over.
+        shape: The shape of the space that it belongs to.
+        what: What messages on its shape call it: `an action` or `actions`.
+        noun: What messages on its content call it.
+
+    Raises:
+        UserError: If it is of another shape, ragged or masked.
+    """
+    array = as_array(given, noun)
+    if array.shape != shape:
+        raise UserError(f"Expected {what} of shape {shape}, got {array.shape}.")
+    return array

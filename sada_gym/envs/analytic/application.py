@@ -1,0 +1,196 @@
+"""SADA-Analytic: an instant application whose fooling set is known exactly, in any dimension."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.parameters import Mu, Parameter, ParameterSpace
+
+_AT_ONCE = 2**24
+"""Numbers held in memory while distances are computed."""
+
+_GOLDEN = (5**0.5 - 1) / 2
+_IMAGE_SIZE = 128
+_MOST = 1_000  # dimensions and regions: adversaries take no more
+_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB = (178, 24, 43), (247, 247, 247), (33, 102, 172)
+
+
+class AnalyticApplication(Application):
+    """An instant application whose fooling set is known exactly.
+
+    ## Description
+    The score is a function of mu alone: it grows with the distance to the nearest of `regions`
+    separate boxes in [-1, 1]^d. These boxes are the fooling set; together they fill the share
+    `volume` of the space in any dimension, so a uniform adversary fools the agent that often.
+    Made for testing adversaries: do they find all regions, and do their samples cover them?
+
+    [-1, 1]^d is cut into as many equal cells as there are regions, and each cell holds one box that
+    fills the share `volume` of it. So the boxes never touch, and every dimension bounds every box.
+    Their places in their cells follow a golden-ratio sequence: there is no symmetry to exploit, and
+    nothing is random.
+
+    ## Action Space
+    `Box(-1, 1, (dimension,), float32)`: the point, without a unit.
+
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | i | `x{i}` | -1 | 1 | none |
+
+    ## Observation Space
+    `Box(-1, 1, (dimension + 2,), float32)`:
+
+    | index | what | least | greatest |
+    | --- | --- | --- | --- |
+    | 0 to d - 1 | last mu; 0 where there is none yet | -1 | 1 |
+    | d | last score; 0 where there is none yet | 0 | 1 |
+    | d + 1 | share of the steps that is left | 0 | 1 |
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`. The score is Q = t m^2 / (t m^2 + 1 - t) with t = 0.3
+    the fooling threshold and m the distance to the nearest box's centre in the maximum norm, in
+    units of the box's half sides: 0 at a centre, t on the surface, below 1 everywhere.
+
+    ## Starting State
+    No proposal yet. The seed matters only with `noise`.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.3), `seed`, `parameters` and `region`, the region that mu lies in, or -1.
+    With `noise` the region is that of the undisturbed score.
+
+    ## Arguments
+    - `dimension=2`: number of parameters, at most 1,000.
+    - `regions=4`: number of separate fooling regions, at most 1,000.
+    - `volume=0.1`: the fooling set's share of the whole space, in (0, 1).
+    - `noise=0.0`: half width of a uniform disturbance of the score, fixed by the seed, in [0, 1).
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`. A frame shows the score over the first
+      two parameters, and mu as a cross.
+
+    ## Version History
+    - v0: first version.
+    """
+
+    name: ClassVar[str] = "SADA-Analytic"
+    fooling_threshold = 0.3
+    sample_size = 250
+
+    def __init__(
+        self, *, dimension: int = 2, regions: int = 4, volume: float = 0.1, noise: float = 0.0
+    ) -> None:
+        for what, count in (("dimension", dimension), ("regions", regions)):
+            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+                raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
+            if count > _MOST:
+                raise UserError(f"Expected {what} of at most {_MOST:,}, got {count:,}.")
+        for what, share in (("volume", volume), ("noise", noise)):
+            if not isinstance(share, int | float):
+                raise UserTypeError(f"Expected {what} to be a number, got {share!r}.")
+        if not 0.0 < volume < 1.0:
+            raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
+        if not 0.0 <= noise < 1.0:
+            raise UserError(f"Expected noise to be within [0, 1), got {noise}.")
+        self.regions = regions
+        self.volume = volume
+        self.noise = noise
+        self.parameters = ParameterSpace(*(Parameter(f"x{i}", -1.0, 1.0) for i in range(dimension)))
+        self.centres, self.half_sides = _place_boxes(dimension, regions, volume)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The resolved keywords."""
+        return {
+            "dimension": len(self.parameters),
+            "regions": self.regions,
+            "volume": self.volume,
+            "noise": self.noise,
+        }
+
+    def fooling_region(self, mu: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        """Tell which region each mu (n, d) lies in: (n,) indices, -1 where Q is above threshold."""
+        nearest, score = self._nearest(self.parameters.validate(mu))
+        return np.where(score <= self.fooling_threshold, nearest, -1)
+
+    def sample_fooling_set(self, n: int, rng: np.random.Generator) -> Mu:
+        """Draw n mu uniformly from the true fooling set: (n, d) float32."""
+        region = rng.integers(self.regions, size=n)
+        offset = rng.uniform(-1.0, 1.0, size=(n, len(self.parameters)))
+        inside = np.maximum(
+            self.half_sides - 1e-6, 0.0
+        )  # rounding to float32 must not leave the box
+        return (self.centres[region] + offset * inside).astype(np.float32)
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw Q over the first two coordinates, the others held at mu, and a cross at mu."""
+        world, seed = validate_world(self.parameters, mu, seed)
+        point = world[0]
+        axis = np.linspace(-1.0, 1.0, _IMAGE_SIZE, dtype=np.float32)
+        grid = np.tile(point, (_IMAGE_SIZE * _IMAGE_SIZE, 1))
+        grid[:, 0] = np.tile(axis, _IMAGE_SIZE)
+        if len(point) > 1:
+            grid[:, 1] = np.repeat(axis[::-1], _IMAGE_SIZE)
+        score = self._evaluate(grid, [seed] * len(grid)).score.reshape(_IMAGE_SIZE, _IMAGE_SIZE)
+        frame = self._colour(score)
+        column = round(float(point[0] + 1) / 2 * (_IMAGE_SIZE - 1))
+        height = float(point[1]) if len(point) > 1 else 0.0
+        row = round((1 - height) / 2 * (_IMAGE_SIZE - 1))
+        frame[row, max(column - 5, 0) : column + 6] = 0
+        frame[max(row - 5, 0) : row + 6, column] = 0
+        return frame
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        nearest, score = self._nearest(mu)
+        region = np.where(score <= self.fooling_threshold, nearest, -1)
+        if self.noise:
+            shift = {seed: np.random.default_rng(seed).uniform(-1.0, 1.0) for seed in set(seeds)}
+            score = np.clip(score + self.noise * np.array([shift[seed] for seed in seeds]), 0, 1)
+        return Scored(score, [{"region": int(index)} for index in region])
+
+    def _nearest(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Give the nearest region and the undisturbed Q of each mu, both (n,)."""
+        rows = max(1, _AT_ONCE // self.centres.size)
+        distance = np.empty((len(mu), self.regions))
+        for start in range(0, len(mu), rows):
+            offset = mu[start : start + rows].astype(np.float64)[:, None, :] - self.centres
+            distance[start : start + rows] = np.abs(offset / self.half_sides).max(axis=2)
+        weighted = self.fooling_threshold * distance.min(axis=1) ** 2
+        return distance.argmin(axis=1), weighted / (weighted + (1.0 - self.fooling_threshold))
+
+    def _colour(self, score: npt.NDArray[np.float64]) -> Frame:
+        stops = (0.0, self.fooling_threshold, 1.0)
+        channels = zip(_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB, strict=True)
+        return np.stack([np.interp(score, stops, c) for c in channels], axis=-1).astype(np.uint8)
+
+
+def _place_boxes(
+    dimension: int, regions: int, volume: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Give the boxes' centres (regions, d) and their common half sides (d,)."""
+    factors = _prime_factors(regions)
+    cells_along = np.ones(dimension, dtype=np.int64)
+    for i, factor in enumerate(factors):
+        cells_along[i % dimension] *= factor
+    split = min(dimension, max(len(factors), 1))
+    cell = np.zeros((regions, dimension))
+    cell[:, :split] = np.stack(np.unravel_index(np.arange(regions), cells_along[:split]), axis=1)
+    width = 2.0 / cells_along
+    half_sides = volume ** (1.0 / dimension) * width / 2.0
+    golden = (_GOLDEN * np.arange(1, regions * dimension + 1)) % 1.0
+    # four fifths of the free room, so that a gap always remains between neighbours
+    shift = 0.8 * (width / 2.0 - half_sides) * (2.0 * golden.reshape(regions, dimension) - 1.0)
+    return -1.0 + (cell + 0.5) * width + shift, half_sides
+
+
+def _prime_factors(number: int) -> list[int]:
+    factors, divisor = [], 2
+    while number > 1:
+        while number % divisor == 0:
+            factors.append(divisor)
+            number //= divisor
+        divisor += 1
+    return factors[::-1]

@@ -1,0 +1,183 @@
+"""The applications: one card each, from which ids, agents, suites, references and tests follow.
+
+A card names modules by strings, so that reading the cards loads no simulator and no network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sada_gym.lazy import load
+
+APPLICATIONS = ("analytic", "detection", "driving", "uav", "digits", "pixel")
+"""The folders of the applications, in the order of all listings."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """A track of the leaderboard: an id that fixes keywords.
+
+    Attributes:
+        suffix: What the id adds to the application's name, such as `Car`.
+        kwargs: The keywords.
+    """
+
+    suffix: str
+    kwargs: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class AgentCard:
+    """A shipped agent.
+
+    Attributes:
+        name: What `agent=` takes.
+        file: Its weights, relative to `sada_gym/envs`.
+        sha256: The SHA-256 of that file; a file that differs is refused.
+        summary: A line for people.
+    """
+
+    name: str
+    file: str
+    sha256: str
+    summary: str
+
+    @property
+    def path(self) -> Path:
+        """Where the weights lie."""
+        return Path(__file__).parent / self.file
+
+
+@dataclass(frozen=True)
+class InnerTask:
+    """A Gymnasium environment on which an application's agents are trained.
+
+    Attributes:
+        id: Its id, with the version.
+        entry_point: `module:class` of the scalar environment.
+        vector_entry_point: `module:class` of the batch.
+    """
+
+    id: str
+    entry_point: str
+    vector_entry_point: str
+
+
+@dataclass(frozen=True)
+class ReferenceSize:
+    """How large the reference set of a track is.
+
+    Attributes:
+        points: Sobol points.
+        seeds: Evaluations of each point.
+        sobol_seed: What the Sobol points are scrambled by.
+    """
+
+    points: int = 4_000
+    seeds: int = 3
+    sobol_seed: int = 0
+
+
+@dataclass(frozen=True)
+class PurityCase:
+    """Worlds and batch sizes with which the registry's tests check that scores are pure.
+
+    Attributes:
+        n: Number of worlds; each is also tried alone.
+        sizes: Sizes of batches beside 1 and n; each begins at another world, so that a world
+            stands at several places of a tile.
+    """
+
+    n: int
+    sizes: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class RegistryCase:
+    """What the tests of all ids need to know of an application.
+
+    Attributes:
+        slow: Whether an evaluation is a whole episode in closed loop, or many.
+        quick_kwargs: Keywords that make an evaluation quick where any agent will do.
+        quick_agent: `module:class` of an agent whose episodes are short, where one is needed.
+        shipped_on: The suffix of the track on which the shipped agent is tested; None tests it on
+            the general id.
+        purity: The least that would still catch a score that depends on its tile, its place or the
+            size of the batch, tried on one track.
+        purity_elsewhere: The same for the other tracks, which run the same code.
+        brief: Seeds of worlds in which the shipped agent's episodes end early, by suffix. They were
+            found by trying; any other seed tests the same and takes longer.
+        telling: Seeds with which a dead parameter would be noticed in the first worlds, by suffix;
+            found likewise.
+    """
+
+    slow: bool = False
+    quick_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    quick_agent: str = ""
+    shipped_on: str | None = None
+    purity: PurityCase = PurityCase(3, (2,))
+    purity_elsewhere: PurityCase = PurityCase(3, (2,))
+    brief: Mapping[str, int] = field(default_factory=dict)
+    telling: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ApplicationCard:
+    """All that the rest of the package knows of an application.
+
+    Attributes:
+        name: The general id without its version, such as `SADA-Detection`.
+        application: `module:class` of the `Application`.
+        version: The version of its ids.
+        tracks: The ids that fix its keywords.
+        same_as: The suffix of the track that the general id is by default; None where it is none.
+        agents: The agents that are shipped for it, the default first.
+        agent_kind: What its agents are called in messages, such as `detector`.
+        agent_loader: `module:function` that turns a file of weights into an agent.
+        tasks: What its agents are trained on.
+        packages: The packages that a score can depend on, beside those of every run.
+        reference: The size of its tracks' reference sets.
+        case: What the tests of all ids need to know.
+    """
+
+    name: str
+    application: str
+    version: int = 0
+    tracks: tuple[Track, ...] = ()
+    same_as: str | None = None
+    agents: tuple[AgentCard, ...] = ()
+    agent_kind: str = "agent"
+    agent_loader: str = ""
+    tasks: tuple[InnerTask, ...] = ()
+    packages: tuple[str, ...] = ()
+    reference: ReferenceSize = ReferenceSize()
+    case: RegistryCase = RegistryCase()
+
+    @property
+    def id(self) -> str:
+        """The general id."""
+        return f"{self.name}-v{self.version}"
+
+    def track_id(self, suffix: str) -> str:
+        """Give the id of a track."""
+        return f"{self.name}-{suffix}-v{self.version}"
+
+    @property
+    def track_ids(self) -> tuple[str, ...]:
+        """The ids of all tracks."""
+        return tuple(self.track_id(track.suffix) for track in self.tracks)
+
+
+@cache
+def cards() -> tuple[ApplicationCard, ...]:
+    """Give the cards of all applications."""
+    return tuple(load(f"sada_gym.envs.{folder}.catalogue:CARD") for folder in APPLICATIONS)
+
+
+def find_card(name: str) -> ApplicationCard | None:
+    """Find the card of an application by its name; None where it is no application of ours."""
+    return next((card for card in cards() if card.name == name), None)

@@ -1,0 +1,57 @@
+"""The card of object detection."""
+
+from sada_gym.envs.catalogue import (
+    AgentCard,
+    ApplicationCard,
+    PurityCase,
+    ReferenceSize,
+    RegistryCase,
+    Track,
+)
+
+_SUFFIXES = (
+    "Aeroplane",
+    "Bench",
+    "Bicycle",
+    "Boat",
+    "Bottle",
+    "Bus",
+    "Car",
+    "Chair",
+    "DiningTable",
+    "Motorbike",
+    "Train",
+    "Truck",
+)
+
+
+CARD = ApplicationCard(
+    name="SADA-Detection",
+    application="sada_gym.envs.detection.application:DetectionApplication",
+    tracks=tuple(Track(suffix, {"object_class": suffix.lower()}) for suffix in _SUFFIXES),
+    same_as="Car",
+    agents=(
+        AgentCard(
+            "photographer",
+            "detection/agent/photographer.safetensors",
+            "9a7ec7022a5388f2692c60a08b404d9f20f2cc67a08f4a652b61f2cf6648b016",
+            "detector trained on the views that people photograph; the default",
+        ),
+        AgentCard(
+            "surveyor",
+            "detection/agent/surveyor.safetensors",
+            "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
+            "the same with one training view in ten from everywhere",
+        ),
+    ),
+    agent_kind="detector",
+    agent_loader="sada_gym.envs.detection.agent.weights:load",
+    packages=("torch", "pybullet", "trimesh", "numba", "pillow"),
+    reference=ReferenceSize(points=20_000, seeds=8),
+    case=RegistryCase(
+        quick_kwargs={"tile": 1},  # one image a call instead of a tile of them
+        shipped_on="Car",
+        # tiles of 14 images: 17 worlds are a full tile and a padded one, 13 to 15 are at its border
+        purity=PurityCase(17, (2, 13, 14, 15)),
+    ),
+)

@@ -1,0 +1,31 @@
+"""The card of the digits."""
+
+from sada_gym.envs.catalogue import (
+    AgentCard,
+    ApplicationCard,
+    PurityCase,
+    ReferenceSize,
+    RegistryCase,
+    Track,
+)
+
+CNN = AgentCard(
+    "cnn",
+    "digits/agent/cnn.safetensors",
+    "20310308027458ca18818a87c2c3b8d3bb544d0b454c2f36779d18bae9bfa9cc",
+    "a small CNN, trained on 1,352 real digits; the default",
+)
+LOADER = "sada_gym.envs.digits.agent.weights:load"
+
+CARD = ApplicationCard(
+    name="SADA-Digits",
+    application="sada_gym.envs.digits.application:DigitsApplication",
+    tracks=tuple(Track(str(digit), {"digit": digit}) for digit in range(10)),
+    agents=(CNN,),
+    agent_kind="classifier",
+    agent_loader=LOADER,
+    packages=("scikit-learn", "torch"),
+    # with the Sobol seed 0, `bayesian` with the seed 0 would begin its search at the same points
+    reference=ReferenceSize(points=20_000, seeds=8, sobol_seed=2020),
+    case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
+)

@@ -1,0 +1,60 @@
+"""The card of self-driving."""
+
+from sada_gym.envs.catalogue import (
+    AgentCard,
+    ApplicationCard,
+    InnerTask,
+    PurityCase,
+    RegistryCase,
+    Track,
+)
+
+CARD = ApplicationCard(
+    name="SADA-Driving",
+    application="sada_gym.envs.driving.application:DrivingApplication",
+    tracks=(
+        Track("Straight", {"task": "straight"}),
+        Track("OneCurve", {"task": "one_curve"}),
+        Track("Navigation", {"task": "navigation"}),
+    ),
+    same_as="Navigation",
+    agents=(
+        AgentCard(
+            "cil",
+            "driving/agent/cil.safetensors",
+            "42cc4cf97217ce4ba45a4315cedf835677ed0f97d7653f5d901a60872ee40372",
+            "imitates an expert, at the default camera in four weathers; the default",
+        ),
+        AgentCard(
+            "cil-augmented",
+            "driving/agent/cil-augmented.safetensors",
+            "932d7d9d92d97d4e3e96acf907896cc4a96d0fbaaf6b893b986a65734ee1433c",
+            "the same, with another camera each drive and stronger changes of the light",
+        ),
+        AgentCard(
+            "ppo",
+            "driving/agent/ppo.safetensors",
+            "22e413aaaf7937a60be0d14f717f7c1f8a882cbdcf66d5bb7a1827f1432f6fa4",
+            "cil, trained on by PPO on the driving task",
+        ),
+    ),
+    agent_kind="driver",
+    agent_loader="sada_gym.envs.driving.agent.weights:load",
+    tasks=(
+        InnerTask(
+            "SADA-DrivingTask-v0",
+            "sada_gym.envs.driving.task:DrivingTaskEnv",
+            "sada_gym.envs.driving.task:DrivingTaskVectorEnv",
+        ),
+    ),
+    packages=("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
+    case=RegistryCase(
+        slow=True,
+        quick_agent="sada_gym.envs.driving.agent.swerving:Swerving",
+        shipped_on="Straight",
+        # tiles of 16 cars, and one evaluation is five: 1, 2 and 3 fill tiles in as many ways
+        purity_elsewhere=PurityCase(2),
+        brief={"Straight": 5, "OneCurve": 5, "Navigation": 5},
+        telling={"Straight": 1, "OneCurve": 1},
+    ),
+)

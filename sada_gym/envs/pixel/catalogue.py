@@ -1,0 +1,16 @@
+"""The card of the pixel attack."""
+
+from dataclasses import replace
+
+from sada_gym.envs.catalogue import ApplicationCard, PurityCase, RegistryCase
+from sada_gym.envs.digits.catalogue import CNN, LOADER
+
+CARD = ApplicationCard(
+    name="SADA-Pixel",
+    application="sada_gym.envs.pixel.application:PixelApplication",
+    agents=(replace(CNN, summary="the same classifier as of SADA-Digits; the default"),),
+    agent_kind="classifier",
+    agent_loader=LOADER,
+    packages=("scikit-learn", "torch"),
+    case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
+)

@@ -1,0 +1,50 @@
+"""The card of UAV racing."""
+
+from sada_gym.envs.catalogue import (
+    AgentCard,
+    ApplicationCard,
+    InnerTask,
+    PurityCase,
+    RegistryCase,
+    Track,
+)
+
+CARD = ApplicationCard(
+    name="SADA-UAV",
+    application="sada_gym.envs.uav.application:UAVApplication",
+    tracks=tuple(Track(f"{anchors}Anchors", {"anchors": anchors}) for anchors in (3, 4, 5)),
+    same_as="3Anchors",
+    agents=(
+        AgentCard(
+            "waypoint-pid",
+            "uav/agent/waypoint-pid.safetensors",
+            "c26fa779414358f7d365e858cde0633fc1df652e4b02c98b33df3c214379c9e6",
+            "sees where the next gate is and flies there; trained on mild tracks; the default",
+        ),
+        AgentCard(
+            "ppo",
+            "uav/agent/ppo.safetensors",
+            "0f2b7f94aaa13fdcd7b1cd2bb2f55552dfc5c1990663a8c801126c8c4bdcd66f",
+            "gets the places of the next two gates and no image; learnt to fly by PPO",
+        ),
+    ),
+    agent_kind="pilot",
+    agent_loader="sada_gym.envs.uav.agent.weights:load",
+    tasks=(
+        InnerTask(
+            "SADA-RacingTask-v0",
+            "sada_gym.envs.uav.task:RacingTaskEnv",
+            "sada_gym.envs.uav.task:RacingTaskVectorEnv",
+        ),
+    ),
+    packages=("torch", "stable-baselines3", "pybullet", "numba"),
+    case=RegistryCase(
+        slow=True,
+        quick_agent="sada_gym.envs.uav.agent.speechless:Speechless",
+        shipped_on="4Anchors",
+        # tiles of 8 drones; test_racing_pilot.py flies more than one tile
+        purity_elsewhere=PurityCase(2),
+        brief={"3Anchors": 8, "4Anchors": 1, "5Anchors": 15},
+        telling={"4Anchors": 2, "5Anchors": 3},
+    ),
+)

@@ -1,0 +1,83 @@
+"""What environments check of a reset: its seeds and its options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from sada_gym.application import validate_seeds
+from sada_gym.arrays import as_array
+from sada_gym.errors import UserError, UserTypeError
+
+RESET_MASK = "reset_mask"
+
+
+def checked_seed(seed: int | None) -> int | None:
+    """Give the seed of a reset back as a Python int.
+
+    Raises:
+        ValueError: If it is no int from 0 up.
+    """
+    return None if seed is None else validate_seeds([seed], 1, bounded=False)[0]
+
+
+def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
+
+    Raises:
+        ValueError: If there is not one for each, or one is no int from 0 up.
+    """
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or _is_scalar(seed):
+        (first,) = validate_seeds([cast("int", seed)], 1, bounded=False)
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise UserError(
+            f"Expected {count} seeds, one for each environment, got {len(seed)}. "
+            "Pass an int to have them counted up from it."
+        )
+    return [checked_seed(one) for one in seed]
+
+
+def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:
+    """Check the options of a reset.
+
+    Gymnasium lets an environment ignore what it does not know. A misspelt mask or a seed among the
+    options would then change nothing without a word.
+
+    Raises:
+        ValueError: If one is not among the known ones.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise UserTypeError(f"Expected the options of a reset in a dictionary, got {options!r}.")
+    for name in options or {}:
+        if name not in known:
+            takes = f"reset options among {list(known)}" if known else "no reset options"
+            hint = " Pass the seed as reset(seed=...)." if name == "seed" else ""
+            raise UserError(f"Expected {takes}, got {name!r}.{hint}")
+
+
+def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
+    """Which of `count` environments are to be reset: those in `options["reset_mask"]`, or all.
+
+    Raises:
+        ValueError: If the mask is no array of bool, (count,), or there are other options.
+    """
+    check_reset_options(options, (RESET_MASK,))
+    mask = (options or {}).get(RESET_MASK)
+    if mask is None:
+        return range(count)
+    mask = as_array(mask, RESET_MASK)
+    if mask.shape != (count,) or mask.dtype != np.bool_:
+        raise UserError(
+            f"Expected reset_mask of shape ({count},) and dtype bool, "
+            f"got {mask.shape} and {mask.dtype}."
+        )
+    return [int(i) for i in np.flatnonzero(mask)]
+
+
+def _is_scalar(given: Any) -> bool:
+    return isinstance(given, np.ndarray) and given.ndim == 0

@@ -1,0 +1,254 @@
+"""What the training scripts share: recipes, options, PPO's set-up, its report, the model card."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import gymnasium as gym
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import LinearSchedule, safe_mean
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from sada_gym.determinism import generators_kept
+from sada_gym.sb3 import SB3VecEnv
+
+CourseT = TypeVar("CourseT")
+"""What episodes are drawn from: an application's `Course`."""
+
+
+@dataclass(frozen=True)
+class Imitation(Generic[CourseT]):
+    """Settings of an imitation by DAgger (Ross, Gordon, Bagnell 2011).
+
+    Attributes:
+        course: What episodes are drawn from.
+        lockstep: Episodes at a time.
+        rounds: Of episodes and fitting; the expert acts in the first.
+        steps: Gathered in a round.
+        epochs: Of fitting after a round.
+        last_epochs: Of fitting after the last round.
+        batch: Rows of a gradient step.
+        rate: Highest learning rate of each fitting's one-cycle schedule (Adam).
+        light_jitter: How much each training image's brightness and tint are changed.
+    """
+
+    course: CourseT
+    lockstep: int
+    rounds: int
+    steps: int
+    epochs: int
+    last_epochs: int
+    batch: int
+    rate: float
+    light_jitter: float
+
+
+@dataclass(frozen=True)
+class Reinforcement(Generic[CourseT]):
+    """Settings of a training by PPO (Schulman et al. 2017).
+
+    Attributes:
+        course: What episodes are drawn from.
+        lockstep: Episodes at a time.
+        steps: In all.
+        rollout: Steps of each episode between two updates.
+        batch: Rows of a gradient step.
+        epochs: Passes over a rollout.
+        rate: Of learning at the beginning; it falls to nothing.
+        discount: Of a reward one step later.
+        initial_agent: The shipped agent whose weights it starts from; None: from scratch.
+        value_steps: Steps at first in which the value alone is learnt and the policy is kept: an
+            imitator knows no values, and steps by wrong ones would spoil it.
+    """
+
+    course: CourseT
+    lockstep: int
+    steps: int
+    rollout: int
+    batch: int
+    epochs: int
+    rate: float
+    discount: float
+    initial_agent: str | None = None
+    value_steps: int = 0
+
+
+Recipe = Imitation[CourseT] | Reinforcement[CourseT]
+
+
+@dataclass(frozen=True)
+class Options(Generic[CourseT]):
+    """What a training script was asked for.
+
+    Attributes:
+        name: Of the recipe.
+        recipe: How to train, with as many steps as were asked for.
+        seed: Fixes the training.
+        out: Folder for weights and card.
+        trial: Whether other steps than the recipe's were asked for.
+    """
+
+    name: str
+    recipe: Imitation[CourseT] | Reinforcement[CourseT]
+    seed: int
+    out: Path
+    trial: bool
+
+    @property
+    def weights(self) -> Path:
+        """The file of weights to write."""
+        return self.out / f"{self.name}.safetensors"
+
+
+def parse_options(
+    description: str | None, recipes: Mapping[str, Recipe[CourseT]], unit: str
+) -> Options[CourseT]:
+    """Read a training script's options; end the script with a sentence if they cannot be used.
+
+    Args:
+        description: The script's.
+        recipes: By name.
+        unit: What takes one step at a time, such as `cars`.
+    """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("name", choices=list(recipes))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=int, help="fewer, to try the script out")
+    parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
+    given = parser.parse_args()
+    recipe, steps = recipes[given.name], given.steps
+    if not 0 <= given.seed < 2**31:
+        parser.error(f"Expected --seed from 0 to {2**31 - 1}, got {given.seed}.")
+    if steps is not None and steps < recipe.lockstep:
+        parser.error(
+            f"Expected --steps of at least {recipe.lockstep}, one for each of the recipe's {unit}, "
+            f"got {steps}."
+        )
+    if steps is not None:
+        recipe = replace(recipe, steps=steps)
+    return Options(given.name, recipe, given.seed, given.out, steps is not None)
+
+
+def new_learner(
+    new_model: Callable[..., PPO],
+    tasks: gym.vector.VectorEnv[Any, Any, Any],
+    settings: Reinforcement[Any],
+    *,
+    seed: int,
+) -> PPO:
+    """Make an untrained PPO with a recipe's settings.
+
+    Args:
+        new_model: Takes a seed, an environment and PPO's options.
+        tasks: Inner tasks in lockstep.
+        settings: The recipe.
+        seed: Fixes weights and tasks.
+    """
+    env = VecNormalize(VecMonitor(SB3VecEnv(tasks)), norm_obs=False, gamma=settings.discount)
+    env.seed(seed)
+    return new_model(
+        seed,
+        env,
+        n_steps=settings.rollout,
+        batch_size=settings.batch,
+        n_epochs=settings.epochs,
+        learning_rate=LinearSchedule(settings.rate, 0.0, 1.0),
+        gamma=settings.discount,
+        ent_coef=0.0,
+        target_kl=0.03,
+    )
+
+
+def learn(model: PPO, settings: Reinforcement[Any], *, seed: int, report: Report) -> PPO:
+    """Train a PPO on its environment, which is closed afterwards."""
+    with generators_kept():  # SB3 learns with the global ones
+        model.set_random_seed(seed)
+        model.learn(settings.steps, callback=report)
+    env = model.get_env()
+    assert env is not None
+    env.close()
+    return model
+
+
+class Report(BaseCallback):
+    """Prints after each rollout how the last episodes went.
+
+    Args:
+        success: A word for those that succeeded.
+    """
+
+    def __init__(self, success: str) -> None:
+        super().__init__()
+        self._success = success
+        self._started = time.process_time()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        episodes: list[dict[str, Any]] = list(self.model.ep_info_buffer or [])
+        print(
+            f"{self.num_timesteps:,} steps: reward {safe_mean([e['r'] for e in episodes]):.1f}, "
+            f"{self._success} {safe_mean(list(self.model.ep_success_buffer or [])):.2f}, "
+            f"{time.process_time() - self._started:.0f} s",
+            flush=True,
+        )
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """How an agent was trained, and what it scores.
+
+    Attributes:
+        name: The agent's.
+        description: What it is and what it learnt from: Markdown.
+        command: Trains it anew.
+        training: How long that took, and on what.
+        recipe: A dataclass; a course in it is written setting by setting.
+        measured: By which command and on what it was measured.
+        figures: A Markdown table.
+    """
+
+    name: str
+    description: str
+    command: str
+    training: str
+    recipe: Any
+    measured: str
+    figures: str
+
+    def write(self, path: Path, weights: Path) -> None:
+        """Write the card, with the SHA-256 of the file of weights."""
+        digest = hashlib.sha256(weights.read_bytes()).hexdigest()
+        course = getattr(self.recipe, "course", None)
+        settings = asdict(self.recipe)
+        if is_dataclass(course):
+            del settings["course"]
+            settings |= asdict(course)  # type: ignore[arg-type]
+        rows = "\n".join(f"| {key} | {value} |" for key, value in settings.items())
+        path.write_text(
+            f"""# {self.name}
+
+{self.description}
+
+- Command: `{self.command}`
+- Training: {self.training}; the last weights, none chosen.
+- File: `{weights.name}`, SHA-256 `{digest}`
+
+| setting | value |
+| --- | --- |
+{rows}
+
+{self.measured}
+
+{self.figures}
+""",
+            encoding="utf-8",
+        )

@@ -1,0 +1,134 @@
+"""Measure a driver: arrivals as trained for, and how often uniform mu fools it.
+
+`python -m studies.training.driving.evaluate cil` measures a shipped driver anew; one
+of your own is named by its safetensors file.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym import agents
+from sada_gym.agents.wrappers import Predictor
+from sada_gym.envs.driving.application import DrivingApplication
+from sada_gym.envs.driving.camera.pinhole import Mount, camera
+from sada_gym.envs.driving.episodes import Drives, Ending, Start
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, TASKS
+from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
+from sada_gym.measures.rates import wilson_interval
+
+
+@dataclass(frozen=True)
+class TaskFigures:
+    """What was measured on one task.
+
+    Attributes:
+        runs: Drives at the default camera in the training weathers.
+        arrived: How many of them arrived.
+        unseen_arrived: How many did in the two weathers that training never saw.
+        unseen_runs: Of so many.
+        samples: Uniform mu.
+        fooled: How many of them fooled the driver.
+        mean_score: Their mean Q.
+    """
+
+    runs: int
+    arrived: int
+    unseen_runs: int
+    unseen_arrived: int
+    samples: int
+    fooled: int
+    mean_score: float
+
+
+def measure(
+    driver: Predictor, *, seed: int, starts: int = 10, samples: int = 500
+) -> dict[str, TaskFigures]:
+    """Measure a driver on every task.
+
+    Args:
+        driver: The model.
+        seed: Fixes starts, mu and rain.
+        starts: Of each route in each weather: the task's own, and others up to 0.3 m and 3 degrees
+            beside it.
+        samples: Uniform mu.
+    """
+    figures = {}
+    for task in TASKS:
+        application = DrivingApplication(task, agent=driver)
+        rng = np.random.default_rng(seed)
+        known = _arrivals(application, range(TRAINING_WEATHERS), starts, rng)
+        unseen = _arrivals(application, range(TRAINING_WEATHERS, len(NAMES)), starts, rng)
+        mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
+        outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
+        figures[task] = TaskFigures(
+            runs=known.size,
+            arrived=int(known.sum()),
+            unseen_runs=unseen.size,
+            unseen_arrived=int(unseen.sum()),
+            samples=samples,
+            fooled=int(outcomes.fooled.sum()),
+            mean_score=float(outcomes.score.mean()),
+        )
+    return figures
+
+
+def table(figures: dict[str, TaskFigures]) -> str:
+    """Write the figures as a Markdown table."""
+    lines = [
+        "| task | arrived, training weathers | arrived, unseen weathers | mean Q, uniform mu "
+        "| fooled by uniform mu (95 % interval) |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for task, f in figures.items():
+        low, high = wilson_interval(f.fooled, f.samples)
+        lines.append(
+            f"| {task} | {f.arrived} of {f.runs} | {f.unseen_arrived} of {f.unseen_runs} "
+            f"| {f.mean_score:.2f} | {100 * f.fooled / f.samples:.1f} % "
+            f"({100 * low:.1f} to {100 * high:.1f}) |"
+        )
+    return "\n".join(lines)
+
+
+def _arrivals(
+    application: DrivingApplication, weathers: range, starts: int, rng: np.random.Generator
+) -> npt.NDArray[np.bool_]:
+    drives = []
+    for route in application.routes:
+        for weather in weathers:
+            for number in range(starts):
+                beside = rng.uniform(-1, 1, 2) * (number > 0)
+                drives.append(
+                    Start(
+                        route,
+                        Mount(),
+                        weather,
+                        int(rng.integers(2**31)),
+                        lateral_m=0.3 * float(beside[0]),
+                        turned_rad=float(np.deg2rad(3 * beside[1])),
+                    )
+                )
+    together = Drives(camera(LAYOUT), drives)
+    application.drive(together)
+    arrived: npt.NDArray[np.bool_] = together.ending == Ending.ARRIVED
+    return arrived
+
+
+def main() -> None:
+    """Print the table of a driver."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "driver",
+        help=f"{', '.join(agents.names('SADA-Driving'))}, or a safetensors file",
+    )
+    parser.add_argument("--seed", type=int, default=1_000)
+    arguments = parser.parse_args()
+    print(table(measure(agents.load(arguments.driver, "SADA-Driving"), seed=arguments.seed)))
+
+
+if __name__ == "__main__":
+    main()

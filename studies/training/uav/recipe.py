@@ -1,0 +1,35 @@
+"""How the shipped pilots are trained."""
+
+from __future__ import annotations
+
+from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from studies.training.common import Imitation, Recipe, Reinforcement
+
+MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
+"""Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
+
+
+RECIPES: dict[str, Recipe[Course]] = {
+    "waypoint-pid": Imitation(
+        course=MILD,
+        lockstep=48,
+        rounds=6,
+        steps=9_600,
+        epochs=2,
+        last_epochs=8,
+        batch=128,
+        rate=1.5e-3,
+        light_jitter=0.15,
+    ),
+    "ppo": Reinforcement(
+        course=MILD,
+        lockstep=32,
+        steps=800_000,
+        rollout=128,
+        batch=512,
+        epochs=8,
+        rate=5e-4,
+        discount=0.97,
+    ),
+}

@@ -1,0 +1,79 @@
+"""Train a pilot: `python -m studies.training.uav.train waypoint-pid --seed 0 --out DIR`.
+
+The last weights are kept (nothing is chosen by a score), measured, and written with a model card to
+--out. The shipped pilots' names and SHA-256 stand in `sada_gym/agents/__init__.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from stable_baselines3 import PPO
+
+from sada_gym.determinism import one_thread
+from sada_gym.envs.uav.agent.network import WaypointNetwork
+from sada_gym.envs.uav.agent.weights import save
+from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, parse_options
+from studies.training.uav.evaluate import measure, table
+from studies.training.uav.imitation import imitate
+from studies.training.uav.recipe import MILD, RECIPES
+from studies.training.uav.reinforcement import reinforce
+
+_DESCRIPTIONS = {
+    Imitation: f"""A perception network (`sada_gym/envs/uav/agent/network.py`) that says from the
+drone's camera, attitude, velocity and turning where the next gate is and in which direction it is
+passed. The guidance flies there at {SPEED_M_S:g} m/s. It learnt by DAgger from the true places of
+the gates, on mild tracks alone: mu of at most {MILD.spread:g}. It has never seen a photograph.""",
+    Reinforcement: f"""A small network that gets the places of the next two gates, in the drone's
+own frame: it has no camera. It learnt to fly by PPO on `SADA-RacingTask-v0`, from scratch, on mild
+tracks alone: mu of at most {MILD.spread:g}.""",
+}
+
+
+def train(recipe: Recipe[Course], *, seed: int) -> WaypointNetwork | PPO:
+    """Train a pilot by its recipe, in one thread: more would give other last bits."""
+    with one_thread():
+        if isinstance(recipe, Imitation):
+            return imitate(recipe, seed=seed)
+        return reinforce(recipe, seed=seed)
+
+
+def write_card(
+    weights: Path, recipe: Recipe[Course], seed: int, minutes: float, figures: str
+) -> None:
+    """Write a model card: how the pilot was trained, its file's SHA-256, what it scores."""
+    name = weights.stem
+    trial = "" if recipe == RECIPES[name] else f" --steps {recipe.steps}"
+    script = f"python -m studies.training.uav.train {name}"
+    ModelCard(
+        name=name,
+        description=_DESCRIPTIONS[type(recipe)],
+        command=f"{script} --seed {seed}{trial} --out DIR",
+        training=f"{minutes:.1f} minutes of one core, flights included",
+        recipe=recipe,
+        measured=f"""Measured by
+`python -m studies.training.uav.evaluate FILE --seed {seed + 1_000}`:
+the undisturbed template with 32 seeds; 100 mild tracks that the training did not see; and 400
+uniform mu, fooled where Q <= 0.7, beside the privileged pilot on the same tracks.""",
+        figures=figures,
+    ).write(weights.with_suffix(".md"), weights)
+
+
+def main() -> None:
+    """Train, measure, write."""
+    options = parse_options(__doc__, RECIPES, "drones")
+    started = time.process_time()
+    pilot = train(options.recipe, seed=options.seed)
+    minutes = (time.process_time() - started) / 60
+    options.out.mkdir(parents=True, exist_ok=True)
+    save(pilot, options.weights)
+    figures = table(measure(pilot, seed=options.seed + 1_000))
+    print(figures)
+    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+
+
+if __name__ == "__main__":
+    main()

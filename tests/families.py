@@ -1,0 +1,29 @@
+"""Families of cases that run the same code: one member is tested fast, `make test-all` has all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+from sada_gym.envs.catalogue import cards
+
+SHIPPED = tuple(
+    card.id if card.case.shipped_on is None else card.track_id(card.case.shipped_on)
+    for card in cards()
+)
+"""One id of each application: its other tracks run the same code in other worlds."""
+
+
+def family(members: Iterable[Any], *fast: Any) -> list[Any]:
+    """Mark the members of a family as slow, except for those that stand for the others.
+
+    Args:
+        members: All parameters of a test.
+        fast: Those that `make test` takes as well.
+    """
+    everyone = list(members)
+    missing = [one for one in fast if one not in everyone]
+    assert not missing, f"Expected {missing} among {everyone}."
+    return [pytest.param(one, marks=() if one in fast else pytest.mark.slow) for one in everyone]
