@@ -183,11 +183,12 @@ def find_target(
     name = f"{application.name}-v{application.version}"
     track = environment if isinstance(environment, str) else name
     made_of = (application.agent_name, application.version, application.fingerprint)
+    fixed = ids_of(application.name)
     for entry in read_index(FOLDER).references:
-        if (entry.agent, entry.version, entry.fingerprint) != made_of:
+        if (entry.agent, entry.version, entry.fingerprint) != made_of or entry.track not in fixed:
             continue
-        fixed = ids_of(application.name).get(entry.track, {})
-        if any(application.settings.get(key) != value for key, value in fixed.items()):
+        keywords = fixed[entry.track].items()
+        if any(application.settings.get(key) != value for key, value in keywords):
             continue
         # making an application takes half a second, and is only needed where settings may differ
         plain = environment == entry.track and set(env_kwargs) <= {"agent"}

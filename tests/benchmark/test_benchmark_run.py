@@ -8,7 +8,6 @@ import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
 from forked import FORKSERVER
 
-from sada_gym.benchmark import plan
 from sada_gym.benchmark.folder import Timing, claim, read_runs, sole_user
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
@@ -18,6 +17,7 @@ from sada_gym.benchmark.suite import choose
 from sada_gym.errors import StoreError, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
+from sada_gym.runs import assemble
 
 WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
 
@@ -98,7 +98,7 @@ def test_other_settings_are_refused(done, references, monkeypatch):
     ):
         with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another"):
             run_benchmark(changed, done.folder, references=references)
-    monkeypatch.setattr(plan, "packages", lambda *args: {"numpy": "1.0"})
+    monkeypatch.setattr(assemble, "packages", lambda *args: {"numpy": "1.0"})
     with pytest.raises(ValueError, match=r"packages.numpy was '\S+' and is '1.0'"):
         run_benchmark(WHOLE, done.folder, references=references)
     assert contents(done.folder) == before
