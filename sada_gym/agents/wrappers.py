@@ -46,7 +46,7 @@ class Predictor(Protocol):
 
 
 class Transform(Protocol):
-    """What one wrapper does to observations."""
+    """The change that one wrapper makes to observations."""
 
     def start(self, count: int) -> None:
         """Begin new episodes of `count` agents."""
@@ -63,7 +63,7 @@ class TransposeImage:
         self._wrapper = wrapper
 
     def start(self, count: int) -> None:
-        """Nothing is kept."""
+        """Begin new episodes, of which nothing is kept."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Transpose the images among them."""
@@ -78,7 +78,7 @@ class Normalize:
         self._wrapper = wrapper
 
     def start(self, count: int) -> None:
-        """Nothing is kept."""
+        """Begin new episodes, of which nothing is kept."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Normalise them."""
@@ -113,7 +113,7 @@ class StackFrames:
 def observation_transforms(
     model: Predictor, observation_space: spaces.Dict, task: str
 ) -> list[Transform]:
-    """What must be done to a task's observations before a model gets them.
+    """Find what must be done to a task's observations before a model gets them.
 
     Args:
         model: The agent.
@@ -175,7 +175,7 @@ def _unknown_wrapper(name: str) -> UserError:
 
 
 def statistics(transforms: list[Transform]) -> bytes:
-    """The statistics that observations are normalised by, as bytes for a fingerprint."""
+    """Give the statistics that observations are normalised by, as bytes for a fingerprint."""
     parts = []
     for transform in transforms:
         if isinstance(transform, Normalize):
@@ -187,7 +187,7 @@ def statistics(transforms: list[Transform]) -> bytes:
 
 
 def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Transform]:
-    """Transforms by the model's own space; SB3 transposes images by itself where that is needed."""
+    """Find the transforms by the model's own space; SB3 transposes images by itself."""
     given = getattr(model, "observation_space", None)
     if not isinstance(given, spaces.Dict) or set(given.spaces) != set(expected.spaces):
         raise _wrong_observations(given, expected, task)
@@ -213,7 +213,7 @@ def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Trans
 
 
 def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:
-    """Whether spaces are the same; `VecNormalize` writes its own bounds into the inner space."""
+    """Check whether spaces are alike; `VecNormalize` writes its own bounds into the inner one."""
     return (
         isinstance(given, spaces.Dict)
         and set(given.spaces) == set(expected.spaces)
