@@ -1,4 +1,4 @@
-"""What a score depends on in an agent, as a hash; and agents whose weights are no numbers."""
+"""Hashes what a score depends on in an agent, and refuses weights that are not finite."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def identity(
     agent_id: str | None,
     settings: Mapping[str, Any] | None = None,
 ) -> str | None:
-    """What evaluation stores know an agent by.
+    """Give the name by which evaluation stores know an agent.
 
     Args:
-        fingerprint: Of its weights, None where they are unknown.
+        fingerprint: The hash of its weights, or None if they are unknown.
         agent: The agent.
         agent_id: The name that its owner gave it, if any.
         settings: What else a score depends on: how the agent is used. JSON-compatible.
@@ -47,7 +47,7 @@ def identity(
 
 
 def fingerprint(agent: Any) -> str | None:
-    """SHA-256 over a torch module's class, architecture and weights; None for anything else.
+    """Give a SHA-256 over a torch module's class, architecture and weights, or None.
 
     A class whose name and weights say everything gives itself a `fingerprint_name`. Its subclasses
     are hashed like any other class.
@@ -105,7 +105,7 @@ def check_agent_id(agent_id: Any) -> None:
 
 
 def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
-    """Parameters and buffers of an agent and of what it holds: name, values, if a parameter."""
+    """Give parameters and buffers of an agent and its parts: name, values, is it a parameter."""
     import torch
 
     agent = agent.__self__ if ismethod(agent) else agent
@@ -122,12 +122,12 @@ def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
 
 
 def _module(part: Any) -> Any:
-    """The policy of an SB3 model; anything else as it is."""
+    """Give the policy of an SB3 model, and anything else as it is."""
     return getattr(part, "__dict__", {}).get("policy", part)
 
 
 def _architecture(module: nn.Module) -> str:
-    """How a module is built: its layers as torch prints them, and their plain settings."""
+    """Describe a module: its layers as torch prints them, and their plain settings."""
     layers = re.sub(r" at 0x[0-9a-f]+", "", repr(module))
     settings = [
         f"{name}.{key}={value!r}"

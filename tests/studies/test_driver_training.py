@@ -103,6 +103,7 @@ def test_a_card_names_command_file_and_figures(tmp_path):
     assert f"| rounds | {RECIPES['cil'].rounds} |" in text
 
 
+@pytest.mark.slow  # test_golden_drives has scores of the shipped driver
 def test_the_shipped_driver_arrives_where_it_was_trained_for():
     """A small part of the model card's measurement; the card has ten starts a weather."""
     figures = measure(agents.load("cil", "SADA-Driving"), seed=5, starts=1, samples=1)
@@ -130,5 +131,6 @@ def test_a_driver_is_measured_by_name_or_file(tmp_path, monkeypatch, capsys):
     assert [seed for _, seed in seen] == [4, 4]
     assert "| task |" in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["evaluate", "moon"])
-    with pytest.raises(ValueError, match="an agent's name among cil"):
+    with pytest.raises(SystemExit, match="2"):
         evaluate.main()
+    assert "an agent's name among cil" in capsys.readouterr().err

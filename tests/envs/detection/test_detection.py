@@ -92,6 +92,7 @@ def test_the_number_of_threads_does_not_matter():
         torch.set_num_threads(threads)
 
 
+@pytest.mark.slow  # test_registry.py compares with one other process
 def test_one_and_two_workers_agree():
     scores = []
     for workers in (1, 2):
