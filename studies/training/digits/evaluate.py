@@ -14,7 +14,7 @@ import numpy as np
 
 from sada_gym.envs.digits.agent.network import CLASSES, DigitNetwork
 from sada_gym.envs.digits.application import DigitsApplication
-from sada_gym.envs.digits.classifier import Classifier
+from sada_gym.envs.digits.classifier import ClassifierAgent
 from sada_gym.envs.digits.images import LabelledImages, test_images
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 
@@ -43,7 +43,7 @@ class Figures:
 
 def accuracy(network: DigitNetwork, data: LabelledImages) -> tuple[int, int]:
     """Count the images that a classifier gets right; give that count and how many there are."""
-    found = Classifier(network).probabilities(data.images)
+    found = ClassifierAgent(network).act(data.images)
     return int((found.argmax(axis=1) == data.labels).sum()), len(data)
 
 

@@ -16,7 +16,7 @@ from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import Drives, Ending, Start
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, TASKS
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, ROUTES
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 
@@ -57,7 +57,7 @@ def measure(
         samples: Uniform mu.
     """
     figures = {}
-    for task in TASKS:
+    for task in ROUTES:
         application = DrivingApplication(task, agent=driver)
         rng = np.random.default_rng(seed)
         known = _arrivals(application, range(TRAINING_WEATHERS), starts, rng)
@@ -109,7 +109,7 @@ def _arrivals(
                     )
                 )
     together = Drives(camera(LAYOUT), drives)
-    application.drive(together)
+    application.play(together)
     arrived: npt.NDArray[np.bool_] = together.ending == Ending.ARRIVED
     return arrived
 
