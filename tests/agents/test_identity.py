@@ -173,8 +173,15 @@ def test_infinity_in_a_mask_is_no_weight():
         agents.refuse_nonfinite(layer)
 
 
-@pytest.mark.parametrize("name", ["photographer", "cil", "waypoint-pid"])
-def test_a_file_whose_weights_are_no_numbers_is_refused(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "application"),
+    [
+        ("photographer", "SADA-Detection"),
+        ("cil", "SADA-Driving"),
+        ("waypoint-pid", "SADA-UAV"),
+    ],
+)
+def test_a_file_whose_weights_are_no_numbers_is_refused(name, application, tmp_path):
     card, path = agents.card(name), tmp_path / "mine.safetensors"
     weights = load_file(card.path)
     key = next(key for key, value in weights.items() if value.is_floating_point())
@@ -186,4 +193,4 @@ def test_a_file_whose_weights_are_no_numbers_is_refused(name, tmp_path):
     with pytest.raises(
         ValueError, match=r"all of them finite, got NaN or infinity in .* Write such"
     ):
-        agents.load(path, card.application)
+        agents.load(path, application)
