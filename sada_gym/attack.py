@@ -26,14 +26,14 @@ from sada_gym.runs.record import (
 )
 from sada_gym.runs.run import (
     OnProgress,
-    Progress,
     Run,
     RunContext,
+    RunProgress,
     Stage,
     ignore_progress,
 )
 
-__all__ = ["AttackResult", "Progress", "Stage", "attack"]
+__all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,8 @@ def _run(run: Run, folder: Path) -> AttackResult:
 
 
 def _draw(result: AttackResult, application: Application, on_progress: OnProgress) -> AttackResult:
-    from sada_gym.plots.attack import draw_pictures
+    from sada_gym.plots.attack import draw_attack
 
-    on_progress(Progress("pictures"))
-    drawn = draw_pictures(application, result.samples, result.queries, result.folder)
+    on_progress(RunProgress("pictures"))
+    drawn = draw_attack(application, result.samples, result.queries, result.folder)
     return replace(result, pictures=drawn)

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def identity(
-    fingerprint: str | None, agent: Any, agent_id: str | None, use: Mapping[str, Any] | None = None
+    fingerprint: str | None,
+    agent: Any,
+    agent_id: str | None,
+    settings: Mapping[str, Any] | None = None,
 ) -> str | None:
     """Give the name by which evaluation stores know an agent.
 
@@ -24,12 +27,12 @@ def identity(
         fingerprint: The hash of its weights, or None if they are unknown.
         agent: The agent.
         agent_id: The name that its owner gave it, if any.
-        use: How the application uses the agent, as far as scores depend on it; JSON-compatible.
+        settings: What else a score depends on: how the agent is used. JSON-compatible.
 
     Returns:
         The fingerprint, where the agent has no name. Otherwise a SHA-256 over the name, the kind of
-        agent, its fingerprint and its use: a name alone would let another agent's scores pass for
-        this one's.
+        agent, its fingerprint and its settings: a name alone would let another agent's scores pass
+        for this one's.
     """
     if not agent_id:
         return fingerprint
@@ -38,7 +41,7 @@ def identity(
         "agent_id": agent_id,
         "kind": kind.__qualname__,
         "fingerprint": fingerprint,
-        "use": dict(use or {}),
+        "settings": dict(settings or {}),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

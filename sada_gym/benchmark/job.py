@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from sada_gym import adversaries
 from sada_gym.application import Application
 from sada_gym.benchmark.folder import Timing, store_file
-from sada_gym.benchmark.progress import Abandoned, ProgressFile, sees
+from sada_gym.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations
@@ -91,7 +91,7 @@ def do_run(job: RunJob) -> RunDone:
         WorkerError: If a process that evaluates died.
         Abandoned: If the benchmark that wanted the run has ended.
     """
-    visible = sees(job.out, job.token)
+    visible = can_read(job.out, job.token)
     on_progress = ProgressFile(job.out, job.token, job.settings) if visible else ignore_progress
     evaluator = _evaluator(job)
     try:

@@ -21,7 +21,7 @@ from typing import Protocol
 from sada_gym.benchmark.folder import Timing, store_file
 from sada_gym.benchmark.plan import Plan
 from sada_gym.runs.record import RunKey, RunSettings
-from sada_gym.runs.run import Progress
+from sada_gym.runs.run import RunProgress
 
 _FOLDER = ".progress"
 _TOKEN = "token"
@@ -34,7 +34,7 @@ class BenchmarkCallback(Protocol):
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
         """Is called with the plan and with those runs that are yet to be made."""
 
-    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+    def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Is called with a run's progress, if its worker can read the benchmark's folder."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
@@ -50,7 +50,7 @@ class Silent:
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
         """Do nothing."""
 
-    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+    def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Do nothing."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
@@ -65,7 +65,7 @@ class Abandoned(RuntimeError):  # noqa: N818 - reads as what happened
 
 
 @contextmanager
-def announced(out: Path) -> Iterator[str]:
+def progress_folder(out: Path) -> Iterator[str]:
     """Make the folder of progress for as long as the benchmark works, and give its token."""
     folder = out / _FOLDER
     shutil.rmtree(folder, ignore_errors=True)
@@ -78,7 +78,7 @@ def announced(out: Path) -> Iterator[str]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def sees(out: Path, token: str) -> bool:
+def can_read(out: Path, token: str) -> bool:
     """Say whether this process sees the folder of the benchmark that made the token."""
     try:
         return (out / _FOLDER / _TOKEN).read_text() == token
@@ -100,7 +100,7 @@ class ProgressFile:
         self._stages: set[str] = set()
         self._written = 0.0
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: RunProgress) -> None:
         """Write the progress, if half a second has passed.
 
         Raises:
@@ -108,7 +108,7 @@ class ProgressFile:
         """
         if progress.stage in self._stages and time.monotonic() - self._written < _EVERY_S:
             return
-        if not sees(self._out, self._token):
+        if not can_read(self._out, self._token):
             raise Abandoned(f"The benchmark that wanted {self._run} has ended.")
         path = _file(self._out, self._run)
         _write(path, json.dumps({"run": str(self._run), **asdict(progress)}))
@@ -116,13 +116,13 @@ class ProgressFile:
         self._written = time.monotonic()
 
 
-def read_progress(out: Path, run: RunKey) -> Progress | None:
+def read_progress(out: Path, run: RunKey) -> RunProgress | None:
     """Read the progress that a run's worker wrote last; None where it wrote none yet."""
     try:
         content = json.loads(_file(out, run).read_text())
     except (OSError, ValueError):
         return None
-    return Progress(**content) if content.pop("run") == str(run) else None
+    return RunProgress(**content) if content.pop("run") == str(run) else None
 
 
 def _file(out: Path, run: RunKey) -> Path:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ConfigDict, Field
 
 from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
@@ -179,16 +178,14 @@ class Results(Strict):
         settings: What all runs have in common.
         targets: The agents that were attacked.
         rows: The figures over all tracks, then those of each.
-        runs: The runs; `cells` in the file.
+        runs: The runs.
     """
-
-    model_config = ConfigDict(populate_by_name=True)
 
     format: int
     settings: BenchmarkSettings
     targets: tuple[Target, ...]
     rows: tuple[Row, ...]
-    runs: tuple[RunSummary, ...] = Field(validation_alias="cells", serialization_alias="cells")
+    runs: tuple[RunSummary, ...]
 
     def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
         """List the rows of one table and agent, over all tracks or on one."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from sada_gym.benchmark.folder import claim, find_missing, sole_user
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback, Silent
-from sada_gym.benchmark.report.pictures import draw_pictures
+from sada_gym.benchmark.report.pictures import draw_benchmark
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, write_results
 from sada_gym.benchmark.schedule import do_runs
@@ -100,5 +100,5 @@ def report_benchmark(
     folder = Path(out)
     results = write_results(folder)
     write_tables(folder, results, notes)
-    draw_pictures(folder, results, Path(references))
+    draw_benchmark(folder, results, Path(references))
     return BenchmarkResult(results, folder, tuple(notes))

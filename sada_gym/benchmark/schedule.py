@@ -15,12 +15,12 @@ from typing import Protocol
 from sada_gym.benchmark.folder import store_file, write_run
 from sada_gym.benchmark.job import RunDone, RunError, RunJob, do_run
 from sada_gym.benchmark.plan import Group, Plan
-from sada_gym.benchmark.progress import BenchmarkCallback, announced, read_progress, sees
+from sada_gym.benchmark.progress import BenchmarkCallback, can_read, progress_folder, read_progress
 from sada_gym.errors import UserError, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import WorkerPool
 from sada_gym.runs.record import RunSettings
-from sada_gym.runs.run import Progress
+from sada_gym.runs.run import RunProgress
 
 _POLL_EVERY_S = 0.25
 _DEATHS = 3
@@ -98,7 +98,7 @@ class _AnyExecutor:
 
     def visible(self, out: Path, token: str) -> bool:
         try:
-            return self._executor.submit(sees, out, token).result()
+            return self._executor.submit(can_read, out, token).result()
         except Exception as error:
             raise _gave_up("a first job", error) from error
 
@@ -164,7 +164,7 @@ def do_runs(
     places, each = min(workers, len(groups)), max(1, workers // len(groups))
     jobs: _Workers = _OwnProcesses(places, each) if executor is None else _AnyExecutor(executor)
     try:
-        with announced(out) as token:
+        with progress_folder(out) as token:
             _Schedule(groups, jobs, out, token, callback).do(places)
     finally:
         jobs.close()
@@ -186,7 +186,7 @@ class _Schedule:
         self._visible = jobs.visible(out, token)
         self._active: dict[Future[RunDone], _Chain] = {}
         self._deaths = Counter[str]()
-        self._last: dict[str, Progress] = {}
+        self._last: dict[str, RunProgress] = {}
 
     def do(self, places: int) -> None:
         """Keep all places busy until nothing is left."""
@@ -207,7 +207,7 @@ class _Schedule:
     def _submit(self, chain: _Chain) -> None:
         stored, path = None, store_file(self._out, chain.group)
         if not self._visible:
-            self._callback.on_progress(chain.run, Progress("train", total=chain.run.budget))
+            self._callback.on_progress(chain.run, RunProgress("train", total=chain.run.budget))
             if path.exists():
                 stored = path.read_bytes()
         job = RunJob(

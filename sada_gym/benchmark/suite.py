@@ -10,7 +10,7 @@ from pydantic import Field
 
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.paper import CLASS_COLUMNS
+from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
@@ -204,7 +204,8 @@ _OTHER_AGENTS = Table(
 _DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
     tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
 )
-_MAIN_TRACKS = tuple(CLASS_COLUMNS[name] for name in ("bicycle", "motorbike", "truck"))
+_MAIN_TRACKS = tuple(track for track in CLASS_COLUMNS.values() if track in TABLE_1_COLUMNS.values())
+"""The classes that have a column in the paper's Table 1."""
 
 SUITES: tuple[Suite, ...] = (
     Suite(

@@ -1,4 +1,4 @@
-"""How far a benchmark is: runs, rate, time left, and what each process does."""
+"""Shows the progress of a benchmark: runs, rate, time left, and what each process does."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn
-from rich.progress import Progress as RichProgress
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from typing_extensions import Self
 
 from sada_gym.benchmark.folder import Timing
@@ -20,7 +19,7 @@ from sada_gym.cli.console import say
 from sada_gym.cli.kernels import COMPILING, will_compile
 from sada_gym.cli.progress import Ticker, clock
 from sada_gym.runs.record import RunKey, RunSettings
-from sada_gym.runs.run import Progress
+from sada_gym.runs.run import RunProgress
 
 _WINDOW_S = 30.0
 
@@ -34,12 +33,12 @@ class BenchmarkProgress:
     minute.
 
     Args:
-        console: Where to.
+        console: The console to print to.
     """
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._bars = RichProgress(
+        self._bars = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
@@ -85,7 +84,7 @@ class BenchmarkProgress:
         if detail == COMPILING and not self._console.is_terminal:
             say("", COMPILING, console=self._console)
 
-    def on_progress(self, run: RunSettings, progress: Progress) -> None:
+    def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Show how far a run is."""
         with self._lock:
             task = self._task(run)
@@ -128,7 +127,7 @@ class BenchmarkProgress:
         return self._tasks[group]
 
     def _count(self, run: RunSettings, evaluated: int) -> None:
-        """Add what a run has evaluated since its last report."""
+        """Count the evaluations that a run has made since its last report."""
         before = self._evaluated.get(_group(run), 0)
         # a run that is done again, after its process died, counts from 0
         self._recent.append((time.monotonic(), max(0, evaluated - before)))
@@ -139,14 +138,14 @@ class BenchmarkProgress:
         self._bars.update(self._all, completed=self._done, detail=self._outlook())
 
     def _show_line(self) -> None:
-        """Print one line on all that is done now."""
+        """Print one line on all runs that are going on."""
         with self._lock:
             doing = "; ".join(self._doing.values()) or "starting"
             line = f"{self._done}/{self._total} runs, {self._outlook()}: {doing}"
         say("", line, console=self._console)
 
     def _outlook(self) -> str:
-        """The rate of evaluations, and the time left as the runs so far tell."""
+        """Write the rate of evaluations, and the time left by the duration of the runs so far."""
         now = time.monotonic()
         while self._recent and self._recent[0][0] < now - _WINDOW_S:
             self._recent.popleft()

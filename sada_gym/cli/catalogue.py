@@ -1,4 +1,4 @@
-"""`sada-gym envs | agents | adversaries`: what there is."""
+"""`sada-gym envs | agents | adversaries`: lists of what the package has."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def envs(
             table.add_row(known_id, ", ".join(f"{k}={v}" for k, v in keywords.items()))
         out.print(table)
         say("[dim]", "An id that fixes a keyword is a track of the leaderboard.")
-        say("[dim]", "One in detail: sada-gym envs ID")
+        say("[dim]", "To see one in detail: sada-gym envs ID")
 
 
 def _show_environment(env_id: str, pairs: list[str]) -> None:

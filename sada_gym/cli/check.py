@@ -1,4 +1,4 @@
-"""`sada-gym check`: does an application keep the contract, ours or a user's own?"""
+"""`sada-gym check`: says whether an application keeps the contract, ours or a user's own."""
 
 from __future__ import annotations
 

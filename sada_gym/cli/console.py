@@ -22,7 +22,7 @@ _debug = False
 
 
 def set_debug(on: bool) -> None:
-    """Let errors keep their tracebacks, or not."""
+    """Say whether errors keep their tracebacks."""
     global _debug
     _debug = on
 
@@ -46,9 +46,9 @@ def say(style: str, text: str = "", *, console: Console = out) -> None:
     """Print a paragraph that breaks between words only; in a pipe it is one line.
 
     Args:
-        style: What comes first, with Rich's markup.
-        text: What comes next, as it is.
-        console: Where to.
+        style: The start of the paragraph, with Rich's markup.
+        text: The rest of the paragraph, as it is.
+        console: The console to print to.
     """
     line = console.render_str(style, markup=True, highlight=False).append(text)
     # without crop and overflow a word that is longer than a line, such as a path, stays whole
@@ -60,8 +60,8 @@ def show_resume_hint(kept: str, *more: str) -> None:
     """Say after Ctrl-C what is kept, and by which command the run goes on.
 
     Args:
-        kept: A sentence.
-        more: Options that the command line lacks.
+        kept: A sentence on what was kept.
+        more: Options to add to the command line.
     """
     given = sys.argv[1:]
     command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
@@ -74,11 +74,11 @@ def refuse_stray(words: Sequence[str], example: str) -> None:
     """Refuse words that belong to no option, such as the second of `--set a=1 b=2`.
 
     Args:
-        words: What the command line holds beside its arguments and options.
-        example: A right one.
+        words: The words that are neither arguments nor options.
+        example: A command line that is right.
 
     Raises:
-        UserError: If there is any.
+        UserError: If there is such a word.
     """
     if words:
         raise UserError(

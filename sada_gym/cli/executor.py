@@ -15,11 +15,11 @@ def open_named(name: str, workers: int) -> Iterator[tuple[Executor | None, int]]
     """Open an executor by its name and close it at the end.
 
     Args:
-        name: As on the command line.
-        workers: How many workers it is to have, where it is not running already.
+        name: The executor's name on the command line.
+        workers: The number of workers to start, where it is not running already.
 
     Yields:
-        The executor, None for processes of this machine, and how many workers it has.
+        The executor, None for processes of this machine, and its number of workers.
     """
     if name == PROCESSES:
         yield None, workers

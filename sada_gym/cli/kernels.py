@@ -1,4 +1,4 @@
-"""Will this run compile kernels first? Numba does so once, and it takes about a minute."""
+"""Says whether a run compiles kernels first, which Numba does once, in about a minute."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ COMPILING = "Compiling kernels for the first run (about a minute)"
 
 
 def will_compile(package: str = "sada_gym") -> bool:
-    """Whether a loaded module of a package has kernels, and no earlier run has kept one of them."""
+    """Say whether a loaded module has kernels of which no earlier run has kept one."""
     modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
     return any(kept and not any(kept) for kept in (list(_kept(name)) for name in modules))
 
 
 def _kept(name: str) -> Iterator[bool]:
-    """For each kernel of a module that is to be kept on disk: whether it is."""
+    """Say of each kernel that can be kept on disk whether it is there."""
     if "numba" not in sys.modules:
         return
     from numba.core.dispatcher import Dispatcher

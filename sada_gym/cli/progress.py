@@ -1,4 +1,4 @@
-"""How far an attack is: bars on a terminal, and elsewhere a line every half minute."""
+"""Shows the progress of an attack: bars on a terminal, elsewhere a line every half minute."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Ticker:
     """A context manager that calls a function every half minute, for output that is no terminal.
 
     Args:
-        console: The output; on a terminal nothing is called.
-        tick: What to call; in a thread.
+        console: The output. On a terminal nothing is called.
+        tick: The function to call, in a thread.
     """
 
     def __init__(self, console: Console, tick: Callable[[], None]) -> None:
@@ -72,15 +72,15 @@ class Ticker:
 
 @dataclass
 class _Count:
-    """How far one stage is.
+    """The progress of one stage.
 
     Attributes:
-        done: Evaluations.
-        total: How many there will be; 0 where there is nothing to count.
-        known: Those of `done` that the store knew.
-        spent_s: Time spent, without the current visit.
-        first: Evaluations made by the end of the first chunk, which compiles and starts workers.
-        first_s: Time spent by then; None before.
+        done: The number of evaluations so far.
+        total: The number of evaluations at the end; 0 where there is nothing to count.
+        known: The number of evaluations so far that the store knew.
+        spent_s: The time spent, without the current visit.
+        first: The number of evaluations in the first chunk, which compiles and starts workers.
+        first_s: The time spent on the first chunk; None before its end.
     """
 
     done: int = 0
@@ -97,7 +97,7 @@ class AttackProgress:
     Each stage shows its own time: training switches between querying and learning.
 
     Args:
-        console: Where to.
+        console: The console to print to.
     """
 
     def __init__(self, console: Console) -> None:
@@ -160,14 +160,14 @@ class AttackProgress:
         return self._counts[stage].spent_s + visit
 
     def _rate(self, stage: Stage) -> float | None:
-        """Evaluations a second of the stage's own time, without the first chunk and known ones."""
+        """Count evaluations a second, without the first chunk and those that the store knew."""
         count = self._counts[stage]
         made = count.done - count.known - count.first
         took = self._spent(stage) - (count.first_s or 0.0)
         return made / took if made > 0 and took > 0 else None
 
     def _left_s(self, stage: Stage) -> float | None:
-        """The time left, learning between the queries included."""
+        """Estimate the time left, learning between the queries included."""
         count, rate = self._counts[stage], self._rate(stage)
         if rate is None or stage != self._current or count.done >= count.total:
             return None

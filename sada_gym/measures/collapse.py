@@ -1,4 +1,4 @@
-"""Whether a sample collapsed: an adversary that knows one fooling world and repeats it."""
+"""Says whether samples collapsed: the adversary knows one fooling world and repeats it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sada_gym.errors import UserError
 
 LEAST_SAMPLES = 10
-"""Fewer samples say nothing about their spread."""
+"""The least number of samples whose spread means something."""
 
 LEAST_SHARE = 0.05
 """Samples collapsed where the spread is below this share of uniform's in every dimension."""
@@ -24,7 +24,7 @@ def collapse_flag(mu: npt.ArrayLike) -> str | None:
     They do where in *every* dimension their standard deviation is below a twentieth of a uniform
     sample's, 1 / sqrt(3). So they lie in about a box of a twentieth of each side, which holds
     1/400 of a square and less than 10^-10 of a box in eight dimensions: an attack fooling rate of
-    100 % then tells of one world, not of the ways in which the agent fails.
+    100 % then shows one world, not the ways in which the agent fails.
 
     Every dimension has to be narrow, not their mean. A fooling set may be narrow where the agent
     is sensitive, and an adversary that covers it is right to be narrow there; but along what does
@@ -33,10 +33,10 @@ def collapse_flag(mu: npt.ArrayLike) -> str | None:
     average), and above what a GAN that collapsed draws (0.0002 to 0.05).
 
     A sample of a few separate points is not called collapsed: distances between them are wide.
-    `coverage` tells of that where there is a reference set.
+    `coverage` shows that where there is a reference set.
 
     Args:
-        mu: (n, d) samples in [-1, 1].
+        mu: The samples, (n, d) in [-1, 1].
 
     Raises:
         ValueError: If mu is no array of shape (n, d) of finite numbers.

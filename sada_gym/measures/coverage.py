@@ -12,10 +12,10 @@ import numpy.typing as npt
 from sada_gym.errors import UserError
 
 NEAREST = 5
-"""k, the neighbour that sets the radius around a reference point."""
+"""The number k of the neighbour that sets the radius around a reference point."""
 
 DRAWS = 20
-"""How often the reference points are drawn anew."""
+"""The number of times that the reference points are drawn anew."""
 
 Points = npt.NDArray[np.float64]
 
@@ -27,9 +27,10 @@ class DensityCoverage:
     """How samples lie among reference points.
 
     Attributes:
-        density: Mean number of reference points' neighbourhoods that a sample lies in, over k;
-            about 1 where both have one distribution, above 1 where samples crowd dense places.
-        coverage: Share of the reference points with a sample in their neighbourhood.
+        density: The mean number of reference points' neighbourhoods that a sample lies in, over k.
+            It is about 1 where both have one distribution, and above 1 where samples crowd dense
+            places.
+        coverage: The share of the reference points with a sample in their neighbourhood.
     """
 
     density: float
@@ -43,8 +44,8 @@ class FoolingCoverage:
     Attributes:
         density: See `DensityCoverage`.
         coverage: See `DensityCoverage`.
-        points: Reference points in each draw.
-        draws: Number of draws.
+        points: The number of reference points in each draw.
+        draws: The number of draws.
     """
 
     density: float
@@ -62,9 +63,9 @@ def density_and_coverage(
     point. Where more than k real points coincide it is empty: they are never covered.
 
     Args:
-        real: (n, d) reference points, n > k.
-        fake: (m, d) samples; none give zeros.
-        k: Which neighbour sets the radius.
+        real: The reference points, (n, d) with n > k.
+        fake: The samples, (m, d); no samples give zeros.
+        k: The number of the neighbour that sets the radius.
 
     Raises:
         ValueError: If the shapes do not fit, or there are too few reference points.
@@ -100,12 +101,12 @@ def fooling_coverage(
     divided by the coverage of ideal samples it is comparable again.
 
     Args:
-        samples: (M, d) test samples.
-        fooled: (M,) bool, which of them fooled the agent.
-        fooling_set: (R, d) points known to fool, R > k, uniform in the true fooling set.
-        seed: Fixes the draws.
-        draws: How many.
-        k: Which neighbour sets a point's radius.
+        samples: The test samples, (M, d).
+        fooled: Which of them fooled the agent, (M,) bool.
+        fooling_set: Points known to fool, (R, d) with R > k, uniform in the true fooling set.
+        seed: The seed of the draws.
+        draws: The number of draws.
+        k: The number of the neighbour that sets a point's radius.
 
     Raises:
         ValueError: If the shapes do not fit, there are no samples, or too few points.
@@ -135,9 +136,9 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
     among all others are all real.
 
     Args:
-        real: n, more than k.
-        fake: m.
-        k: Which neighbour sets the radius.
+        real: The number n of reference points, more than k.
+        fake: The number m of samples.
+        k: The number of the neighbour that sets the radius.
 
     Raises:
         ValueError: If there are too few reference points, or a negative number of samples.
@@ -152,9 +153,9 @@ def relative_coverage(coverage: float, ideal: float) -> float:
     """Give coverage in units of that of ideal samples: 1 is as good as the truth itself.
 
     Args:
-        coverage: The adversary's, of M samples.
-        ideal: That of M samples of the true fooling set: measured by `fooling_coverage`, or
-            `expected_coverage` where all of them fool.
+        coverage: The coverage of an adversary's M samples.
+        ideal: The coverage of M samples of the true fooling set, measured by `fooling_coverage`,
+            or `expected_coverage` where all of them fool.
 
     Raises:
         ValueError: If the ideal coverage is not within (0, 1].

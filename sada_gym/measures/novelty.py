@@ -14,7 +14,7 @@ from sada_gym.files import Strict
 from sada_gym.measures.rates import nearest_neighbours
 
 FrameFunction = Callable[[npt.NDArray[np.float32], int], Frame]
-"""Called as frame(mu, seed), mu of shape (d,)."""
+"""A function of mu, (d,), and a seed that gives a frame."""
 
 
 class Novelty(Strict):
@@ -45,10 +45,10 @@ class Neighbour:
     """A training query near a sample, drawn in the sample's world.
 
     Attributes:
-        query: Its row among the queries.
-        frame: Its image with the sample's seed.
-        mu_distance: Euclidean, in [-1, 1]^d.
-        image_distance: L2 over the whole image, pixels from -1 to 1: what the paper states.
+        query: The query's row among the queries.
+        frame: The query's image with the sample's seed.
+        mu_distance: The Euclidean distance in [-1, 1]^d.
+        image_distance: The L2 distance of the whole images, pixels from -1 to 1, as in the paper.
     """
 
     query: int
@@ -58,7 +58,7 @@ class Neighbour:
 
     @property
     def pixel_distance(self) -> float:
-        """The image distance for any image's size: root mean square over the pixels' values."""
+        """Give the root mean square over the pixels' values, which holds for any image's size."""
         return float(self.image_distance / self.frame.size**0.5)
 
 
@@ -85,8 +85,9 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
     """Measure how far samples lie from the training queries.
 
     Args:
-        samples: (m, d), m >= 1; rounded to float32, as mu is wherever it is evaluated.
-        queries: (n, d), n >= 1; rounded likewise.
+        samples: The samples, (m, d) with m >= 1. They are rounded to float32, as mu is wherever
+            it is evaluated.
+        queries: The training queries, (n, d) with n >= 1. They are rounded likewise.
 
     Raises:
         ValueError: If the shapes do not fit.
@@ -112,9 +113,10 @@ def relative_novelty(
     place that is far from all of them.
 
     Args:
-        samples: (m, d) the adversary's.
-        ideal: (l, d) uniform in the true fooling set, drawn without regard to the queries.
-        queries: (n, d) the adversary's training queries.
+        samples: The adversary's samples, (m, d).
+        ideal: Samples that are uniform in the true fooling set, (l, d), drawn without regard to
+            the queries.
+        queries: The adversary's training queries, (n, d).
 
     Raises:
         ValueError: If the shapes do not fit, or the ideal samples are themselves queries.
@@ -151,17 +153,17 @@ def image_neighbours(
     one image each, for every sample.
 
     Args:
-        application: What was attacked.
-        samples: (m, d) the samples to look at, 8 to 16 for a figure.
-        seeds: (m,) their evaluation seeds.
-        queries: (n, d) the training queries.
-        neighbours: How many of the queries nearest in mu to draw, at least 1.
-        others: How many random other queries to draw.
-        seed: Picks the random queries.
-        frame: Draws the images; by default `application.observation`.
+        application: The application that was attacked.
+        samples: The samples to compare, (m, d), 8 to 16 for a figure.
+        seeds: Their m evaluation seeds.
+        queries: The training queries, (n, d).
+        neighbours: The number of queries nearest in mu to draw, at least 1.
+        others: The number of random other queries to draw.
+        seed: The seed that picks the random queries.
+        frame: The function that draws the images; by default `application.observation`.
 
     Returns:
-        One for each sample; none where the application draws no images.
+        The neighbours of each sample; nothing where the application draws no images.
 
     Raises:
         ValueError: If the arguments do not fit together.

@@ -18,11 +18,11 @@ class FoolingRate:
     """The attack fooling rate (AFR): the share of samples with Q <= epsilon.
 
     Attributes:
-        fooled: Number of samples that fooled the agent.
-        samples: Number of samples.
-        rate: Their ratio.
-        low: Lower end of the 95 % interval.
-        high: Upper end.
+        fooled: The number of samples that fooled the agent.
+        samples: The number of samples.
+        rate: The share of samples that fooled the agent.
+        low: The lower end of its 95 % interval.
+        high: The upper end of its 95 % interval.
     """
 
     fooled: int
@@ -40,7 +40,7 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
     """Measure the AFR with its 95 % Wilson score interval.
 
     Args:
-        scores: (n,) scores Q.
+        scores: The scores Q, (n,).
         threshold: The fooling threshold epsilon.
 
     Raises:
@@ -88,7 +88,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
     The paper's mu_std; 0.577 for uniform samples, 0 where all are one point.
 
     Args:
-        mu: (n, d), n >= 1.
+        mu: The samples, (n, d) with n >= 1.
     """
     samples = np.asarray(mu, dtype=np.float64)
     if samples.ndim != 2 or not len(samples):
@@ -102,8 +102,8 @@ def nearest_neighbours(
     """Find each sample's nearest training query: near zero where an adversary memorises.
 
     Args:
-        samples: (n, d).
-        queries: (m, d), m >= 1.
+        samples: The samples, (n, d).
+        queries: The training queries, (m, d) with m >= 1.
 
     Returns:
         (n,) Euclidean distances in [-1, 1]^d, and (n,) row numbers in `queries`.

@@ -1,4 +1,4 @@
-"""Reference sets: where in the box a track's agent is truly fooled, as a dense sample tells."""
+"""Reference sets: dense samples of the box that show where a track's agent is fooled."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ _SPLIT_SEED = 0
 
 
 class ReferenceEntry(Strict):
-    """What a reference set is of: a row of the index beside the files.
+    """A row of the index of reference sets: what one of them was made of.
 
     Attributes:
         track: The environment's id.
         agent: The agent's name.
         version: The environment's version.
         fingerprint: The application's fingerprint: the agent's SHA-256.
-        points: Number of points.
-        seeds: Evaluations of each point.
-        sobol_seed: Makes the points, see `reference_mu`.
-        mu_sha256: Of the points' float32 bytes.
-        sha256: Of the file.
+        points: The number of points.
+        seeds: The number of evaluations of each point.
+        sobol_seed: The seed that makes the points, see `reference_mu`.
+        mu_sha256: The SHA-256 of the points' float32 bytes.
+        sha256: The SHA-256 of the file.
     """
 
     track: str
@@ -59,7 +59,7 @@ class ReferenceEntry(Strict):
 
     @property
     def file(self) -> str:
-        """The file's name."""
+        """Give the file's name."""
         return f"{self.track}.{self.agent}.npz"
 
 
@@ -74,10 +74,10 @@ class Reference:
     """A dense sample of the box, each point evaluated on several seeds.
 
     Attributes:
-        entry: What it is of.
-        mu: (n, d) float32, scrambled Sobol points.
-        fooled: (n,) uint8, on how many of `entry.seeds` seeds the agent was fooled.
-        mean_score: (n,) float32, mean Q.
+        entry: The set's row of the index.
+        mu: The scrambled Sobol points, (n, d) float32.
+        fooled: The number of seeds, of `entry.seeds`, on which each point fooled, (n,) uint8.
+        mean_score: The mean Q of each point, (n,) float32.
     """
 
     entry: ReferenceEntry
@@ -87,28 +87,28 @@ class Reference:
 
     @property
     def fooling_rate(self) -> npt.NDArray[np.float64]:
-        """On what share of its seeds each point fooled, (n,)."""
+        """Give the share of its seeds on which each point fooled, (n,)."""
         return self.fooled / self.entry.seeds
 
     @property
     def fooling(self) -> npt.NDArray[np.bool_]:
-        """Which points belong to the fooling set {mu: P(Q <= epsilon) >= 0.5}, (n,)."""
+        """Say which points belong to the fooling set {mu: P(Q <= epsilon) >= 0.5}, (n,)."""
         return 2 * self.fooled.astype(np.int64) >= self.entry.seeds
 
     @property
     def fooling_set(self) -> Mu:
-        """The points of the fooling set, (m, d)."""
+        """Give the points of the fooling set, (m, d)."""
         return self.mu[self.fooling]
 
     @property
     def uniform_rate(self) -> float:
-        """Share of all evaluations that fooled: the AFR of uniform samples."""
+        """Give the share of all evaluations that fooled: the AFR of uniform samples."""
         return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
 
     def halves(self) -> tuple[Mu, Mu]:
         """Split the fooling set at random, always alike: points to measure by, points to draw.
 
-        Ideal samples that were themselves among the points to be covered would cover them all.
+        Ideal samples that were among the points to be covered would cover all of them.
         """
         inside = self.fooling_set
         order = np.random.default_rng(_SPLIT_SEED).permutation(len(inside))
@@ -119,7 +119,7 @@ class Reference:
 def reference_mu(dimension: int, points: int, sobol_seed: int) -> Mu:
     """Make a reference set's points: the first of a scrambled Sobol sequence, (points, d) float32.
 
-    Not to be written to: it is shared.
+    The array is shared and read-only.
     """
     from scipy.stats.qmc import Sobol
 
@@ -131,7 +131,7 @@ def reference_mu(dimension: int, points: int, sobol_seed: int) -> Mu:
 
 
 def reference_seeds(point: int, seeds: int) -> list[int]:
-    """Give the evaluation seeds of a point: of the stream `validation`, so none is an attack's."""
+    """Give the evaluation seeds of a point, from a stream that no attack draws from."""
     return evaluation_seeds(_STREAM_SEED, "validation", point * seeds, seeds)
 
 
@@ -146,11 +146,11 @@ def write_reference(
     """Write a reference set and enter it into the folder's index.
 
     Args:
-        folder: Where the reference sets lie.
+        folder: The folder of the reference sets.
         track: The environment's id.
-        application: What was evaluated.
-        scores: (n, k) Q of each point on each of its k seeds.
-        sobol_seed: What made the points.
+        application: The application that was evaluated.
+        scores: Q of each point on each of its k seeds, (n, k).
+        sobol_seed: The seed that made the points.
 
     Raises:
         ValueError: If the application has no fingerprint, or a score is no number.
@@ -214,7 +214,7 @@ def load_reference(
     Args:
         track: The environment's id.
         application: The application under attack.
-        folder: Where the reference sets lie.
+        folder: The folder of the reference sets.
 
     Raises:
         ValueError: If the file cannot be read, is not the one that the index names, or is of

@@ -21,11 +21,11 @@ class SearchPoint(Strict):
     """A point of an anytime curve.
 
     Attributes:
-        queries: Queries spent.
-        found: Distinct mu among them that fooled; asking again for a known one finds nothing.
-        share: Share of the queries that fooled.
-        coverage: Share of the fooling set's points with a found mu in their neighbourhood, as of
-            `sada_gym.measures.coverage.density_and_coverage`; None without a fooling set.
+        queries: The number of queries spent.
+        found: The number of distinct mu among them that fooled. To ask for one again finds nothing.
+        share: The share of the queries that fooled.
+        coverage: The share of the fooling set's points that have a found mu in their neighbourhood,
+            see `sada_gym.measures.coverage.density_and_coverage`; None without a fooling set.
     """
 
     queries: int
@@ -45,18 +45,18 @@ def anytime(
 ) -> tuple[SearchPoint, ...]:
     """Follow what a search found while it spent its queries.
 
-    Coverage is of the whole fooling set, unlike that of M samples, which stand against M points:
-    thousands of found mu would cover all of so few. It depends on the set's size R, so it compares
+    Coverage counts the points of the whole fooling set. That of M samples counts only M points,
+    all of which thousands of found mu would cover. It depends on the set's size R, so it compares
     searches on one set; `expected_coverage(R, found)` is what as many mu drawn from the truth
     would reach.
 
     Args:
-        queries: (N, d) in the order of asking; rounded to float32.
-        scores: (N,) Q of each.
+        queries: The queries in the order of asking, (N, d); they are rounded to float32.
+        scores: Q of each query, (N,).
         threshold: The fooling threshold epsilon.
-        fooling_set: (R, d) points known to fool, R > k, or None where none is known.
+        fooling_set: Points known to fool, (R, d) with R > k, or None where none is known.
         checkpoints: Increasing numbers of queries, from 1 to N.
-        k: Which neighbour sets the radius of a point's neighbourhood.
+        k: The number of the neighbour that sets the radius of a point's neighbourhood.
 
     Raises:
         ValueError: If an argument is not as described.

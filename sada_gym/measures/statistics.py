@@ -1,4 +1,4 @@
-"""Many runs in one figure: mean and interquartile mean, bootstrap intervals, shared ranks."""
+"""Statistics over runs: mean and interquartile mean, bootstrap intervals, shared ranks."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Estimate:
     Attributes:
         value: The statistic.
         interval: Its bootstrap interval; None where nothing could be resampled.
-        resampled: What was drawn anew. With one seed a track it is the test samples at best: the
-            interval does not tell then how another training run would have turned out.
+        resampled: What was drawn anew. With one seed a track it is the test samples at best. The
+            interval then does not show how another training run would have turned out.
     """
 
     value: float
@@ -42,10 +42,10 @@ class Standing:
     """An adversary's place in a table.
 
     Attributes:
-        name: The adversary.
-        value: Its figure.
+        name: The adversary's name.
+        value: The adversary's figure.
         interval: The figure's interval; None where it is unknown.
-        rank: 1 is best; None for a control.
+        rank: The rank, 1 for the best; None for a control.
         shared: Whether another adversary has the same rank.
     """
 
@@ -57,7 +57,7 @@ class Standing:
 
     @property
     def label(self) -> str:
-        """The rank as tables show it: `1`, shared `1=`, of a control `-`."""
+        """Write the rank as tables show it: `1`, `1=` where it is shared, `-` for a control."""
         return "-" if self.rank is None else f"{self.rank}{'=' if self.shared else ''}"
 
 
@@ -67,7 +67,7 @@ def interquartile_mean(values: npt.ArrayLike) -> float:
     A quarter, rounded down, is cut off at either end; of three values or fewer it is the mean.
 
     Args:
-        values: Of any shape, taken together: all tracks' runs.
+        values: The figures of all tracks' runs, of any shape.
 
     Raises:
         ValueError: If there are none, or one is not finite.
@@ -104,12 +104,12 @@ def estimate(
     Beta(x + 1/2, N - x + 1/2) of x fooled among the N samples of all its seeds.
 
     Args:
-        values: (tracks, seeds), one figure for each run.
+        values: One figure for each run, (tracks, seeds).
         statistic: The mean or the interquartile mean of all runs.
         samples: M where the values are rates among M test samples, as AFR is: one number, or one
             for each track. None where they are anything else, such as coverage.
-        seed: Fixes the resampling.
-        resamples: How often to resample.
+        seed: The seed of the resampling.
+        resamples: The number of resamples.
         level: The interval's nominal coverage.
 
     Raises:
@@ -146,16 +146,17 @@ def shared_ranks(
 
     An adversary's rank is 1 + the number of adversaries whose interval lies entirely above its
     own, but never better than that of an adversary with a higher value: a wide interval
-    wins no rank. Overlapping does not pass on: with A over B over C, where only A and C are apart,
-    A and B share rank 1 and C has rank 2.
+    wins no rank. Shared ranks are not transitive: with A over B over C, where only the intervals
+    of A and C are apart, A and B share rank 1 and C has rank 2.
 
     Args:
         values: A figure for each adversary; higher is better.
-        intervals: Their intervals, (low, high); None where one is unknown, which overlaps with all.
+        intervals: The intervals (low, high) of the figures. An unknown one is None and overlaps
+            with all others.
         controls: Names that stand in the table without a rank and count for nobody's.
 
     Returns:
-        All of them, highest value first.
+        The standings of all adversaries, the highest value first.
 
     Raises:
         ValueError: If the names differ, a value is not finite or an interval is upside down.

@@ -1,4 +1,4 @@
-"""Pictures of an attack: what the adversary chose, how the agent scored, what that looks like."""
+"""Pictures of an attack: the adversary's choices, the agent's scores, and fooled frames."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ _BINS = 20
 _COLUMNS = 6
 
 
-def draw_pictures(
+def draw_attack(
     application: Application, samples: Evaluations, queries: Evaluations, folder: Path
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder.
 
     Args:
-        application: What was attacked.
+        application: The application that was attacked.
         samples: The adversary's test samples.
         queries: The training queries (Omega).
-        folder: Where the PNG files go.
+        folder: The folder for the PNG files.
 
     Returns:
         The files written. The contact sheet is left out where the application draws no frames or
@@ -75,8 +75,8 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
     """Draw how the samples spread over each parameter's range, against uniform.
 
     Args:
-        space: The parameters, d of them.
-        samples: n samples.
+        space: The d parameters.
+        samples: The n test samples.
         threshold: The fooling threshold; samples that fool the agent stand out.
     """
     columns = min(4, len(space))
@@ -196,9 +196,9 @@ def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) 
     """Lay frames out in rows, each with a caption.
 
     Args:
-        frames: n RGB images of one shape.
-        captions: n short lines.
-        title: A line above them all.
+        frames: RGB images of one shape.
+        captions: A short line for each frame.
+        title: A line above all of them.
     """
     columns = max(3, min(_COLUMNS, len(frames)))  # room for the title
     rows = -(-len(frames) // columns)

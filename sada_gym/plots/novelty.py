@@ -24,7 +24,7 @@ def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] =
 
     Args:
         adversary: Samples of the adversary, at least one.
-        ideal: As many ideal samples, or none.
+        ideal: Ideal samples, as many as the adversary's, or none.
 
     Raises:
         ValueError: If there is no sample, or not as many of both.

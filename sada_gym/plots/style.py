@@ -1,4 +1,4 @@
-"""The look that all pictures share: figures, colours, axes and their labels."""
+"""The style that all pictures share: figures, colours, axes and their labels."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def name_choices(axes: Axes, parameter: Parameter) -> None:
 
 
 def tidy(axes: Axes, *, grid: str | None = None) -> None:
-    """Give axes the house look: two thin spines, quiet ticks, grid lines for y if asked."""
+    """Style axes: two thin spines, grey ticks, and grid lines for y if asked."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):

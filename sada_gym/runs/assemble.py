@@ -15,7 +15,7 @@ from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.store import Context
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
-from sada_gym.registration import find_spec, make_application
+from sada_gym.registration import ids_of, make_application
 from sada_gym.runs.ideal import IDEAL, Ideal
 from sada_gym.runs.packages import packages
 from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
@@ -183,11 +183,12 @@ def find_target(
     name = f"{application.name}-v{application.version}"
     track = environment if isinstance(environment, str) else name
     made_of = (application.agent_name, application.version, application.fingerprint)
+    fixed = ids_of(application.name)
     for entry in read_index(FOLDER).references:
-        if (entry.agent, entry.version, entry.fingerprint) != made_of:
+        if (entry.agent, entry.version, entry.fingerprint) != made_of or entry.track not in fixed:
             continue
-        fixed = find_spec(entry.track).kwargs
-        if any(application.settings.get(key) != value for key, value in fixed.items()):
+        keywords = fixed[entry.track].items()
+        if any(application.settings.get(key) != value for key, value in keywords):
             continue
         # making an application takes half a second, and is only needed where settings may differ
         plain = environment == entry.track and set(env_kwargs) <= {"agent"}

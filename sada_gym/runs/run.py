@@ -37,7 +37,7 @@ Stage = Literal["train", "learn", "sample", "test", "measure", "pictures"]
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """How far a run has come.
 
     Attributes:
@@ -56,10 +56,10 @@ class Progress:
     evaluated: int = 0
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[RunProgress], None]
 
 
-def ignore_progress(progress: Progress) -> None:
+def ignore_progress(progress: RunProgress) -> None:
     """Do nothing."""
 
 
@@ -310,4 +310,4 @@ class Run:
         )
 
     def _report(self, stage: Stage, done: int = 0, total: int = 0, known: int = 0) -> None:
-        self._context.on_progress(Progress(stage, done, total, known, self.evaluated))
+        self._context.on_progress(RunProgress(stage, done, total, known, self.evaluated))

@@ -19,7 +19,7 @@ from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.suite import SUITES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
-from sada_gym.runs.run import Progress
+from sada_gym.runs.run import RunProgress
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 
@@ -60,7 +60,7 @@ def test_it_tells_of_every_run_and_ends_with_the_table(done):
 def test_its_files_tell_the_same(done):
     out, _ = done
     results = json.loads((out / "results.json").read_text())
-    assert [cell["label"] for cell in results["cells"]] == [
+    assert [run["label"] for run in results["runs"]] == [
         "ideal",
         "random",
         "archive",
@@ -151,10 +151,10 @@ def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
     console = Console(force_terminal=True, width=120, file=io.StringIO())
     with BenchmarkProgress(console) as bars:
         bars.on_start(plan, list(plan.runs))
-        bars.on_progress(first, Progress("test", 10, 30, evaluated=10))
+        bars.on_progress(first, RunProgress("test", 10, 30, evaluated=10))
         bars.on_finish(first, timing(evaluated=30, wall_s=65.0))
-        bars.on_progress(plan.groups[1].runs[0], Progress("train", 0, 60))
-        bars.on_progress(second, Progress("train", 5, 60, evaluated=5))
+        bars.on_progress(plan.groups[1].runs[0], RunProgress("train", 0, 60))
+        bars.on_progress(second, RunProgress("train", 5, 60, evaluated=5))
         bars._bars.refresh()
         shown = Text.from_ansi(console.file.getvalue()).plain
         bars.on_finish(second, timing(evaluated=5, wall_s=65.0))

@@ -14,6 +14,7 @@ from sada_gym.benchmark.schedule import do_runs
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
+from sada_gym.runs.run import RunProgress
 
 SMALL = suite("ideal", "archive", "bench_toys:Picky", budgets=(120, 60), seeds=2)
 
@@ -70,8 +71,8 @@ def test_threads_give_the_same(ours, tmp_path, references):
 
 
 def test_workers_that_do_not_see_the_folder_give_the_same(ours, tmp_path, references, monkeypatch):
-    monkeypatch.setattr("sada_gym.benchmark.job.sees", lambda out, token: False)
-    monkeypatch.setattr("sada_gym.benchmark.schedule.sees", lambda out, token: False)
+    monkeypatch.setattr("sada_gym.benchmark.job.can_read", lambda out, token: False)
+    monkeypatch.setattr("sada_gym.benchmark.schedule.can_read", lambda out, token: False)
     recorder = Recorder()
     with ThreadPoolExecutor(2) as executor:
         run(tmp_path, SMALL, references, workers=2, executor=executor, callback=recorder)
@@ -83,21 +84,21 @@ def test_workers_that_do_not_see_the_folder_give_the_same(ours, tmp_path, refere
 
 
 def test_a_token_of_another_call_is_no_sight_of_the_folder(tmp_path):
-    with progress.announced(tmp_path) as first:
-        assert progress.sees(tmp_path, first)
-        assert not progress.sees(tmp_path, "another")
-        assert not progress.sees(tmp_path / "elsewhere", first)
-    assert not progress.sees(tmp_path, first)
+    with progress.progress_folder(tmp_path) as first:
+        assert progress.can_read(tmp_path, first)
+        assert not progress.can_read(tmp_path, "another")
+        assert not progress.can_read(tmp_path / "elsewhere", first)
+    assert not progress.can_read(tmp_path, first)
 
 
 def test_a_worker_whose_benchmark_has_ended_gives_up(ours):
     [run, *_] = [result.settings for result, _ in read_runs(ours)]
-    with progress.announced(ours) as token:
+    with progress.progress_folder(ours) as token:
         file = progress.ProgressFile(ours, token, run)
-        file(progress.Progress("train", 1, 2))
+        file(RunProgress("train", 1, 2))
         assert progress.read_progress(ours, run).done == 1
     with pytest.raises(progress.Abandoned, match="has ended"):
-        file(progress.Progress("test"))
+        file(RunProgress("test"))
 
 
 class Broken(Executor):
@@ -105,7 +106,7 @@ class Broken(Executor):
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
-        if fn is progress.sees:
+        if fn is progress.can_read:
             future.set_result(True)
         else:
             future.set_exception(ConnectionError("the scheduler is gone"))

@@ -101,7 +101,7 @@ def test_files_and_folders_are_merged_on_the_command_line(whole, tmp_path):
     for name, seed in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
         chosen = part(whole, lambda run, seed=seed: run.seed == seed)
-        (tmp_path / name / "results.json").write_text(chosen.model_dump_json(by_alias=True))
+        (tmp_path / name / "results.json").write_text(chosen.model_dump_json())
     out = tmp_path / "out"
     arguments = ["merge", tmp_path / "a", tmp_path / "b" / "results.json", "--out", out]
     result = CliRunner().invoke(app, list(map(str, arguments)))

@@ -172,7 +172,7 @@ def test_a_plan_is_checked_beforehand(tmp_path):
         (suite("bbgan:papr"), "Expected an adversary's name or module:Class"),
         (choose(suite("random"), contenders=["bbgan:papr"]), "preset"),
         (suite("random", track="SADA-Nothing-v0"), "Expected a registered environment id"),
-        (suite("random", agents=("surveyor",)), "Expected keywords of SADA-Analytic-v0"),
+        (suite("random", agents=("surveyor",)), "Expected the keyword of SADA-Analytic-v0"),
         (suite("random", "random"), "Expected distinct contenders, got 'random' twice"),
         (suite("ideal"), "got nothing. SADA-Analytic-v0 has no reference set"),
     ):

@@ -27,15 +27,15 @@ def test_there_are_published_results():
 @every
 def test_the_tables_tell_the_results(folder, tmp_path):
     results = read_model(folder / RESULTS_FILE, Results)
-    told = write_tables(tmp_path, results).read_text(encoding="utf-8")
-    assert told == (folder / TABLE_FILE).read_text(encoding="utf-8")
+    compared = write_tables(tmp_path, results).read_text(encoding="utf-8")
+    assert compared == (folder / TABLE_FILE).read_text(encoding="utf-8")
 
 
 @every
 def test_their_format_is_read_and_written_to_the_byte(folder):
     results = read_model(folder / RESULTS_FILE, Results)
     # less what has a default and came later than they
-    held = results.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    held = results.model_dump(mode="json", exclude_unset=True)
     written = f"{json.dumps(held, indent=2, allow_nan=False)}\n"
     assert written.encode() == (folder / RESULTS_FILE).read_bytes()
 
@@ -67,7 +67,7 @@ def test_the_suite_of_table_1_runs_the_same(merged):
     results, _ = merged
     fields = {*RunKey.model_fields, "adversary", "preset", "options", "budget", "samples"}
 
-    def told(runs):
+    def compared(runs):
         return sorted(json.dumps(c.model_dump(include=fields), sort_keys=True) for c in runs)
 
-    assert told(results.runs) == told(make_plan(find_suite("table-1")).runs)
+    assert compared(results.runs) == compared(make_plan(find_suite("table-1")).runs)

@@ -9,7 +9,7 @@ from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.plots.attack import (
     axis_label,
     contact_sheet,
-    draw_pictures,
+    draw_attack,
     marginals,
     score_histogram,
 )
@@ -25,7 +25,7 @@ def drawn(n, dimension=3, seed=0):
 
 def test_all_pictures(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it would raise
-    names = [path.name for path in draw_pictures(Toy(), drawn(50), drawn(200), tmp_path)]
+    names = [path.name for path in draw_attack(Toy(), drawn(50), drawn(200), tmp_path)]
     assert names == ["marginals.png", "scores.png", "fooled.png"]
     for name in names:
         assert (tmp_path / name).read_bytes().startswith(PNG)
@@ -34,14 +34,14 @@ def test_all_pictures(tmp_path, monkeypatch):
 def test_the_same_data_give_the_same_bytes(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        draw_pictures(Toy(2), drawn(30, 2), drawn(90, 2), tmp_path / name)
+        draw_attack(Toy(2), drawn(30, 2), drawn(90, 2), tmp_path / name)
     for picture in (tmp_path / "a").iterdir():
         assert picture.read_bytes() == (tmp_path / "b" / picture.name).read_bytes()
 
 
 @pytest.mark.parametrize("dimension", [1, 5])
 def test_any_dimension(dimension, tmp_path):
-    pictures = draw_pictures(Toy(dimension), drawn(20, dimension), drawn(0, dimension), tmp_path)
+    pictures = draw_attack(Toy(dimension), drawn(20, dimension), drawn(0, dimension), tmp_path)
     assert ("map.png" in {path.name for path in pictures}) == (dimension == 2)
 
 
@@ -49,7 +49,7 @@ def test_no_contact_sheet_without_frames_or_fooled_samples(tmp_path):
     unhurt = drawn(20)
     unhurt.score[:] = 1.0
     for application, samples in ((Blind(), drawn(20)), (Toy(), unhurt)):
-        names = {path.name for path in draw_pictures(application, samples, drawn(9), tmp_path)}
+        names = {path.name for path in draw_attack(application, samples, drawn(9), tmp_path)}
         assert names == {"marginals.png", "scores.png"}
 
 

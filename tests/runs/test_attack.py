@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
-from sada_gym.attack import Progress, attack
+from sada_gym.attack import RunProgress, attack
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
@@ -25,8 +25,8 @@ def run(out, problem=None, adversary=Greedy, **settings):
 
 
 def test_an_attack_writes_its_folder(tmp_path):
-    told = []
-    result = run(tmp_path / "a" / "b", pictures=True, on_progress=told.append)
+    reported = []
+    result = run(tmp_path / "a" / "b", pictures=True, on_progress=reported.append)
     assert sorted(path.name for path in result.folder.iterdir()) == [
         "adversary",
         "attack.json",
@@ -37,12 +37,12 @@ def test_an_attack_writes_its_folder(tmp_path):
         "samples.npz",
         "scores.png",
     ]
-    stages = [stage for stage, _ in itertools.groupby(one.stage for one in told)]
+    stages = [stage for stage, _ in itertools.groupby(one.stage for one in reported)]
     assert stages == ["train", "learn", "train", "learn", "sample", "test", "measure", "pictures"]
-    assert told[0] == Progress("train", 0, 100, 0)
-    assert Progress("train", 100, 100, 0, evaluated=100) in told
-    assert Progress("test", 30, 30, 0, evaluated=130) in told
-    assert told[-2].evaluated == 130
+    assert reported[0] == RunProgress("train", 0, 100, 0)
+    assert RunProgress("train", 100, 100, 0, evaluated=100) in reported
+    assert RunProgress("test", 30, 30, 0, evaluated=130) in reported
+    assert reported[-2].evaluated == 130
     report = read_model(result.folder / "result.json", RunReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")

@@ -69,7 +69,7 @@ class NoveltyRatios:
     """A contender's novelty over that of ideal samples, one figure a run.
 
     Attributes:
-        label: The contender.
+        label: The contender's label.
         median: Ratios of the median distances in mu.
         fifth: Ratios of the fifth percentiles.
         image: Ratios of the images' median distances.
@@ -85,8 +85,8 @@ def tradeoff(rows: Sequence[Row], title: str) -> Figure:
     """Draw AFR against relative coverage, one point a contender, with 95 % intervals.
 
     Args:
-        rows: Those that have both figures.
-        title: A line above it.
+        rows: The rows that have both figures.
+        title: The line above the chart.
     """
     figure = new_figure(8.6, 6.4)
     axes = figure.subplots()
@@ -117,8 +117,8 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     """Draw what the queries found, and how much of the fooling set that covers.
 
     Args:
-        curves: One for each set of queries.
-        title: A line above it.
+        curves: A curve for each set of queries.
+        title: The line above the chart.
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -172,10 +172,10 @@ def marginal_strips(
     """Draw how each contender's samples spread over each parameter, as strips of colour.
 
     Args:
-        space: The parameters, d of them; the first 16 are drawn.
-        samples: (n, d) by contender.
-        fooling_set: (m, d) points known to fool, drawn as the first strip; None for none.
-        title: A line above it.
+        space: The d parameters, of which the first 16 are drawn.
+        samples: The samples of each contender, (n, d).
+        fooling_set: Points known to fool, (m, d), drawn as the first strip; None for none.
+        title: The line above the chart.
     """
     from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
@@ -227,8 +227,8 @@ def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
     """Draw each contender's novelty over that of ideal samples: a dot a run, a bar the mean.
 
     Args:
-        contenders: At least one.
-        title: A line above it.
+        contenders: At least one contender.
+        title: The line above the chart.
     """
     panels = [
         ("median distance in μ / ideal's", [one.median for one in contenders]),

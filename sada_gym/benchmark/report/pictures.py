@@ -35,7 +35,7 @@ PICTURES = "pictures"
 _Point = tuple[int, float, float | None]  # queries, found, coverage
 
 
-def draw_pictures(out: Path, results: Results, references: Path = FOLDER) -> tuple[Path, ...]:
+def draw_benchmark(out: Path, results: Results, references: Path = FOLDER) -> tuple[Path, ...]:
     """Draw the pictures of every table and agent into OUT/pictures.
 
     What needs a reference set, or training queries, is left out where there are none.
