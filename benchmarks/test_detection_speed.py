@@ -14,7 +14,7 @@ import torch
 import sada_gym  # noqa: F401
 from sada_gym.adversaries import make
 from sada_gym.envs.detection import DetectionApplication
-from sada_gym.envs.detection.detector import TILE
+from sada_gym.envs.detection.detector import DETECTOR_TILE
 from sada_gym.envs.detection.renderers.encoding import encode
 from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, camera_of, light_of
 from sada_gym.evaluation.oracle import Oracle
@@ -103,7 +103,7 @@ def test_batch(benchmark):
     record(benchmark, "batch of 64", BATCH)
 
 
-@pytest.mark.parametrize("tile", [TILE, 1])
+@pytest.mark.parametrize("tile", [DETECTOR_TILE, 1])
 def test_scalar_step(benchmark, tile):
     env = gym.make("SADA-Detection-Car-v0", tile=tile).unwrapped
 

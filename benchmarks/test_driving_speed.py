@@ -66,13 +66,13 @@ def test_lockstep(benchmark):
 
     def setup():
         drives = Drives(camera("benchmark"), [course.draw(rng) for _ in range(CARS)])
-        application._driver.start(CARS)
+        application.acting.start(CARS)
         return (drives,), {}
 
     def drive(drives):
         everyone = np.arange(CARS)
         for _ in range(steps):
-            drives.step(everyone, application._driver.act(drives, everyone))
+            drives.step(everyone, application.acting.act(drives, everyone))
 
     benchmark.pedantic(drive, setup=setup, rounds=5, warmup_rounds=1)
     record(benchmark, "lockstep, camera and network included", CARS * steps / POLICY_HZ)

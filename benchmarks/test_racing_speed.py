@@ -15,7 +15,7 @@ from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
-from sada_gym.envs.uav.world.physics import SLOTS, World
+from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)
@@ -58,7 +58,7 @@ def test_evaluations(benchmark, name, agent, count):
 
 
 def test_bare_stepping(benchmark):
-    world = World()
+    world = BulletWorld()
 
     def start():
         for slot in range(SLOTS):  # so high that no round ends on the ground

@@ -15,13 +15,13 @@ from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.episodes import PICTURE_COLUMNS, PICTURE_ROWS
 from sada_gym.envs.driving.pictures import summary
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
 IMAGES = Path(__file__).parent / "images"
 LENS = Lens(198, 450)
 BAR = 24
-ROUTE = task_routes("navigation")[0]
+ROUTE = benchmark_routes("navigation")[0]
 POINT = 62
 """Of the route: a street, with a junction ahead."""
 
@@ -69,8 +69,8 @@ def mounts() -> Image.Image:
 def drives() -> Image.Image:
     """A world in which all five drives arrive, and one in which none does."""
     application = DrivingApplication("one_curve")
-    good = summary(application.rollout([-0.2, 0.0, -0.9], 7))
-    bad = summary(application.rollout([0.9, 0.8, 0.6], 3))
+    good = summary(application.rollouts([-0.2, 0.0, -0.9], 7))
+    bad = summary(application.rollouts([0.9, 0.8, 0.6], 3))
     return Image.fromarray(np.hstack([good, np.full((len(good), 12, 3), 255, np.uint8), bad]))
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym import agents
+from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import Rollout
+from sada_gym.envs.uav.episodes import Start
 from sada_gym.envs.uav.pictures import Plan, summary
 from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import Tracks, line
+from sada_gym.envs.uav.world.track import line
 from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 IMAGES = Path(__file__).parent / "images"
@@ -38,8 +39,8 @@ def grid(rows: list[list[tuple[str, Image.Image]]]) -> Image.Image:
 
 def plan(anchors: int, mu: np.ndarray) -> Image.Image:
     """A track from above."""
-    placed = TEMPLATES[anchors].displaced(mu[None])
-    return Plan(Tracks(placed).gates[0], line(placed[0]), CELL).picture()
+    track = TEMPLATES[anchors].tracks(mu[None])
+    return Plan(track.gates[0], line(track.anchors[0]), CELL).picture()
 
 
 def tracks(rng: np.random.Generator) -> Image.Image:
@@ -73,12 +74,13 @@ def seen(application: UAVApplication) -> Image.Image:
     large, small = camera(CELL * 3 // 4, CELL), camera()
     rows = [[], []]
     for seed, share in ((1, 0.05), (2, 0.3), (3, 0.5), (4, 0.7), (5, 0.9)):
-        rollout = application.rollout(np.zeros(len(application.parameters)), seed)
-        state = rollout.states[[int(share * len(rollout.states))]]
+        (rollout,) = application.rollouts(np.zeros(len(application.parameters)), seed)
+        step = int(share * len(rollout["states"]))
+        state = rollout["states"][[step]]
         gates = rollout.start.gates[None]
         (fine,) = large.draw(gates, state, [seed])
         (coarse,) = small.draw(gates, state, [seed])
-        rows[0].append((f"{rollout.times_s[int(share * len(rollout.states))]:.1f} s", fine))
+        rows[0].append((f"{rollout['time_s'][step]:.1f} s", fine))
         rows[1].append(("as the pilot gets it", coarse))
     size = (CELL, CELL * 3 // 4)
     return grid(
@@ -91,17 +93,17 @@ def seen(application: UAVApplication) -> Image.Image:
 
 def rollouts(
     application: UAVApplication, rng: np.random.Generator
-) -> tuple[Rollout, Rollout | None]:
+) -> tuple[Rollout[Start], Rollout[Start] | None]:
     """A race without a miss and one below the threshold, of uniform mu, the first of each."""
     mu = rng.uniform(-1, 1, (64, len(application.parameters)))
     outcomes = application.evaluate(mu, list(range(len(mu))))
     passed = int((outcomes.score == 1).argmax())
-    rollout = application.rollout(mu[passed], passed)
+    (rollout,) = application.rollouts(mu[passed], passed)
     assert rollout.score == 1, "No race of 64 without a miss."
     if not outcomes.fooled.any():
         return rollout, None
     failed = int(outcomes.fooled.argmax())
-    return rollout, application.rollout(mu[failed], failed)
+    return rollout, application.rollouts(mu[failed], failed)[0]
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ SEED_BOUND = 2**31
 """Evaluation seeds are Python ints in [0, SEED_BOUND)."""
 
 RESERVED_KEYS = frozenset({"score", "fooled", "seed", "parameters"})
-"""What `Application.evaluate` puts into every info itself."""
+"""The keys that `Application.evaluate` sets in every info itself."""
 
 _ASKED_TWICE = 4
 """Worlds in which a user's agent is asked twice before its first score counts."""
@@ -35,11 +35,11 @@ Frame = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What a batch of n evaluations gave.
+    """The outcomes of a batch of n evaluations.
 
     Attributes:
-        score: (n,) float64, Q in [0, 1]; high is good for the agent.
-        fooled: (n,) bool, where Q <= the fooling threshold.
+        score: (n,) float64, Q in [0, 1]; a high score is good for the agent.
+        fooled: (n,) bool, true where Q <= the fooling threshold.
         infos: n dictionaries with `score`, `fooled`, `seed`, `parameters` (physical values by
             name) and what the application adds.
     """
@@ -51,10 +51,10 @@ class Outcomes:
 
 @dataclass(frozen=True)
 class Scored:
-    """What an application's own `_evaluate` returns: n scores and n dictionaries of extras.
+    """An application's own `_evaluate` returns it: n scores and n dictionaries of extras.
 
     Every dictionary has the same keys, and a key always the same type (arrays: one shape, too), so
-    that a vector environment can batch them; what varies in length goes into a list.
+    that a vector environment can batch them. Put data of varying length into a list.
     """
 
     score: npt.NDArray[np.float64]
@@ -73,9 +73,9 @@ class Application(ABC):
         version: The environment's version; raise it when a score changes.
         fooling_threshold: The agent is fooled where Q <= this (epsilon in the paper).
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        parameters: What mu controls.
-        agent: The agent under test; None where it is part of the world.
-        agent_name: What reports call it.
+        parameters: The parameters that mu sets.
+        agent: The agent under test, or None if it is part of the world.
+        agent_name: The agent's name in reports.
         render_fps: Frames of `replay` in a second of its episode.
     """
 
@@ -98,7 +98,7 @@ class Application(ABC):
 
     @property
     def fingerprint(self) -> str | None:
-        """A SHA-256 over the agent and whatever else a user brought, None where none is known.
+        """A SHA-256 over the agent and all else that a user brought, or None if it is unknown.
 
         An evaluation store is refused without one. An application with nothing exchangeable
         inside returns the empty string.
@@ -186,14 +186,14 @@ class Application(ABC):
         mu: npt.ArrayLike,  # noqa: ARG002
         seeds: Sequence[int],  # noqa: ARG002
     ) -> npt.NDArray[np.bool_] | None:
-        """Say in which worlds a privileged agent is not fooled: there a failure is the agent's own.
+        """Find the worlds in which a privileged agent is not fooled, so that failures count.
 
         Args:
             mu: (n, d), values in [-1, 1].
             seeds: n seeds.
 
         Returns:
-            (n,), or None where no privileged agent is known, as by default.
+            (n,) bool, or None if no privileged agent is known, as by default.
         """
         return None
 
@@ -204,9 +204,9 @@ class Application(ABC):
         )
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """What the agent sees first in the world of mu, shape (d,), with nothing drawn into it.
+        """Draw what the agent sees first in the world of mu, shape (d,), without annotations.
 
-        By it images of worlds are compared. The default, `render`, serves applications whose
+        Novelty compares worlds by these images. The default, `render`, suits applications whose
         pictures show the world alone.
         """
         return self.render(mu, seed)
@@ -214,7 +214,7 @@ class Application(ABC):
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again and give all frames of the episode and its score.
 
-        The default serves applications whose episode is a single frame.
+        The default suits applications whose episode is a single frame.
         """
         one: Any = [mu]
         score = float(self.evaluate(one, [seed]).score[0])
@@ -256,7 +256,7 @@ def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> 
 def fold_seed(seed: int) -> int:
     """Give an evaluation seed for any int from 0 up.
 
-    One below 2**31 is its own. A larger one becomes the upper 31 bits of the first word that
+    A seed below 2**31 stays as it is. A larger one becomes the upper 31 bits of the first word that
     NumPy's `SeedSequence` makes of it, so that s and 2**31 + s have nothing in common.
     """
     if seed < SEED_BOUND:
@@ -269,13 +269,13 @@ def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) ->
 
     Args:
         seeds: The seeds.
-        count: How many there are to be.
-        bounded: Without it they may be any ints from 0 up, as Gymnasium's are.
+        count: The expected number of seeds.
+        bounded: Whether seeds must be below 2**31. Gymnasium's may be any ints from 0 up.
 
     Raises:
         ValueError: If not.
     """
-    if not hasattr(seeds, "__len__"):
+    if not isinstance(seeds, Sequence) and np.ndim(seeds) != 1:
         raise UserTypeError(f"Expected a list of seeds, one for each mu, got {seeds!r}.")
     if len(seeds) != count:
         raise UserError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")

@@ -1,10 +1,10 @@
-"""Functions compiled by numba, whose machine code is kept between runs.
+"""Compiles functions by numba and keeps their machine code between runs.
 
-Numba compiles anew when the file of a kernel changes. It doesn't notice when a constant or a
-function changes that the kernel takes from another file: the old machine code would go on, and
+Numba compiles again when the file of a kernel changes. It doesn't notice when a constant or a
+function changes that the kernel takes from another file: it would use the old machine code, and
 scores would silently be wrong. So the machine code lies in a folder whose name holds a digest of
-all sources that a kernel can depend on: its own module and what this one imports from the package,
-directly or not.
+all sources that a kernel can depend on: its own module and all modules of the package that this
+one imports, directly or not.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numba.misc.appdirs import AppDirs
 
 FOLDER = "sada_gym_kernels"
 UNUSED_DAYS = 30.0
-"""Machine code of older sources is removed when nothing has used it for so long."""
+"""Machine code of older sources is removed when it was not used for so many days."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
@@ -46,13 +46,13 @@ def kernel(function: _Function) -> _Function:
 def uncounted(function: _Function) -> _Function:
     """Compile a kernel that makes no array, without counts of references.
 
-    Numba counts them wherever an array is passed on: a picture takes a fifth longer with them.
+    Numba counts references wherever an array is passed on; drawing then takes a fifth longer.
     """
     return _compiled(function, _nrt=False)
 
 
 def inlined(function: _Function) -> _Function:
-    """Compile a function as a part of each kernel that calls it, in whatever file that is."""
+    """Compile a function as a part of each kernel that calls it, even from another file."""
     compiled: Any = nb.njit(inline="always", error_model="numpy")(function)
     return cast(_Function, compiled)
 
@@ -74,9 +74,9 @@ def _compiled(function: _Function, **options: Any) -> _Function:
 def machine_code_folder(file: Path) -> Path | None:
     """Make the folder of the machine code of one module's kernels.
 
-    It lies in `NUMBA_CACHE_DIR` if that is set, else beside the package, else, where that can't be
-    written to, in the user's folder for caches. None if none of them can be written to: each
-    process then compiles for itself.
+    The folder lies in `NUMBA_CACHE_DIR` if that is set. Otherwise it lies beside the package, or in
+    the user's folder for caches if the package's is not writable. The result is None if none of
+    them is writable: each process then compiles for itself.
     """
     name = _module_name(file)
     for home in _homes():
@@ -104,7 +104,7 @@ def _homes() -> Iterator[Path]:
 
 
 def _remove_unused(home: Path, name: str) -> None:
-    """Remove a module's folders of other sources, save those that may still be in use."""
+    """Remove a module's folders of other sources, except those that may still be in use."""
     for folder in home.glob(f"{name}-{'[0-9a-f]' * 16}"):
         try:
             unused_s = time.time() - folder.stat().st_mtime
@@ -118,7 +118,7 @@ def _remove_unused(home: Path, name: str) -> None:
 def sources_digest(file: Path) -> str:
     """Digest a module's source and those of the modules that it imports, directly or not.
 
-    Modules outside of the package don't count, save the first.
+    Of the modules outside of the package only the given one counts.
     """
     found, unread = set[Path](), [file.resolve()]
     while unread:
@@ -135,7 +135,7 @@ def sources_digest(file: Path) -> str:
 
 @functools.cache
 def imported_sources(file: Path) -> tuple[Path, ...]:
-    """The files of this package that a module's imports name, wherever in the module they stand."""
+    """List the files of this package that a module imports, anywhere in its code."""
     stems = [
         stem
         for node in ast.walk(ast.parse(file.read_bytes()))
@@ -148,7 +148,7 @@ def imported_sources(file: Path) -> tuple[Path, ...]:
 
 
 def _named(node: ast.Import | ast.ImportFrom, file: Path) -> Iterator[Path]:
-    """Where the modules lie that an import may name, without a suffix."""
+    """Yield the paths, without suffix, of the modules that an import may name."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             parts = alias.name.split(".")

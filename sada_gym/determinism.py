@@ -1,4 +1,4 @@
-"""What makes scores repeatable: global generators, torch's threads, agents asked twice."""
+"""What keeps scores repeatable: guarded generators, one thread of torch, agents asked twice."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sada_gym.errors import UserError
 
 @contextmanager
 def generators_kept() -> Iterator[None]:
-    """Let other code seed Python's, NumPy's and torch's generators; afterwards they are as before.
+    """Restore Python's, NumPy's and torch's global generators after other code has seeded them.
 
     SB3 seeds them whenever a model with a seed is made or loaded, and a user's agent may do so when
     it acts. Torch is left alone where nobody has imported it yet.
@@ -38,9 +38,9 @@ def _used_gpus(torch: Any) -> Sequence[int]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch compute in one thread; afterwards it has as many as before.
+    """Let torch compute in one thread, and restore the number of threads afterwards.
 
-    Small networks want no more, and more threads give other last bits.
+    Small networks gain nothing from more threads, and more threads give other last bits.
     """
     import torch
 
@@ -97,7 +97,7 @@ def _same(first: Any, second: Any) -> bool:
 def _one_thread_in_a_fork() -> None:
     """Let a forked process compute in one thread.
 
-    OpenMP's threads do not live on in it, and it would wait for them for ever.
+    OpenMP's threads do not survive the fork, and the process would wait for them for ever.
     """
     torch = sys.modules.get("torch")
     if torch is not None and hasattr(torch, "set_num_threads"):  # else it is being imported

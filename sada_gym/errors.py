@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
-    """A bad input: what was expected, what came, and how to mend it."""
+    """A bad input. The message says what was expected, what came, and how to mend it."""
 
 
 class UserTypeError(UserError, TypeError):
@@ -24,7 +24,7 @@ class FileError(UserError):
 
 
 class StoreError(UserError):
-    """An evaluation store that cannot serve: foreign, corrupt, in use, or of another version."""
+    """An evaluation store that cannot be used: foreign, corrupt, in use, or another version."""
 
 
 class StoreInUse(StoreError):  # noqa: N818 - reads as what happened
@@ -56,15 +56,17 @@ class WorkerError(RuntimeError):
 
 
 def refuse_number(name: str, value: object, least: int, most: int | None = None) -> None:
-    """Raise `UserError` for what is no whole number, or one out of range.
+    """Raise `UserError` for anything but a whole number in a range.
 
     Args:
-        name: What the number is.
-        value: What came.
-        least: The least that is allowed.
-        most: The greatest; None where there is none.
+        name: The number's name, for messages.
+        value: The value to check.
+        least: The least allowed number.
+        most: The greatest allowed number; None for no limit.
     """
     try:
+        if isinstance(value, bool):
+            raise TypeError("a bool is no number")
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError as error:
         raise UserTypeError(f"Expected {name} to be a whole number, got {value!r}.") from error

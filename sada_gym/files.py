@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and that are checked when they are read."""
+"""Writes files whole or not at all, and checks files that it reads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sada_gym.errors import FileError
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_ARRAYS_BYTES = 2**30
-"""Nothing that this package writes comes near: what is larger is refused before it is read."""
+"""Larger files are refused unread; this package writes far smaller ones."""
 
 _REASONS = {
     errno.ENOENT: "there is no such file or folder. Check its path",
@@ -42,7 +42,7 @@ _REASONS = {
     errno.ENAMETOOLONG: "its name is too long. Name another place",
 }
 _DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, SyntaxError, EOFError, RuntimeError, OSError)
-"""What zipfile and NumPy raise for damaged content."""
+"""The errors that zipfile and NumPy raise for damaged content."""
 
 _OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 
@@ -71,8 +71,8 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
     """Turn the system's errors on files into a `FileError` with a sentence.
 
     Args:
-        what: What is tried, such as "write".
-        path: With what.
+        what: The attempt, such as "write".
+        path: The file or folder.
 
     Example:
         >>> with file_errors("read", path):
@@ -86,7 +86,7 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all: beside it first, then in one rename.
+    """Write a file whole or not at all: first beside its place, then one rename moves it.
 
     Raises:
         FileError: If it cannot be written.
@@ -108,11 +108,11 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
-    """Fill a folder and put it in place whole, instead of one that an earlier run left.
+    """Fill a folder, and then put it in the place of one that an earlier run left.
 
     Args:
         path: The folder.
-        fill: Called with an empty folder to write to.
+        fill: A function that gets an empty folder and writes to it.
 
     Raises:
         FileError: If it cannot be written.
@@ -136,7 +136,7 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
 
 
 def _place_beside(path: Path) -> Path:
-    """Name the place to write to first, and clear it of what a killed run left there."""
+    """Name the temporary place to write to, and clear what a killed run left there."""
     beside = path.with_name(f".{path.name}.tmp")
     if beside.is_dir() and not beside.is_symlink():
         shutil.rmtree(beside)
@@ -203,7 +203,7 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
 
     Args:
         path: The file.
-        kinds: dtype and number of dimensions of each array, by name.
+        kinds: The dtype and the number of dimensions of each array, by name.
 
     Raises:
         FileError: If the file cannot be read, or does not hold exactly such arrays.
@@ -228,7 +228,7 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
 
 
 class _UnfitError(Exception):
-    """What an NPZ file holds instead of what it should."""
+    """The message says what an NPZ file holds instead of the expected arrays."""
 
 
 def _read_array(archive: zipfile.ZipFile, name: str, dtype: str, ndim: int) -> npt.NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Semantic parameters: their names and units, and the map between [-1, 1]^d and physical values."""
+"""Semantic parameters: names, units, and the map between [-1, 1]^d and physical values."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Parameter:
         name: Name with its unit as suffix, such as `camera_azimuth_deg`.
         low: Physical value at mu = -1.
         high: Physical value at mu = +1.
-        unit: Unit for tables and axes, such as `deg`; empty where there is none.
-        choices: What equal parts of the range stand for, where it is no quantity.
+        unit: The unit in tables and axes, such as `deg`; empty if there is none.
+        choices: Names of equal parts of the range, if the parameter is a choice.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Reject a range that holds no interval."""
+        """Refuse an empty range."""
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
             raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
@@ -43,7 +43,7 @@ class Parameter:
 
 
 class ParameterSpace:
-    """An ordered set of parameters: the box that an adversary acts in.
+    """An ordered set of parameters, which makes the box that an adversary acts in.
 
     Args:
         *parameters: The parameters in the order of mu's columns; names must differ.

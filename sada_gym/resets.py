@@ -1,4 +1,4 @@
-"""What environments check of a reset: its seeds and its options."""
+"""Checks of the seeds and options of a reset."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def checked_seed(seed: int | None) -> int | None:
     """Give the seed of a reset back as a Python int.
 
     Raises:
-        ValueError: If it is no int from 0 up.
+        ValueError: If it is not an int from 0 up.
     """
     return None if seed is None else validate_seeds([seed], 1, bounded=False)[0]
 
@@ -27,7 +27,7 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
     """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
 
     Raises:
-        ValueError: If there is not one for each, or one is no int from 0 up.
+        ValueError: If their number is another one, or one is not an int from 0 up.
     """
     if seed is None:
         return [None] * count
@@ -61,10 +61,10 @@ def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] 
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
-    """Which of `count` environments are to be reset: those in `options["reset_mask"]`, or all.
+    """List which of `count` environments to reset: those in `options["reset_mask"]`, or all.
 
     Raises:
-        ValueError: If the mask is no array of bool, (count,), or there are other options.
+        ValueError: If the mask is not a bool array (count,), or there are other options.
     """
     check_reset_options(options, (RESET_MASK,))
     mask = (options or {}).get(RESET_MASK)

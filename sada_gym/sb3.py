@@ -1,4 +1,4 @@
-"""For Stable-Baselines3: our batched environments, a callback, and samples of a policy."""
+"""Adapters for Stable-Baselines3: our batched environments, a callback, samples of a policy."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ class SB3VecEnv(VecEnv):
     """A Gymnasium vector environment with SAME_STEP autoreset as an SB3 `VecEnv`.
 
     Args:
-        env: Such as `gymnasium.make_vec("SADA-DrivingTask-v0", num_envs=16)`.
+        env: The vector environment, such as
+            `gymnasium.make_vec("SADA-DrivingTask-v0", num_envs=16)`.
 
     Attributes:
-        env: The same.
+        env: The vector environment.
 
     Raises:
-        ValueError: If it resets otherwise: SB3 expects the next episode's first observation in the
-            step that ends one.
+        ValueError: If the environment has another autoreset mode: SB3 expects the next episode's
+            first observation in the step that ends one.
     """
 
     def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
@@ -58,11 +59,11 @@ class SB3VecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: npt.NDArray[Any]) -> None:
-        """Take the actions (n, ...)."""
+        """Keep the actions (n, ...) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Step with them."""
+        """Step all environments with the actions of `step_async`."""
         assert self._actions is not None
         observation, reward, terminated, truncated, infos = self.env.step(self._actions)
         rows = []
@@ -83,18 +84,18 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Give an attribute of the environment, once for each index."""
+        """Return an attribute of the environment, once for each index."""
         value = getattr(self.env.unwrapped, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refused: the environments of a batch share their attributes."""
+        """Raise an error, because the environments of a batch share their attributes."""
         raise NotImplementedError(f"Expected no change of {attr_name}: a batch shares it.")
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Refused: the environments of a batch are no objects of their own."""
+        """Raise an error, because the environments of a batch are not separate objects."""
         raise NotImplementedError(f"Expected no call of {method_name}: a batch has no single ones.")
 
     def env_is_wrapped(
@@ -102,17 +103,17 @@ class SB3VecEnv(VecEnv):
         wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002
         indices: VecEnvIndices = None,
     ) -> list[bool]:
-        """None is: wrap the batch."""
+        """Return False for each index: only the whole batch can be wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
-        """Give each environment's picture."""
-        pictures: Any = self.env.render()
-        return [None] * self.num_envs if pictures is None else list(pictures)
+        """Return the frame of each environment."""
+        frames: Any = self.env.render()
+        return [None] * self.num_envs if frames is None else list(frames)
 
 
 def _row(infos: dict[str, Any], i: int) -> dict[str, Any]:
-    """One environment's info; Gymnasium marks with `_key` who has a key, if not all have."""
+    """Pick one environment's info. Where not all have a key, Gymnasium's `_key` marks who does."""
     row = {}
     for key, values in infos.items():
         if not key.startswith("_") and (f"_{key}" not in infos or infos[f"_{key}"][i]):
@@ -122,17 +123,17 @@ def _row(infos: dict[str, Any], i: int) -> dict[str, Any]:
 
 
 class AttackCallback(BaseCallback):
-    """Writes to TensorBoard what a training asks an oracle and what comes of it.
+    """Logs a training's queries and their scores to TensorBoard.
 
-    Every `every` queries it writes, of the queries since the last time: `attack/score` (mean Q),
+    After every `every` queries it writes about these queries: `attack/score` (mean Q),
     `attack/fooling_rate`, `attack/budget_left` (queries), and for each parameter its mean
     `mu_mean/NAME`, standard deviation `mu_sd/NAME` and histogram `mu/NAME`. The step of an entry is
-    the number of queries spent. When the last query is spent the training ends by itself. Where a
-    step asks for more queries than are left, `BudgetExhausted` ends it, before the last entry.
+    the number of queries spent. It ends the training when the last query is spent. If a step asks
+    for more queries than are left, `BudgetExhausted` ends the training before the last entry.
 
     Args:
-        oracle: What the training environment queries (`OracleEnv`, `OracleVectorEnv`).
-        every: Queries between two entries, at least 1.
+        oracle: The oracle that the training environment (`OracleEnv`, `OracleVectorEnv`) queries.
+        every: Number of queries between two entries, at least 1.
 
     Raises:
         ValueError: If `every` is below 1, or, when the training starts, the model was made without
@@ -165,7 +166,7 @@ class AttackCallback(BaseCallback):
 
     @property
     def _ends_by_itself(self) -> bool:
-        """Whether `learn` ends after this step: stopping it would lose a full last rollout."""
+        """Tells whether `learn` ends after this step; stopping it would lose a full rollout."""
         state = self.locals
         full = "n_rollout_steps" in state and state["n_steps"] + 1 == state["n_rollout_steps"]
         return full and self.num_timesteps >= state["total_timesteps"]
@@ -174,7 +175,7 @@ class AttackCallback(BaseCallback):
         self._write()
 
     def _write(self) -> None:
-        """Write about the queries since the last time, if there are any."""
+        """Write about the queries since the last entry, if there are any."""
         record, step = self.oracle.record, self._spent
         mu, score = record.mu[self._written :], record.score[self._written :]
         if not len(score):
@@ -192,7 +193,7 @@ class AttackCallback(BaseCallback):
         self._writer.flush()
 
     def _names(self) -> list[str]:
-        """Give the parameters' names; a function's are numbers."""
+        """Return the parameters' names; the parameters of a function are numbered."""
         application = self.oracle.application
         if application is None:
             return [str(i) for i in range(self.oracle.dimension)]
@@ -204,19 +205,19 @@ def sample_policy(
 ) -> npt.NDArray[np.float32]:
     """Draw n mu from a trained policy: each is the first proposal of an episode.
 
-    A policy trained with gSDE (`use_sde=True`) gets new noise for each mu. One trained behind
-    `VecNormalize` sees the observation as it did in training; so load it with its environment:
+    A policy trained with gSDE (`use_sde=True`) gets new noise for each mu. A policy trained behind
+    `VecNormalize` sees the observation as it did in training, so load it with its environment:
     `PPO.load(file, env=env)`. The policies of TD3 and DDPG are deterministic, so that all n mu are
     the same.
 
     Args:
-        model: Trained on an environment of this package (an adversary's, `OracleEnv`).
+        model: A model trained on an environment of this package (an adversary's, `OracleEnv`).
         dimension: d, the number of semantic parameters.
-        n: How many.
+        n: The number of mu.
         seed: Fixes the draws; the global generators stay as they are.
 
     Returns:
-        (n, d) in [-1, 1]. What a policy puts outside of the box, Stable-Baselines3 clips.
+        (n, d) in [-1, 1]. Stable-Baselines3 clips what a policy puts outside of the box.
 
     Raises:
         ValueError: If the model's spaces are not those of such an environment, or n or the seed

@@ -21,7 +21,7 @@ class MutualInformation(LevelSet):
     entropy. For level sets see Letham et al. 2022.
     """
 
-    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         p = members(surrogate, pool)
         gain: Array = _entropy(p.mean(axis=0)) - _entropy(p).mean(axis=0)
         return np.maximum(gain, 0.0)
@@ -33,7 +33,7 @@ class Straddle(LevelSet):
     The logit of p is linear in the predicted ranks, and zero at the boundary.
     """
 
-    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         p = members(surrogate, pool)
         logit = np.log(p / (1.0 - p))
         worth: Array = 1.96 * logit.std(axis=0) - np.abs(logit.mean(axis=0))
@@ -61,11 +61,11 @@ class Own(LevelSet):
 
     share = 0.25
 
-    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         # the level of its samples, before coverage raises it
         volume = self.options.volume * p.mean()
         own = p >= min(0.5, float(np.quantile(p, 1.0 - volume)))
-        worth = super()._worth(surrogate, pool, p)
+        worth = super()._acquisition(surrogate, pool, p)
         mixed: Array = (1.0 - self.share) * worth / worth.sum() + self.share * own / own.sum()
         return mixed
 
@@ -85,10 +85,10 @@ class OwnLast(Own):
         self._left = self.options.rounds
         return super()._query(oracle)
 
-    def _worth(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Pool, p: Array) -> Array:
         self._left -= 1
         self.share = 0.0 if self._left else 1.0
-        return super()._worth(surrogate, pool, p)
+        return super()._acquisition(surrogate, pool, p)
 
 
 def _entropy(p: Array) -> Array:

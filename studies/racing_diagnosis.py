@@ -22,7 +22,6 @@ from scipy.stats import spearmanr
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.measures.reference import Reference, load_reference
 
 FIFTHS = 5
@@ -30,7 +29,7 @@ FIFTHS = 5
 
 def measures(reference: Reference, anchors: int) -> dict[str, tuple[npt.NDArray[np.float64], int]]:
     """Each measure of all points, (n,), and the sign with which a track gets harder."""
-    tracks = Tracks(TEMPLATES[anchors].displaced(reference.mu))
+    tracks = TEMPLATES[anchors].tracks(reference.mu)
     return {
         "sharpest turn, °": (tracks.sharpest_turn_deg(), 1),
         "closest frames, m": (tracks.closest_m(), -1),
@@ -45,7 +44,7 @@ def print_turns(samples: int) -> None:
     for anchors, template in TEMPLATES.items():
         unit = np.random.default_rng(0).uniform(-1, 1, (samples, len(template.parameters)))
         for reach in (0.0, Course().spread, 1.0):
-            sharpest = Tracks(template.displaced(reach * unit)).sharpest_turn_deg()
+            sharpest = template.tracks(reach * unit).sharpest_turn_deg()
             low, middle, high = np.quantile(sharpest, [0.05, 0.5, 0.95])
             print(f"| {anchors} | ±{reach} | {low:.0f} | {middle:.0f} | {high:.0f} |")
 
@@ -99,7 +98,7 @@ def main() -> None:
                     f"| {100 * rate[rows].mean():.1f} % | {reference.mean_score[rows].mean():.3f} "
                     f"| {correlation:+.2f} |"
                 )
-        back = TEMPLATES[anchors].kept(reference.mu) < 1
+        back = TEMPLATES[anchors].tracks(reference.mu).kept < 1
         print(
             f"| {anchors} | drawn back | {100 * back.mean():.1f} % of mu | | "
             f"| {100 * rate[back].mean():.1f} % | {reference.mean_score[back].mean():.3f} | |"

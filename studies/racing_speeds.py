@@ -17,7 +17,6 @@ from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS, camera
 from sada_gym.envs.uav.course import benchmark_starts
 from sada_gym.envs.uav.episodes import Ending, Races
 from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import Tracks
 
 MILD = 0.25
 TEMPLATE_SHARE, MILD_SHARE, FEASIBLE_SHARE, THRESHOLD = 0.98, 0.95, 0.99, 0.7
@@ -26,7 +25,7 @@ TEMPLATE_SHARE, MILD_SHARE, FEASIBLE_SHARE, THRESHOLD = 0.98, 0.95, 0.99, 0.7
 def fly(anchors, mu, seeds, speed_m_s):
     """Fly the tracks of mu; give passed, touched, seen (n, g) and the times (n,)."""
     pilot, parts = PrivilegedPilot(speed_m_s), []
-    tracks = Tracks(TEMPLATES[anchors].displaced(mu))
+    tracks = TEMPLATES[anchors].tracks(mu)
     starts = benchmark_starts(tracks, seeds)
     for first in range(0, len(starts), LOCKSTEP):
         races = Races(starts[first : first + LOCKSTEP])

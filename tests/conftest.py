@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import subprocess
 import sys
@@ -10,11 +9,9 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 
 import pytest
+from forked import FORKSERVER
 
 import sada_gym  # registers the environments
-
-FORKSERVER = multiprocessing.get_context("forkserver")
-FORKSERVER.set_forkserver_preload(["torch", "sklearn.gaussian_process", "scipy.stats"])
 
 pytest.register_assert_rewrite("sada_gym.testing")
 
@@ -54,10 +51,7 @@ def compile_kernels() -> None:
 
 @pytest.fixture(autouse=True)
 def fresh_processes_share_imports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let `in_fresh_process` fork from one process that has imported the libraries and no more.
-
-    Importing them anew takes some three seconds, a hundred times over.
-    """
+    """Let `in_fresh_process` fork from one process that has imported the libraries and no more."""
 
     def context() -> BaseContext:
         return FORKSERVER

@@ -127,9 +127,10 @@ def test_anything_but_scores_and_dictionaries_is_the_applications_fault(
         Odd([0.5]).evaluate([[0]], [0])
 
 
-def test_seeds_that_are_no_list_are_refused() -> None:
-    with pytest.raises(ValueError, match="Expected a list of seeds, one for each mu, got 5"):
-        Given([0.5]).evaluate([[0]], 5)  # type: ignore[arg-type]
+@pytest.mark.parametrize("seeds", [5, None, np.array(5), {5}, {5: 5}])
+def test_seeds_that_are_no_list_are_refused(seeds: Any) -> None:
+    with pytest.raises(ValueError, match="Expected a list of seeds, one for each mu, got"):
+        Given([0.5]).evaluate([[0]], seeds)
 
 
 def test_missing_extras_are_named() -> None:

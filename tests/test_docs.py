@@ -15,6 +15,7 @@ from typing import Any
 import gymnasium as gym
 import pytest
 import typer
+from forked import run_script
 
 from sada_gym import adversaries, agents
 from sada_gym.cli import app
@@ -22,6 +23,7 @@ from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PATHS = (ROOT, ROOT / "examples")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 NOT_RUN = "<!-- not run:"
 OPTIONAL = "rl_zoo3"
@@ -33,22 +35,24 @@ SMALLER = (
     (r"\bbudget=500\b", "budget=60"),
     (r"\bnum_envs=64\b", "num_envs=16"),
     (r"(Oracle\(\"[\w-]+\", )budget=1_000\b", r"\1budget=200"),
-    (r"\bsamples=3\b", "samples=1"),
+    (r"\bsamples=(3|20)\b", "samples=1"),
+    (r"(\brun_benchmark\(.*)\breferences=", r"\1workers=1, references="),
+    (r"\breplay\(\[0\.9, 0\.8, 0\.6\], 3\)", "replay([1.0, 1.0, 1.0], 3)"),
     (r"\bBUDGET = 8_192\b", "BUDGET = 1_024"),
     (
         r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)",
         r"num_envs=4))\1\2.learn(128)",
     ),
 )
-"""Fewer queries and steps of training; the numbers on a page are a reader's."""
+"""Fewer queries, steps and processes; the numbers on a page are a reader's."""
 
 everywhere = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
 def run(*command: str | Path, folder: Path) -> str:
     """Run Python as a reader would, with one thread a process."""
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'examples'}"}
-    environment |= {"OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "error::DeprecationWarning:__main__"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, PATHS))}
+    environment |= {"OMP_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, *map(str, command)],
         cwd=folder,
@@ -93,8 +97,9 @@ def commands(page: Path) -> Iterator[list[str]]:
 )
 def test_code_blocks_run(page: Path, tmp_path: Path) -> None:
     """All blocks of a page in order, as one script in an empty folder."""
-    (tmp_path / "page.py").write_text(smaller("\n".join(blocks(page, "python"))), encoding="utf-8")
-    run("page.py", folder=tmp_path)
+    script = tmp_path / "page.py"
+    script.write_text(smaller("\n".join(blocks(page, "python"))), encoding="utf-8")
+    run_script(script, *PATHS)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -103,8 +108,9 @@ def test_examples_run(example: Path, tmp_path: Path) -> None:
     if example.stem.startswith("test_"):
         run("-m", "pytest", "-q", "-p", "no:cacheprovider", example, folder=tmp_path)
     else:
-        (tmp_path / example.name).write_text(smaller(text), encoding="utf-8")
-        assert "fool" in run(example.name, folder=tmp_path) or "before" in text
+        script = tmp_path / example.name
+        script.write_text(smaller(text), encoding="utf-8")
+        assert "fool" in run_script(script, *PATHS) or "before" in text
 
 
 def test_the_example_application_keeps_the_contract(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 import torch
+from quick import QUICK
 
 from sada_gym import adversaries, agents
 from sada_gym.errors import UserError
@@ -88,9 +89,7 @@ def test_no_agents_file_runs_code(application, variant, tmp_path):
 
 def trained(name):
     oracle = FunctionOracle(lambda mu: np.abs(mu).mean(axis=1), budget=60)
-    small = {"bbgan": {"steps": 2}, "bbgan-boost": {"steps": 2}}
-    small |= {"sac": {"updates": 0.1}, "td3": {"updates": 0.1}}
-    adversary = adversaries.make(name, 2, seed=0, **small.get(name, {}))
+    adversary = adversaries.make(name, 2, seed=0, **QUICK.get(name, {}))
     adversary.train(oracle)
     return adversary
 

@@ -1,4 +1,4 @@
-"""`archive`: the fooling points of Omega once more, the control for what memorising scores."""
+"""`archive`: repeats the queries that fooled, as the control for what memorising scores."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
-from sada_gym.adversaries.omega import Omega, induce
+from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.omega import Omega
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
 
@@ -26,21 +26,13 @@ class Archive(Learner):
     packages = ()
     uniform_queries: ClassVar[bool] = True
 
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
-        """Draw n of the points that fooled in training: (n, d) float32, shuffled.
-
-        Raises:
-            RuntimeError: If it was neither trained nor loaded.
-        """
-        self._refuse_untrained("sample")
-        return self._draw(n)
-
     def _fit(self, omega: Omega) -> None:
-        induced = induce(omega, self.threshold, self.rng)
-        self.flags = [MEMORISED, *([NONE_FOOLED] if induced.fallback else [])]
-        self._points = induced.chosen
+        self.flags = [MEMORISED]
+        self._points = self._induce(omega).chosen
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
         rounds = -(-n // len(self._points))
         order = [self.rng.permutation(len(self._points)) for _ in range(rounds)]
         return self._points[np.concatenate([*order, np.zeros(0, np.intp)])[:n].astype(np.intp)]
+
+    _fresh = _draw  # samples may repeat

@@ -1,4 +1,4 @@
-"""What every adversary is: a learner of the distribution of mu that fools the agent."""
+"""The interface of every adversary, which learns the distribution of mu that fools the agent."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from sada_gym.adversaries.options import Options, choose_options
 from sada_gym.errors import refuse_number
 
 MOST_DIMENSIONS = 1_000
-"""The most semantic parameters: far above any application's, and a covariance is still small."""
+"""The most semantic parameters: no application has nearly as many, and a covariance fits memory."""
 
 
 class Query(Protocol):
-    """All that an adversary sees of the application (`sada_gym.oracle.Oracle` is one)."""
+    """An oracle is all that an adversary sees of the application (`sada_gym.oracle.Oracle`)."""
 
     @property
     def remaining(self) -> int:
-        """Queries left."""
+        """The number of queries left."""
         ...
 
     @property
     def threshold(self) -> float:
-        """The fooling threshold; the agent is fooled where Q <= threshold."""
+        """The fooling threshold: the agent is fooled where Q <= threshold."""
         ...
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu (n, d) in [-1, 1]: (n,) float64 in [0, 1]. Costs n queries."""
+        """Score mu (n, d) in [-1, 1]: (n,) float64 in [0, 1]. It costs n queries."""
         ...
 
 
@@ -109,4 +109,4 @@ class Adversary(ABC):
     @classmethod
     @abstractmethod
     def load(cls, folder: Path) -> Self:
-        """Read an adversary that `save` wrote; it samples as the saved one would have gone on."""
+        """Read an adversary that `save` wrote; it samples as the saved one would continue."""

@@ -26,11 +26,11 @@ class BayesianOptions(Options):
     Attributes:
         initial: Uniform points that the search starts from, at most the budget. None takes 10 d
             (Jones, Schonlau & Welch 1998), but at most a quarter of the budget.
-        last: Evaluations at the end that S is induced from.
+        last: Number of evaluations at the end that S is induced from.
         induced_size: s, the most points of S; 0 for all that fool.
         components: Sizes of mixtures to try.
-        candidates: Points among which each step chooses, a power of two.
-        batch: Points evaluated at once, for parallel workers; see `minimise`.
+        candidates: Number of points that each step chooses from, a power of two.
+        batch: Number of points evaluated at once, for parallel workers; see `minimise`.
     """
 
     initial: int | None = option(None, 1, 10**9, kind=int)
@@ -41,11 +41,7 @@ class BayesianOptions(Options):
     batch: int = option(1, 1, 10_000)
 
     def __post_init__(self) -> None:
-        """Check every option.
-
-        Raises:
-            ValueError: If one is of another type than declared, or out of range.
-        """
+        """Check every option."""
         super().__post_init__()
         if self.candidates & (self.candidates - 1):
             raise UserError(
@@ -57,10 +53,11 @@ class BayesianOptions(Options):
 class Bayesian(MixtureLearner):
     """Minimises Q by expected improvement, and fits a Gaussian mixture to the lowest late points.
 
-    The Bayesian baseline of the paper (section "Baselines"): its 10^4 steps are whatever budget the
-    oracle has; S comes from the last 1,000 evaluations, or from all where there are fewer. Of
-    mixtures of several sizes the paper reports the best; ours is the one of the best
-    cross-validated likelihood, chosen without a test sample. Draws outside the box are drawn again.
+    This is the Bayesian baseline of the paper (section "Baselines"), which takes 10^4 steps; here
+    the oracle's budget sets the number. S comes from the last 1,000 evaluations, or from all if
+    there are fewer. The paper fits mixtures of several sizes and reports the best. We take the one
+    of the best cross-validated likelihood, without a test sample. Draws outside the box are drawn
+    again.
     See `BayesianOptions`.
     """
 
@@ -76,7 +73,7 @@ class Bayesian(MixtureLearner):
 
     def _fit(self, omega: Omega) -> None:
         o = self.options
-        late = Omega(omega.mu[-o.last :], omega.score[-o.last :])
+        late = omega[-o.last :]
         induced = induce(late, self.threshold, self.rng, size=o.induced_size or None)
         if induced.fallback:
             self.flags.append(
@@ -107,9 +104,9 @@ def minimise(
         omega: What was evaluated before, at least one point.
         rng: All randomness.
         candidates: Number of candidates, a power of two.
-        batch: Points asked for at once. Within a batch each is taken to score its posterior mean
-            until the scores arrive ("kriging believer": Ginsbourger, Le Riche & Carraro 2010,
-            "Kriging is well-suited to parallelize optimization").
+        batch: Number of points in one query. Within a batch, each point counts as if it scored its
+            posterior mean until the scores arrive ("kriging believer": Ginsbourger, Le Riche &
+            Carraro 2010, "Kriging is well-suited to parallelize optimization").
 
     Returns:
         All evaluations, those of `omega` first, in order.
@@ -138,7 +135,7 @@ def minimise(
 
 
 def stages(start: int, stop: int) -> list[int]:
-    """Give the numbers of evaluations at which to begin anew: halvings of stop, and stop itself."""
+    """Give the numbers of evaluations at which a fit ends: halvings of stop, and stop itself."""
     ends = []
     while stop > start:
         ends.append(stop)

@@ -15,8 +15,8 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.bbgan_training import train_gan
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
-from sada_gym.adversaries.omega import Omega, induce
+from sada_gym.adversaries.learner import Arrays, Learner, take
+from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.determinism import one_thread
 
@@ -26,19 +26,16 @@ _CALIBRATION_DRAWS = 4096
 class BBGAN(Learner):
     """A GAN that learns the fooling distribution from the points of a uniform pool that fool.
 
-    All of the budget goes into Omega. The `default` preset departs from the paper's where that
-    loses whole fooling regions; the `paper` preset is the authors' own setting. See `BBGANOptions`.
+    All of the budget goes into Omega. The `paper` preset is the authors' own setting. The `default`
+    preset departs from it where it loses whole fooling regions. See `BBGANOptions`.
+
+    The other arguments are those of `Adversary`.
 
     Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        preset: The named set of options to start from: `default` or `paper`.
         log_dir: Folder for a TensorBoard log of the training; None writes none. It is not saved:
             loading writes no log.
-        options: Single options.
 
     Raises:
-        ValueError: If the dimension, the preset, or an option is unknown or bad.
         ModuleNotFoundError: If there is a `log_dir`, but no tensorboard.
     """
 
@@ -62,7 +59,7 @@ class BBGAN(Learner):
         **options: Any,
     ) -> None:
         super().__init__(dimension, seed=seed, preset=preset, **options)
-        self._log = TrainingLog(log_dir)
+        self._log = None if log_dir is None else TrainingLog(log_dir)
         self._generator = torch.Generator()
         self._g: Generator
         self._d: Discriminator
@@ -78,7 +75,8 @@ class BBGAN(Learner):
         try:
             super().train(oracle)
         finally:
-            self._log.close()
+            if self._log:
+                self._log.close()
 
     def _fit(self, omega: Omega) -> None:
         self._seed_networks()
@@ -89,9 +87,8 @@ class BBGAN(Learner):
 
     def _train_networks(self, omega: Omega) -> None:
         """Train G and D afresh on the set induced from omega."""
-        size = self.options.induced_size or None
-        induced = induce(omega, self.threshold, self.rng, size=size)
-        self.flags = [NONE_FOOLED] if induced.fallback else []
+        self.flags = []
+        induced = self._induce(omega, self.options.induced_size)
         with one_thread():
             self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
             self._ceiling = self._refusal_ceiling()
@@ -102,18 +99,18 @@ class BBGAN(Learner):
             logits = self._d(self._g(_CALIBRATION_DRAWS, self._generator))
         return torch.quantile(logits, self.options.acceptance)
 
-    def _propose(self, n: int, stir: float) -> npt.NDArray[np.float32]:
-        return self._sampled(2 * n + 64, stir)
+    def _propose(self, n: int, noise: float) -> npt.NDArray[np.float32]:
+        return self._generate(2 * n + 64, noise)
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
-        return self._sampled(n, 0.0)
+        return self._generate(n, 0.0)
 
-    def _sampled(self, n: int, stir: float) -> npt.NDArray[np.float32]:
-        """Draw n samples of the generator; without a stir, leave out what D refuses."""
+    def _generate(self, n: int, noise: float) -> npt.NDArray[np.float32]:
+        """Draw n samples of the generator; without noise, leave out those that D refuses."""
         with torch.no_grad(), one_thread():
             mu = self._g(n, self._generator)
-            if stir:
-                mu = mu + stir * torch.randn(mu.shape, generator=self._generator)
+            if noise:
+                mu = mu + noise * torch.randn(mu.shape, generator=self._generator)
             elif self.options.acceptance:
                 odds = (self._d(mu) - self._ceiling).exp()
                 mu = mu[torch.rand(n, generator=self._generator) < odds]

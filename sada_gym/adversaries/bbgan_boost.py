@@ -20,7 +20,7 @@ class BoostOptions(BBGANOptions):
     Attributes:
         stages: K, the number of times that samples of the last GAN join Omega.
         share: How many join each time, as a share of N, the uniform points at the start.
-        copies: How often each of them stands in Omega: 5 copies of 0.1 N stand for the paper's
+        copies: The number of copies of each sample in Omega: 5 copies of 0.1 N are the paper's
             beta N at beta = 0.5; 1 keeps points unique.
     """
 
@@ -62,7 +62,8 @@ class BoostedBBGAN(BBGAN):
             omega += sampled
             for _ in range(self.options.copies):
                 boosted += sampled
-            self._log.start(f"stage{stage + 1}")
+            if self._log:
+                self._log.start(f"stage{stage + 1}")
             self._train_networks(boosted)
         return omega
 

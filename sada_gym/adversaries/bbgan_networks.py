@@ -1,4 +1,4 @@
-"""The networks of BBGAN: small perceptrons whose randomness is handed in, never global."""
+"""The networks of BBGAN: small perceptrons that get a generator for all randomness."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Perceptron(nn.Module):
 class Features(nn.Module):
     """mu beside the sines and cosines of random projections (Rahimi & Recht 2007).
 
-    Small networks learn slow functions first; these let them see narrow regions, and the fewer
-    the dimensions the narrower: the scale is `frequency / d`.
+    Small networks learn slow functions first; these features show them narrow regions, which are
+    narrower in fewer dimensions: the scale is `frequency / d`.
     """
 
     directions: Tensor
@@ -54,7 +54,7 @@ class Features(nn.Module):
 
 
 class Generator(nn.Module):
-    """G: z, and with `transport` a uniform point beside it, to mu in [-1, 1]^d."""
+    """G maps z, and with `transport` a uniform point as well, to mu in [-1, 1]^d."""
 
     def __init__(self, dimension: int, o: BBGANOptions, generator: torch.Generator) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class Generator(nn.Module):
             (width, *o.generator, dimension), sd=o.initial_sd, generator=generator
         )
         if o.transport:
-            last = self.net.layers[-1]  # moves nothing yet
+            last = self.net.layers[-1]  # a new generator moves nothing
             assert isinstance(last, nn.Linear)
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)
@@ -88,7 +88,7 @@ class Generator(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """D: mu to the logit of its being from the induced set."""
+    """D maps mu to the logit of the probability that it belongs to the induced set."""
 
     def __init__(self, dimension: int, o: BBGANOptions, generator: torch.Generator) -> None:
         super().__init__()

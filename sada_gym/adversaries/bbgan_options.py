@@ -16,27 +16,28 @@ class BBGANOptions(Options):
         latent: Dimensions of z.
         generator: Widths of the generator's hidden layers.
         discriminator: Widths of the discriminator's hidden layers.
-        transport: Whether the generator moves uniform points (it starts as the uniform
-            distribution, so no region is missed from the outset) or maps z alone.
+        transport: Whether the generator moves uniform points or maps z alone. A generator that
+            moves uniform points starts as the uniform distribution, which covers every region.
         fold: Whether outputs are folded back at the box's faces, which they reach as often as any
             other place, instead of squashed by tanh, which hardly ever reaches them.
         features: Random Fourier features of mu that both networks see; 0 for mu alone.
-        frequency: Their scale, divided by d: without them small networks blur what is narrow.
+        frequency: The scale of the features times d. Small networks blur narrow regions without
+            such features.
         initial_sd: Standard deviation of truncated normal weights; 0 for PyTorch's own scale.
         steps: Training steps.
         batch: Samples of each kind in an update.
-        discriminator_updates: Discriminator updates a step.
-        generator_updates: Generator updates a step.
-        learning_rate: Adam's.
+        discriminator_updates: Updates of the discriminator in each step.
+        generator_updates: Updates of the generator in each step.
+        learning_rate: The learning rate of Adam.
         decay: Whether the learning rate falls linearly to 0 over the second half.
-        beta1: Adam's.
-        beta2: Adam's.
-        dropout: In the discriminator: it must not learn a noisy Omega by heart.
+        beta1: The decay rate of Adam's first moment.
+        beta2: The decay rate of Adam's second moment.
+        dropout: The dropout of the discriminator, which keeps it from memorising a noisy Omega.
         induced_size: s, the most points of the induced set; 0 for all that fool.
-        rest: How much the points of Omega that do not fool count against the induced set as further
-            fakes: at most this, at most their number over that of S; 0 for not at all.
-        tether: Price of moving a uniform point, times the squared distance: a point that starts in
-            a fooling region stays, and none of the regions is left. Needs `transport`.
+        rest: The weight of the points of Omega that do not fool, as further fakes. It is at most
+            the ratio of their number to that of S; 0 leaves them out.
+        tether: The price of moving a uniform point, per squared distance. It keeps points that
+            start in a fooling region there, so that no region is lost. It needs `transport`.
         average: Decay of the running average of both networks' weights; 0 for the last weights.
         acceptance: The share of samples that the discriminator may refuse: a sample is kept with
             probability min(1, r / r_a), r its odds of being real, r_a their quantile at this share.
@@ -89,4 +90,4 @@ PAPER: dict[str, Any] = {
     "tether": 0.0,
     "acceptance": 0.0,
 }
-"""The paper's setting, where the paper is silent the authors' code's."""
+"""The paper's setting; where the paper is silent, that of the authors' code."""

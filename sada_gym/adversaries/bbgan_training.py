@@ -18,7 +18,7 @@ _LOG_EVERY = 25
 
 
 def train_gan(
-    induced: Induced, o: BBGANOptions, generator: torch.Generator, log: TrainingLog
+    induced: Induced, o: BBGANOptions, generator: torch.Generator, log: TrainingLog | None
 ) -> tuple[Generator, Discriminator]:
     """Train G and D by the paper's BBGAN objective: S is real, G's samples are fake.
 
@@ -31,7 +31,7 @@ def train_gan(
         induced: S, (s, d), and the rest of Omega, (n, d).
         o: The options.
         generator: All randomness.
-        log: Hears of losses and samples.
+        log: Gets losses and samples, if there is one.
 
     Returns:
         G and D, their weights averaged over the steps where `o.average` says so.
@@ -84,13 +84,8 @@ def train_gan(
         if not bool((loss_d.detach() + loss_g.detach()).isfinite()):
             raise _diverged(step, o)
         if log and (step % _LOG_EVERY == 0 or step == o.steps - 1):
-            log.scalars(
-                step,
-                {
-                    "loss/discriminator": float(loss_d.detach()),
-                    "loss/generator": float(loss_g.detach()),
-                },
-            )
+            losses = {"loss/discriminator": loss_d, "loss/generator": loss_g}
+            log.scalars(step, {name: float(loss.detach()) for name, loss in losses.items()})
             # a generator of their own: a log must not change the result
             shown = torch.Generator().manual_seed(step)
             with torch.no_grad():

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
+from sada_gym.adversaries.learner import Arrays, Learner, take
 from sada_gym.adversaries.models.mixture import reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import MissingExtra
 
@@ -33,10 +33,10 @@ class CMAMAEOptions(Options):
 
     Attributes:
         uniform_share: The share of the budget that is uniform.
-        cells: Cells of the archive: few, so that thousands of queries fill them often.
-        emitters: Evolution strategies.
-        learning_rate: How fast thresholds rise: 0 optimises, 1 explores as CMA-ME does.
-        sigma: The strategies' first standard deviation.
+        cells: Number of cells of the archive; few cells get many queries each.
+        emitters: Number of evolution strategies.
+        learning_rate: The rate at which thresholds rise: 0 optimises, 1 explores as CMA-ME does.
+        sigma: The standard deviation that the strategies start with.
     """
 
     uniform_share: float = option(0.2, 0, 1, inside=True)
@@ -51,18 +51,19 @@ class CMAMAE(Learner):
 
     CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing"): several
     CMA-ES climb the improvement of the objective 1 - Q over their cell's acceptance threshold,
-    which rises with what the cell is shown, so that they leave a cell once it is exhausted. An
+    which rises with every solution that the cell gets, so that they leave an exhausted cell. An
     adversary knows nothing but mu, so mu itself is the measure: the cells are the Voronoi cells of
     a Halton sequence in [-1, 1]^d, in any dimension. A first part of the budget is uniform; the
     strategies start at elites that fool, if any do. They move in unbounded space, reflected at the
     box's faces.
 
-    Where the world is random, an elite may have been lucky, and its score says little. So no
-    distribution is built on elites: all evaluated points count, as implicit repetitions of their
-    cell (as in Deep-Grid, Flageat & Cully 2020). A sample takes a cell in proportion to the square
-    of its fooling rate, which lets cells fade where fooling was luck, one of the cell's points that
-    fooled, and a Gaussian step. The step's expected length is half the distance to the nearest
-    other fooling point, and its deviation at most `sigma` a dimension.
+    Where the world is random, an elite may have been lucky, and its score says little. So the
+    distribution does not rest on elites: all evaluated points count, as implicit repetitions of
+    their cell (as in Deep-Grid, Flageat & Cully 2020). A sample picks a cell in proportion to the
+    square of its fooling rate, which favours cells where fooling was not luck. Then it picks one of
+    the cell's points that fooled, and takes a Gaussian step from there. The
+    step's expected length is half the distance to the nearest other fooling point, and its
+    deviation is at most `sigma` in each dimension.
     See `CMAMAEOptions`.
     """
 
@@ -139,16 +140,15 @@ class CMAMAE(Learner):
 
     def _fit(self, omega: Omega) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""
-        induced = induce(omega, self.threshold, self.rng)
-        self.flags = [NONE_FOOLED] if induced.fallback else []
+        chosen = self._induce(omega).chosen
         cells, count = KDTree(self._centroids), len(self._centroids)
-        cell = cells.query(induced.chosen)[1]
+        cell = cells.query(chosen)[1]
         tried = np.bincount(cells.query(omega.mu)[1], minlength=count)
         fooled = np.bincount(cell, minlength=count)
         rate = fooled / (tried + 1.0)  # one more, so that a cell hit once is no sure thing
         weight = rate[cell] ** 2 / fooled[cell]
-        nearest = KDTree(induced.chosen).query(induced.chosen, k=2)[0][:, 1]
-        self._points = induced.chosen
+        nearest = KDTree(chosen).query(chosen, k=2)[0][:, 1]
+        self._points = chosen
         self._odds = weight / weight.sum()
         self._deviations = np.minimum(0.5 * nearest / np.sqrt(self.dimension), self.options.sigma)
 

@@ -28,7 +28,7 @@ class CrossEntropyOptions(Options):
     Attributes:
         uniform_share: The first stage's share of the budget.
         stages: Number of later stages.
-        elite: The quantile of scores that sets the level.
+        elite: The quantile of the scores that sets the level.
         components: The most components of a mixture; powers of two up to it are tried.
         defensive: The share of uniform points in the later stages.
     """
@@ -42,13 +42,13 @@ class CrossEntropyOptions(Options):
 
 @dataclass(frozen=True)
 class _Proposal:
-    """What one stage draws from: a truncated mixture, and a share of uniform points.
+    """The distribution of one stage: a truncated mixture, and a share of uniform points.
 
     Attributes:
-        mixture: None for the first stage, which is all uniform.
+        mixture: The mixture; None for the first stage, which is all uniform.
         mass: The mixture's mass in the box.
         defensive: The share of uniform points.
-        count: Points drawn.
+        count: The number of points drawn.
     """
 
     mixture: Mixture | None
@@ -80,9 +80,9 @@ class CrossEntropy(Learner):
     by having been drawn from more often. Uniform draws in every stage bound the weights and find
     regions that the mixture lacks. The number of components is cross-validated.
 
-    Where Q is random, to be at or below epsilon is a draw of the probability p(mu) to fool. Every
-    evaluation counts once, the lucky one no more than others, so that the mixture aims at
-    the density proportional to p.
+    Where Q is random, a score at or below epsilon is one draw with the probability p(mu) to fool.
+    Every evaluation counts once, a lucky one no more than others, so that the mixture aims at the
+    density proportional to p.
 
     Samples are those of the last mixture, thinned by an estimate of p from all evaluated points
     (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
@@ -145,7 +145,7 @@ class CrossEntropy(Learner):
         return points.astype(np.float32)
 
     def _learn_odds(self, omega: Omega, level: float) -> None:
-        """Fit mixtures to the points at or below the level and to those above, by which to thin."""
+        """Fit mixtures to the points at or below the level and above it, which thin the samples."""
         fooled = omega.score <= level
         self._classes: list[Mixture] = []
         self._log_odds = self._ceiling = 0.0

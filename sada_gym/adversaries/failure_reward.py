@@ -1,4 +1,4 @@
-"""What an adversary that learns by reinforcement is paid for a query, on no scale of Q's own."""
+"""The rewards of adversaries that learn by reinforcement; they depend on the order of scores."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from sada_gym.adversaries.omega import Omega
 
 MEMORY = 1_000
-"""How many failures the dissimilarity bonus remembers: the latest ones."""
+"""The dissimilarity bonus remembers so many failures, the latest ones."""
 
 Array = npt.NDArray[np.float64]
 
@@ -17,11 +17,11 @@ Array = npt.NDArray[np.float64]
 def failure_rewards(
     asked: Omega, seen: Omega, threshold: float, *, rank: float, dissimilarity: float
 ) -> Array:
-    """Pay for the queries of a rollout: (n,).
+    """Give the rewards of a rollout's queries: (n,).
 
-    A query that fooled is paid 1. Any other is paid a part of `rank`: the share of all queries
-    that missed so far, these included, whose score is above its own (of equal ones half). So a
-    score counts by its order alone, and Q, Q**4 and log Q pay the same.
+    A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
+    missed so far, these included, whose score is above its own (half of the equal ones count). So
+    only the order of scores matters, and Q, Q**4 and log Q give the same rewards.
 
     The dissimilarity bonus (Corso et al. 2019, "Adaptive stress testing with reward augmentation
     for autonomous vehicle validation") is added where a query fooled: `dissimilarity` times its
@@ -31,7 +31,7 @@ def failure_rewards(
         asked: The rollout's queries.
         seen: All queries before it.
         threshold: The fooling threshold.
-        rank: The most that a query is paid that did not fool.
+        rank: The highest reward of a query that did not fool.
         dissimilarity: The weight of the bonus.
     """
     fooled = asked.score <= threshold
@@ -47,12 +47,12 @@ def failure_rewards(
 
 
 def novelties(mu: npt.NDArray[np.float32], failures: npt.NDArray[np.float32]) -> Array:
-    """Tell how far from known failures each mu (n, d) lies: (n,) in [0, 1].
+    """Give how far from known failures each mu (n, d) lies: (n,) in [0, 1].
 
     A distance has no meaning by itself: in eight dimensions every two points are far apart. So it
     is compared to those among the failures themselves, (m, d): the result is the share of them
     whose nearest other failure is closer than the mu's nearest failure. With fewer than two
-    failures everything is new.
+    failures every mu has novelty 1.
     """
     if len(failures) < 2:
         return np.ones(len(mu))

@@ -10,15 +10,14 @@ import numpy.typing as npt
 
 from sada_gym.errors import AdversaryError
 
-_ROUNDS_BEFORE_STIRRING = 100
-_STIR = 1e-4
+_ROUNDS_WITHOUT_NOISE = 100
+_FIRST_NOISE, _MOST_NOISE = 1e-4, 0.5
 _WINDOW = 20
 _LEAST_NEW = 0.1
-_MOST_STIR = 0.5
 
 
 def row_keys(mu: npt.NDArray[np.float32]) -> set[bytes]:
-    """Give what tells the rows of mu (n, d) apart."""
+    """Give a key of each row of mu (n, d); equal rows have equal keys."""
     # adding 0 turns -0 into 0: equal rows have equal bytes
     return {row.tobytes() for row in mu + np.float32(0.0)}
 
@@ -30,13 +29,13 @@ def fresh_rows(
 ) -> npt.NDArray[np.float32]:
     """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
 
-    After 100 rounds the proposals are stirred, by 1e-4. Whenever less than a tenth of what 20
-    further rounds proposed was new, the stir grows tenfold, because few floats may be left around
-    a single point. It gives up where even a stir as wide as the box brings little new.
+    After 100 rounds the proposals get noise of 1e-4. Whenever less than a tenth of the proposals of
+    20 further rounds was new, the noise grows tenfold, because few floats may be left around a
+    single point. It gives up where even noise as wide as the box brings hardly anything new.
 
     Args:
-        propose: Called as propose(missing, stir), gives some rows. Its stir is 0 until few distinct
-            ones seem to be left to draw, then a standard deviation to disturb them by.
+        propose: Called as propose(missing, noise), it gives some rows. The noise is 0 as long as
+            enough distinct rows come; then it is the standard deviation of noise to add.
         shape: n and d.
         known: The `row_keys` of what must not come again.
 
@@ -45,11 +44,11 @@ def fresh_rows(
     """
     chosen: dict[bytes, npt.NDArray[np.float32]] = {}
     rounds = proposed = found = 0
-    stir = _STIR
+    noise = _FIRST_NOISE
     while len(chosen) < shape[0]:
-        stirring = rounds > _ROUNDS_BEFORE_STIRRING
+        noisy = rounds > _ROUNDS_WITHOUT_NOISE
         before = len(chosen)
-        drawn = propose(shape[0] - before, stir if stirring else 0.0)
+        drawn = propose(shape[0] - before, noise if noisy else 0.0)
         if not np.isfinite(drawn).all():
             raise AdversaryError(
                 "Expected finite samples, but the adversary draws NaN or infinite ones: what it "
@@ -61,20 +60,20 @@ def fresh_rows(
             if key not in known and len(chosen) < shape[0]:
                 chosen.setdefault(key, row)
         rounds += 1
-        if not stirring:
+        if not noisy:
             continue
         proposed, found = proposed + len(drawn), found + len(chosen) - before
         if rounds % _WINDOW == 0:
             if found <= _LEAST_NEW * proposed:
-                stir = _more(stir, len(chosen), shape[0])
+                noise = _more(noise, len(chosen), shape[0])
             proposed = found = 0
     return np.array(list(chosen.values()), np.float32).reshape(shape)
 
 
-def _more(stir: float, found: int, wanted: int) -> float:
-    if stir > _MOST_STIR:
+def _more(noise: float, found: int, wanted: int) -> float:
+    if noise > _MOST_NOISE:
         raise AdversaryError(
             f"Expected {wanted:,} different samples, but after {found:,} the adversary draws "
             "hardly anything new. Ask for fewer, or train it again."
         )
-    return 10.0 * stir
+    return 10.0 * noise

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Mixture, fit_mixture
-from sada_gym.adversaries.omega import Omega, induce
+from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
 
 
@@ -19,7 +19,7 @@ class GaussianOptions(Options):
     """The options of `gaussian`, `gmm10` and `gmm50`.
 
     Attributes:
-        induced_size: s, the most points of the induced set; 0 for all that fool.
+        induced_size: s, the most points of the induced set; 0 takes all that fool.
     """
 
     induced_size: int = option(100, 0, 10**9)
@@ -40,8 +40,8 @@ class Gaussian(MixtureLearner):
     """A Gaussian with full covariance, fitted on the induced set of a uniform pool.
 
     All of the budget goes into Omega (Hamdi, Mueller, Ghanem 2020, "Baselines", Gaussian Mixture
-    Model). Samples are truncated to the box where the authors' code clips them; covariances are
-    regularised as `fit_mixture` says, on which the paper is silent. See `GaussianOptions`.
+    Model). Samples are truncated to the box; the authors' code clips them. The paper does not say
+    how covariances are regularised; `fit_mixture` says how ours are. See `GaussianOptions`.
     """
 
     name: ClassVar[str] = "gaussian"
@@ -53,23 +53,20 @@ class Gaussian(MixtureLearner):
     options: GaussianOptions
 
     def _fit(self, omega: Omega) -> None:
-        size = self.options.induced_size or None
-        induced = induce(omega, self.threshold, self.rng, size=size)
-        if induced.fallback:
-            self.flags.append(NONE_FOOLED)
-        components = max(1, round(self.components_share * len(induced.chosen)))
-        self._mixture = fit_mixture(induced.chosen, components, self.rng)
+        chosen = self._induce(omega, self.options.induced_size).chosen
+        components = max(1, round(self.components_share * len(chosen)))
+        self._mixture = fit_mixture(chosen, components, self.rng)
 
 
 class GMM10(Gaussian):
-    """A mixture with a tenth as many Gaussians as the induced set has points; else `gaussian`."""
+    """Like `gaussian`, but a mixture of a tenth as many Gaussians as the induced set has points."""
 
     name: ClassVar[str] = "gmm10"
     components_share: ClassVar[float] = 0.1
 
 
 class GMM50(Gaussian):
-    """A mixture with half as many Gaussians as the induced set has points; else `gaussian`."""
+    """Like `gaussian`, but a mixture of half as many Gaussians as the induced set has points."""
 
     name: ClassVar[str] = "gmm50"
     components_share: ClassVar[float] = 0.5

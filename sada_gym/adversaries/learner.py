@@ -1,4 +1,4 @@
-"""What nearly every adversary shares: training, fresh samples, and files."""
+"""The base class of nearly every adversary: it trains, draws fresh samples, and saves files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.fresh import fresh_rows, row_keys
-from sada_gym.adversaries.omega import Omega, evaluate_uniform
+from sada_gym.adversaries.omega import Induced, Omega, draw_uniform, evaluate_uniform, induce
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import OneLine, Strict, write_file, write_model
@@ -29,16 +29,16 @@ _RECORD, _ARRAYS = "adversary.json", "adversary.safetensors"
 
 
 class Record(Strict):
-    """A trained adversary but for its arrays, as `adversary.json` holds it.
+    """The contents of `adversary.json`: a trained adversary without its arrays.
 
     Attributes:
-        adversary: Its name.
+        adversary: The adversary's name.
         dimension: d.
-        options: All its options.
-        flags: What it says of its training.
-        threshold: The fooling threshold that it was trained with.
-        before_fit: The state of its generator before it was fitted.
-        generator: The state of its generator now.
+        options: All options of the adversary.
+        flags: The flags that the training set.
+        threshold: The fooling threshold of the training.
+        before_fit: The state of the adversary's generator before `_fit`.
+        generator: The state of the generator when it was saved.
     """
 
     adversary: str
@@ -75,7 +75,7 @@ class Learner(Adversary):
         self._before_fit: Mapping[str, Any] = {}
 
     def _query(self, oracle: Query) -> Omega:
-        """Spend the oracle's budget: all points evaluated. Here they are all uniform."""
+        """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
@@ -87,17 +87,28 @@ class Learner(Adversary):
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
     def _arrays(self) -> Arrays:
-        """Give what was learnt as arrays, no objects, to be saved. Here it is nothing."""
+        """Give what was learnt as arrays, which are saved. Here there is nothing to save."""
         return {}
 
     def _restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
-        """Take back what `_arrays` gave; `omega` is known. Here it fits again."""
+        """Restore what `_arrays` gave; `omega` is known. Here it fits again."""
         self._fit(self.omega)
 
-    def _propose(self, n: int, stir: float) -> npt.NDArray[np.floating[Any]]:
-        """Draw some candidates, (m, d), disturbed by a standard deviation of `stir`."""
+    def _propose(self, n: int, noise: float) -> npt.NDArray[np.floating[Any]]:
+        """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
-        return drawn + stir * self.rng.normal(size=drawn.shape) if stir else drawn
+        return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
+
+    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+        """Draw n uniform mu, (n, d)."""
+        return draw_uniform(n, self.dimension, self.rng)
+
+    def _induce(self, omega: Omega, size: int = 0) -> Induced:
+        """Pick the induced set, at most `size` points or all that fool; flag it if none does."""
+        induced = induce(omega, self.threshold, self.rng, size=size or None)
+        if induced.fallback:
+            self.flags.append(NONE_FOOLED)
+        return induced
 
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution.
@@ -111,7 +122,7 @@ class Learner(Adversary):
         self._trained = True
 
     def _train(self, oracle: Query) -> Omega:
-        """Query and fit; a subclass that alternates between them does so here."""
+        """Query and fit. A subclass that alternates between the two overrides this method."""
         omega = self._query(oracle)
         self._before_fit = self.rng.bit_generator.state
         self._fit(omega)
@@ -163,7 +174,7 @@ class Learner(Adversary):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read an adversary that `save` wrote; it samples as the saved one would have gone on.
+        """Read an adversary that `save` wrote; it samples as the saved one would continue.
 
         Raises:
             ValueError: If the folder holds no such adversary, or a number in it is not finite.
@@ -197,15 +208,15 @@ class Learner(Adversary):
 
 
 def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
-    """Give one of a file's arrays, checked for its shape.
+    """Give one of a file's arrays after checking its shape.
 
     Args:
-        arrays: By name.
-        name: Which.
-        shape: Its shape; None for any length.
+        arrays: The file's arrays by name.
+        name: The array's name.
+        shape: The shape that it must have; None allows any length.
 
     Raises:
-        ValueError: If it is missing or of another shape.
+        ValueError: If the array is missing or has another shape.
     """
     if name not in arrays:
         raise UserError(f"the array {name} is missing")
@@ -223,7 +234,7 @@ def refuse_bad_numbers(arrays: Arrays) -> None:
     """Refuse arrays from a file that hold anything but finite numbers.
 
     Raises:
-        ValueError: If one does.
+        ValueError: If an array holds anything else.
     """
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":

@@ -36,12 +36,12 @@ class LevelSetOptions(Options):
     """The options of `level-set`.
 
     Attributes:
-        uniform: Share of the budget that is uniform from the start.
-        rounds: Number of rounds for the rest.
-        explore: Share of each round that is uniform.
-        coverage: Share of the coverage that a higher level has to keep; 1.0 never raises it.
-        volume: Least volume of the sampled set, as a share of the volume predicted to fool.
-        models: What the surrogate stacks: `trees`, `process`.
+        uniform: The share of the budget that is uniform from the start.
+        rounds: The number of rounds that spend the rest.
+        explore: The share of each round that is uniform.
+        coverage: The share of the coverage that a higher level has to keep; 1.0 never raises it.
+        volume: The least volume of the sampled set, as a share of the volume predicted to fool.
+        models: The models that the surrogate stacks: `trees`, `process`.
     """
 
     uniform: float = option(0.4, 0.05, 1)
@@ -60,8 +60,8 @@ class LevelSet(Learner):
        p (1 - p), highest at the boundary of the fooling set {p >= 1/2}: where a query is the most
        informative about which side mu is on (compare Bryan et al. 2005, "Active learning for
        identifying function threshold boundaries"). A part of each round stays uniform, because a
-       surrogate is confident where it has never looked. Where hardly any query fools yet, the
-       rounds go to the lowest predicted scores first.
+       surrogate may be confident and wrong where it has no queries. Where hardly any query fools
+       yet, the rounds go to the lowest predicted scores first.
     2. The last surrogate is calibrated on held-out queries. Samples are uniform over
        {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
        Metropolis walk within it.
@@ -69,8 +69,8 @@ class LevelSet(Learner):
        with their predicted probability, at least `coverage` of what level 1/2 covers has to be
        left (density and coverage of Naeem et al. 2020, within the surrogate's own world). But
        where few queries fool, a calibrated surrogate is sure of hardly any mu, and {p >= 1/2} is a
-       speck of the fooling set. So the level is never so high that the sampled set has less than
-       `volume` of the volume that is predicted to fool, which is the mean of p.
+       tiny part of the fooling set. So the level is never so high that the sampled set has less
+       than `volume` of the volume that is predicted to fool, which is the mean of p.
 
     See `LevelSetOptions`.
 
@@ -101,28 +101,28 @@ class LevelSet(Learner):
         )
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for part in _split(budget - first, self.options.rounds):
-            surrogate = self._learnt(omega, self.rng)
+            surrogate = self._fit_surrogate(omega, self.rng)
             pool = self._uniform(max(_pool_size(budget), 4 * part))
-            omega += evaluate(self._chosen(surrogate, pool, part), oracle)
+            omega += evaluate(self._choose(surrogate, pool, part), oracle)
         return omega
 
-    def _learnt(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
+    def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
         return Surrogate(
             omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
         )
 
-    def _chosen(
+    def _choose(
         self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
     ) -> npt.NDArray[np.float32]:
-        """Choose mu of the pool to ask about: (count, d)."""
+        """Choose the next queries from the pool: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
-        odds = (p**4 if surrogate.raised else self._worth(surrogate, pool, p)) + 1e-12
+        odds = (p**4 if surrogate.raised else self._acquisition(surrogate, pool, p)) + 1e-12
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _worth(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
-        """Say how much a query of each mu of the pool is worth that fools with chance p: (m,)."""
+    def _acquisition(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
+        """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
         del surrogate, pool
         return p * (1.0 - p)
 
@@ -131,12 +131,12 @@ class LevelSet(Learner):
         if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
-        self._surrogate = self._learnt(omega, rng)
+        self._surrogate = self._fit_surrogate(omega, rng)
         self._find_level(_pool_size(len(omega)))
 
     def _find_level(self, size: int) -> None:
-        """Choose the level, and keep what the walk starts from."""
-        pool, p = self._predicted_pool(size)
+        """Choose the level, and keep the points that the walk starts from."""
+        pool, p = self._predict_pool(size)
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
@@ -155,15 +155,15 @@ class LevelSet(Learner):
     ) -> None:
         """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
-        least = self.options.coverage * self._covered(pool, p, others, real)
+        least = self.options.coverage * self._predict_coverage(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
-            if len(higher) < _LEAST_SET or self._covered(pool, p, higher, real) < least:
+            if len(higher) < _LEAST_SET or self._predict_coverage(pool, p, higher, real) < least:
                 return
             self.level = level
 
-    def _predicted_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
-        """Draw uniform mu until enough of them are predicted to fool, and their probabilities."""
+    def _predict_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
+        """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
         pools: list[npt.NDArray[np.float32]] = []
         predicted: list[Array] = []
         while len(pools) < _MOST_POOLS:
@@ -173,7 +173,7 @@ class LevelSet(Learner):
                 break
         return np.concatenate(pools), np.concatenate(predicted)
 
-    def _covered(
+    def _predict_coverage(
         self,
         pool: npt.NDArray[np.float32],
         p: Array,
@@ -209,9 +209,6 @@ class LevelSet(Learner):
             accepted = self._surrogate(proposed) >= self.level
             mu[accepted] = proposed[accepted]
         return mu
-
-    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
-        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
 
 
 def _pool_size(queries: int) -> int:

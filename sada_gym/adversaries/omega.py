@@ -11,16 +11,16 @@ from sada_gym.adversaries.base import Query
 from sada_gym.errors import BudgetTooSmall, UserError
 
 FALLBACK_SIZE = 100
-"""Size of S where no point fools: the paper's s."""
+"""The size of S where no point fools: the paper's s."""
 
 
 @dataclass(frozen=True)
 class Omega:
-    """Evaluated points.
+    """Evaluated points; `omega[rows]` selects some of them and `+` joins two pools.
 
     Attributes:
         mu: (n, d) float32 in [-1, 1].
-        score: (n,) float64, Q of each.
+        score: (n,) float64, the score Q of each point.
     """
 
     mu: npt.NDArray[np.float32]
@@ -29,6 +29,10 @@ class Omega:
     def __len__(self) -> int:
         """Count the points."""
         return len(self.score)
+
+    def __getitem__(self, rows: slice | npt.NDArray[np.bool_]) -> Omega:
+        """Select points."""
+        return Omega(self.mu[rows], self.score[rows])
 
     def __add__(self, other: Omega) -> Omega:
         """Join two pools."""
@@ -40,7 +44,7 @@ class Induced:
     """The induced set S and the rest of Omega.
 
     Attributes:
-        chosen: (s, d), the virtual samples from the fooling distribution.
+        chosen: (s, d), the points of S, the virtual samples from the fooling distribution.
         rest: (n, d), the points of Omega that do not fool.
         fallback: True where no point fooled, and S holds the lowest scores instead.
     """
@@ -65,6 +69,11 @@ def evaluate(mu: npt.NDArray[np.float32], oracle: Query) -> Omega:
     return Omega(mu, score)
 
 
+def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+    """Draw n uniform mu: (n, d) in [-1, 1]."""
+    return rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32)
+
+
 def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Generator) -> Omega:
     """Query the oracle about n uniform mu (Omega_0 in the paper).
 
@@ -73,7 +82,7 @@ def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Gener
     """
     if n < 1:
         raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
-    return evaluate(rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32), oracle)
+    return evaluate(draw_uniform(n, dimension, rng), oracle)
 
 
 def induce(

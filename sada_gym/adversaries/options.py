@@ -15,21 +15,12 @@ Chosen = TypeVar("Chosen", bound="Options")
 
 _RULE = "rule"
 _NAMES = {int: "an int", float: "a float", bool: "true or false", str: "a text"}
+_NUMBERS: Mapping[type, type] = {int: Integral, float: Real}
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What an option may be.
-
-    Attributes:
-        kind: The type: int, float, bool or str; of each item where there are many.
-        low: The least value; None for any.
-        high: The greatest value; None for any.
-        inside: Whether `low` and `high` themselves are refused.
-        choices: The texts allowed; none for any.
-        most: The most items of a tuple; 0 where the option is no tuple.
-        optional: Whether None is allowed.
-    """
+    """What an option may be. `option` explains the fields; `optional` allows None."""
 
     kind: type
     low: float | None = None
@@ -39,17 +30,37 @@ class Rule:
     most: int = 0
     optional: bool = False
 
-    def allows(self, value: Any) -> bool:
-        """Tell whether a value of the right type is in range."""
+    def accept(self, value: Any) -> Any:
+        """Give an allowed value in the rule's type.
+
+        Raises:
+            ValueError: If the value is not allowed.
+        """
+        if value is None and self.optional:
+            return None
+        if not self.most:
+            return self._accept_one(value)
+        if not isinstance(value, list | tuple) or not 1 <= len(value) <= self.most:
+            raise ValueError
+        return tuple(map(self._accept_one, value))
+
+    def _accept_one(self, value: Any) -> Any:
+        wanted = _NUMBERS.get(self.kind, self.kind)
+        if not isinstance(value, wanted) or isinstance(value, bool) != (self.kind is bool):
+            raise ValueError
+        value = self.kind(value)
         if self.choices:
-            return value in self.choices
-        if self.kind not in (int, float):
-            return True
-        low = -math.inf if self.low is None else self.low
-        high = math.inf if self.high is None else self.high
-        if isinstance(value, float) and not math.isfinite(value):
-            return False
-        return bool(low < value < high if self.inside else low <= value <= high)
+            allowed = value in self.choices
+        elif self.kind in _NUMBERS:
+            low = -math.inf if self.low is None else self.low
+            high = math.inf if self.high is None else self.high
+            inside = low < value < high if self.inside else low <= value <= high
+            allowed = inside and math.isfinite(value)
+        else:
+            allowed = True
+        if not allowed:
+            raise ValueError
+        return value
 
     def __str__(self) -> str:
         """Say it as a part of a sentence: `an int from 1 to 100`."""
@@ -76,7 +87,8 @@ def option(
     """Declare an option as a field of `Options`: its default and what it may be.
 
     Args:
-        default: The default; its type is the option's. None allows None beside `kind`.
+        default: The default; its type is the option's. None allows None beside `kind`. A tuple
+            means a list of items of the type.
         low: The least value of a number, or of each number of a tuple.
         high: The greatest. Choose one that no user will miss and that memory can bear.
         kind: The type where the default is None.
@@ -92,7 +104,7 @@ def option(
 
 @dataclass(frozen=True)
 class Options:
-    """The options of an adversary: none. Subclass it, as a frozen dataclass, to declare some.
+    """The options of an adversary. Subclass it, as a frozen dataclass, to declare some.
 
     A field may be a plain one, `width: float = 0.1`, whose type is checked, or an `option`,
     whose range is checked as well.
@@ -108,7 +120,7 @@ class Options:
             object.__setattr__(self, declared.name, value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the options by name: what makes equal ones."""
+        """Give the options by name; the class makes equal options from them."""
         return {declared.name: getattr(self, declared.name) for declared in fields(self)}
 
 
@@ -119,13 +131,13 @@ def choose_options(
     preset: str,
     given: Mapping[str, Any],
 ) -> Chosen:
-    """Give a preset's options with some of them replaced.
+    """Give a preset's options and replace some of them.
 
     Args:
-        adversary: The adversary's name, for what is said of a mistake.
+        adversary: The adversary's name, which error messages name.
         default: The options where there are no presets.
         presets: The named sets of options.
-        preset: The name of the one to start from.
+        preset: The name of the preset to start from.
         given: Single options.
 
     Raises:
@@ -147,39 +159,19 @@ def _rule_of(default: Any, kind: type | None, most: int) -> Rule:
 
 
 def _checked(declared: Field[Any], value: Any) -> Any:
+    """Give an option's value in the declared type; a default that is no text or number is free."""
     rule = declared.metadata.get(_RULE)
     if rule is None:
         if type(declared.default) not in _NAMES:
             return value
         rule = _rule_of(declared.default, None, 0)
-    if value is None and rule.optional:
-        return None
-    items = _items(value, rule)
-    if items is None or not all(map(rule.allows, items)):
+    try:
+        return rule.accept(value)
+    except (ValueError, OverflowError) as error:  # an int beyond all floats overflows
         example = f", such as {declared.default}" if declared.default is not None else ""
-        raise UserError(f"Expected {declared.name} to be {rule}{example}; got {value!r}.")
-    return items if rule.most else items[0]
-
-
-def _items(value: Any, rule: Rule) -> tuple[Any, ...] | None:
-    """Give a value's items in the rule's type, or None where they are of another one."""
-    many = isinstance(value, list | tuple)
-    if many != bool(rule.most) or (many and not 1 <= len(value) <= rule.most):
-        return None
-    items = tuple(_cast(item, rule.kind) for item in (value if many else (value,)))
-    return None if any(item is None for item in items) else items
-
-
-def _cast(value: Any, kind: type) -> Any:
-    """Give a value as an int, float, bool or str, or None where it is of another type."""
-    if kind in (bool, str):
-        return value if isinstance(value, kind) else None
-    if isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool):
-        try:
-            return kind(value)
-        except OverflowError:  # an int beyond all floats
-            return math.inf
-    return None
+        raise UserError(
+            f"Expected {declared.name} to be {rule}{example}; got {value!r}."
+        ) from error
 
 
 def _number(value: float) -> str:

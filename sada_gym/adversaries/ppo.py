@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 
 from sada_gym.adversaries.models.mixture import Array
@@ -23,8 +22,8 @@ class PPOOptions(SB3Options):
     """The options of `ppo`, beside those of `SB3Options`.
 
     Attributes:
-        epochs: Steps of Adam on each rollout.
-        log_deviation: Logarithm of the Gaussian's first standard deviation.
+        epochs: Number of steps of Adam on each rollout.
+        log_deviation: The logarithm of the standard deviation that the Gaussian starts with.
         entropy: The weight of the policy's entropy in the loss.
     """
 
@@ -37,12 +36,13 @@ class PPOOptions(SB3Options):
 class PPO(SB3Adversary):
     """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
 
-    Proximal policy optimisation (Schulman et al. 2017), by Stable-Baselines3. Of the uniform
-    queries only the scores' order is used: they are no actions of the policy.
+    This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
+    the order of the uniform queries' scores, because they are no actions of the policy.
     See `PPOOptions`.
     """
 
     name: ClassVar[str] = "ppo"
+    algorithm = "PPO"
     options_class = PPOOptions
     presets: ClassVar[Mapping[str, PPOOptions]] = {
         "default": PPOOptions(),
@@ -50,21 +50,17 @@ class PPO(SB3Adversary):
     }
     options: PPOOptions
 
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:  # noqa: ARG002 - it forgets them
-        import stable_baselines3
-
+    def _settings(self, queries: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
         o = self.options
-        return stable_baselines3.PPO(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            n_steps=o.rollout,
-            batch_size=o.rollout,
-            n_epochs=o.epochs,
-            ent_coef=o.entropy,
-            policy_kwargs={"net_arch": list(o.hidden), "log_std_init": o.log_deviation},
-            device="cpu",
-        )
+        return {
+            "n_steps": o.rollout,
+            "batch_size": o.rollout,
+            "n_epochs": o.epochs,
+            "ent_coef": o.entropy,
+        }
+
+    def _policy_settings(self) -> dict[str, Any]:
+        return {**super()._policy_settings(), "log_std_init": self.options.log_deviation}
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         normal = self._model.policy.get_distribution(start).distribution

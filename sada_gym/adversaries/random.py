@@ -21,15 +21,6 @@ class Random(Learner):
     name: ClassVar[str] = "random"
     packages = ()
 
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
-        """Draw n uniform mu: (n, d) float32 in [-1, 1].
-
-        Raises:
-            RuntimeError: If it was neither trained nor loaded.
-        """
-        self._refuse_untrained("sample")
-        return self._draw(n)
-
     def _query(self, oracle: Query) -> Omega:  # noqa: ARG002 - there is nothing to ask
         return self.omega
 
@@ -37,4 +28,6 @@ class Random(Learner):
         """Learn nothing."""
 
     def _draw(self, n: int) -> npt.NDArray[np.float32]:
-        return self.rng.uniform(-1.0, 1.0, (n, self.dimension)).astype(np.float32)
+        return self._uniform(n)
+
+    _fresh = _draw

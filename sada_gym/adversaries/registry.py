@@ -40,10 +40,10 @@ class Description:
     """A row of the table of adversaries.
 
     Attributes:
-        name: As on the command line.
-        summary: One sentence.
-        presets: The named sets of options.
-        options: The options and their defaults.
+        name: The name on the command line.
+        summary: One sentence about the adversary.
+        presets: The names of its sets of options.
+        options: Its options and their defaults.
     """
 
     name: str
@@ -80,7 +80,7 @@ def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Give all options that `make` would use: those given, the preset's, the defaults.
 
     Args:
-        name: As of `make`.
+        name: A name as `make` takes it.
         options: The adversary's own, `preset` among them where it has presets.
 
     Raises:

@@ -22,9 +22,9 @@ class ReinforceOptions(RLOptions):
     """The options of `reinforce`, beside those of `RLOptions`.
 
     Attributes:
-        components: Gaussians of the mixture.
-        deviation: Their first standard deviation, in each dimension.
-        entropy: What a nat of the mixture's entropy is worth.
+        components: Number of Gaussians of the mixture.
+        deviation: The standard deviation that they start with, in each dimension.
+        entropy: The reward for each nat of the mixture's entropy.
     """
 
     learning_rate: float = option(0.05, 0, 1, inside=True)
@@ -36,10 +36,10 @@ class ReinforceOptions(RLOptions):
 class Reinforce(RLAdversary):
     """A mixture of Gaussians whose weights, means and scales follow the score-function gradient.
 
-    REINFORCE (Williams 1992) for a bandit: after each rollout, one step of Adam along
-    the mean of (payment - baseline) x gradient of log density. The baseline of a query is the mean
-    payment of the rollout's others (Kool, van Hoof & Welling 2019). The entropy's
-    gradient is estimated likewise: each query is paid `entropy` times its negative log density.
+    This is REINFORCE (Williams 1992) for a bandit: after each rollout, one step of Adam follows the
+    mean of (reward - baseline) x gradient of log density. The baseline of a query is the mean
+    reward of the rollout's other queries (Kool, van Hoof & Welling 2019). The gradient of the
+    entropy is estimated in the same way: each query gets `entropy` times its negative log density.
     Gaussians have diagonal covariances and live in unbounded space, reflected at the box's faces.
     See `ReinforceOptions`.
     """
@@ -82,9 +82,9 @@ class Reinforce(RLAdversary):
 
         with one_thread():
             log_density = self._log_density(torch.as_tensor(proposals.action))
-            paid = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
-            others = (paid.sum() - paid) / (len(paid) - 1)
-            loss = -((paid - others) * log_density).mean()
+            reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
+            others = (reward.sum() - reward) / (len(reward) - 1)
+            loss = -((reward - others) * log_density).mean()
             self._adam.zero_grad()
             torch.autograd.backward(loss)
             self._adam.step()

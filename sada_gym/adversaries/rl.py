@@ -1,4 +1,4 @@
-"""What the adversaries that learn by reinforcement share: rollouts of a policy, and rewards."""
+"""The base class of adversaries that learn by reinforcement: rollouts of a policy, and rewards."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class RLOptions(Options):
     """The options of every adversary that learns by reinforcement.
 
     Attributes:
-        uniform_share: The least share of the budget that is uniform. Its scores are the first that
-            others are ranked among, and it takes the queries that fill no rollout.
-        rollout: Queries between two updates of the policy; they are evaluated together.
-        learning_rate: Adam's.
-        rank: The most that a query is paid that did not fool; one that fooled is paid 1.
+        uniform_share: The least share of the budget that is uniform. The first rollout's scores are
+            ranked among the uniform ones. Queries that fill no whole rollout are uniform, too.
+        rollout: Number of queries between two updates of the policy; they are evaluated together.
+        learning_rate: The learning rate of Adam.
+        rank: The highest reward of a query that did not fool; a query that fooled gets 1.
         dissimilarity: The weight of the bonus for failures far from those already found.
     """
 
@@ -40,11 +40,11 @@ class RLOptions(Options):
 
 @dataclass(frozen=True)
 class Proposals:
-    """What a policy proposes, a row a meta-episode.
+    """The proposals of a policy, one row for each meta-episode.
 
     Attributes:
-        start: What the policy observes, the place that the episode starts from: (n, d) in [-1, 1].
-        action: The way from there, (n, d).
+        start: The place that the episode starts from, which the policy observes: (n, d) in [-1, 1].
+        action: The step from there, (n, d).
     """
 
     start: Array
@@ -52,15 +52,15 @@ class Proposals:
 
     @property
     def mu(self) -> npt.NDArray[np.float32]:
-        """Where the ways end, reflected at the faces of the box: (n, d) in [-1, 1]."""
+        """The ends of the steps, reflected at the faces of the box: (n, d) in [-1, 1]."""
         return reflect(self.start + self.action).astype(np.float32)
 
 
 class RLAdversary(Learner):
-    """An adversary whose policy proposes mu, rollout after rollout, and is paid for failures.
+    """An adversary whose policy proposes mu, rollout after rollout, and is rewarded for failures.
 
     An episode is one proposal, so the policy at the first observation is the learnt distribution.
-    What a query is paid depends on the order of the scores alone, see `failure_rewards`.
+    Rewards depend on the order of the scores alone; see `failure_rewards`.
 
     A subclass implements `_begin`, `_act`, `_learn` and `_arrays`, `_restore`.
     """
@@ -69,18 +69,18 @@ class RLAdversary(Learner):
 
     @abstractmethod
     def _begin(self, queries: int) -> None:
-        """Make a new policy, which will see so many queries."""
+        """Make a new policy with room for so many queries."""
 
     @abstractmethod
     def _act(self, n: int) -> Proposals:
-        """Let the policy propose n rows; all randomness is the adversary's generator."""
+        """Let the policy propose n rows; all randomness comes from the adversary's generator."""
 
     @abstractmethod
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        """Improve the policy by its last rollout; tell whether all weights are finite."""
+        """Improve the policy by its last rollout; return whether all weights are finite."""
 
     def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
-        """Take what uniform queries tell, where the algorithm can learn from others' actions."""
+        """Learn from the uniform queries, if the algorithm can learn from such actions."""
 
     def _train(self, oracle: Query) -> Omega:
         size, budget = self.options.rollout, oracle.remaining
@@ -93,8 +93,7 @@ class RLAdversary(Learner):
             )
         omega = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
         self._begin(budget)
-        nothing = Omega(omega.mu[:0], omega.score[:0])
-        self._learn_uniform(omega, self._rewards(omega, nothing))
+        self._learn_uniform(omega, self._rewards(omega, omega[:0]))
         for done in range(rollouts):
             proposals = self._act(size)
             if not np.isfinite(proposals.action).all():
@@ -107,7 +106,7 @@ class RLAdversary(Learner):
         return omega
 
     def _fit(self, omega: Omega) -> None:
-        """Say whether there were failures; the policy has learnt from its rollouts by now."""
+        """Flag a training without failures; the policy has already learnt from its rollouts."""
         self.flags = [NONE_FOOLED] if (omega.score > self.threshold).all() else []
 
     @property

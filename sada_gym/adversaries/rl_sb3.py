@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -29,8 +29,8 @@ class SB3Options(RLOptions):
     """The options of the adversaries of Stable-Baselines3, beside those of `RLOptions`.
 
     Attributes:
-        starts: Where episodes start: at the `centre` of the box, or anywhere in it, `uniform`.
-        hidden: Widths of the hidden layers of each network.
+        starts: The place where episodes start: the `centre` of the box, or `uniform` in it.
+        hidden: The widths of the hidden layers of each network.
     """
 
     starts: str = option("uniform", choices=("centre", "uniform"))
@@ -40,24 +40,33 @@ class SB3Options(RLOptions):
 class SB3Adversary(RLAdversary):
     """An adversary whose policy and update rule are those of Stable-Baselines3.
 
-    We draw the actions, query the oracle and pay; then the model's own `train` improves the policy.
-    So a rollout is one call of the oracle, the last one is learnt from too, and the oracle never
-    runs while the global generators are in the hands of Stable-Baselines3.
+    We draw the actions, query the oracle and give rewards; then the model's own `train` improves
+    the policy. So a rollout is one call of the oracle, the policy learns from the last one too, and
+    the oracle never runs while Stable-Baselines3 uses the global generators.
 
     Where all episodes start at the centre of the box, the policy is one Gaussian. With uniform
-    starts it observes where an episode starts and proposes a way from there: the learnt
+    starts the policy observes where an episode starts and proposes a step from there: the learnt
     distribution may then lie in many places at once.
 
-    A subclass implements `_make`, `_moments` and `_learn`, and `_squash` where it needs it.
+    A subclass names its `algorithm` and implements `_settings`, `_moments` and `_learn`, and
+    `_squash` where it needs it.
+
+    Attributes:
+        algorithm: The name of the class in `stable_baselines3`.
     """
 
     packages = ("scikit-learn", "torch", "stable-baselines3")
+    algorithm: ClassVar[str]
 
     options: SB3Options
 
     @abstractmethod
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        """Make the model for the spaces of env, with room for so many queries."""
+    def _settings(self, queries: int) -> dict[str, Any]:
+        """Give the model's keywords beside those that all share, for so many queries."""
+
+    def _policy_settings(self) -> dict[str, Any]:
+        """Give the keywords of the model's policy."""
+        return {"net_arch": list(self.options.hidden)}
 
     @abstractmethod
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,10 +77,20 @@ class SB3Adversary(RLAdversary):
         return drawn
 
     def _begin(self, queries: int) -> None:
+        import stable_baselines3
         from stable_baselines3.common.logger import configure
 
+        env: gym.Env[Any, Any] = gym.Env()  # nobody steps it; the model takes its spaces
+        env.observation_space = env.action_space = gym.spaces.Box(-1.0, 1.0, (self.dimension,))
         with self._seeded():
-            self._model = self._make(Spaces(self.dimension), queries)
+            self._model = getattr(stable_baselines3, self.algorithm)(
+                "MlpPolicy",
+                env,
+                learning_rate=self.options.learning_rate,
+                policy_kwargs=self._policy_settings(),
+                device="cpu",
+                **self._settings(queries),
+            )
         self._model.set_logger(configure(None, []))
 
     def _act(self, n: int) -> Proposals:
@@ -89,7 +108,7 @@ class SB3Adversary(RLAdversary):
         return Proposals(start, self._squash(drawn))
 
     def _update(self, **settings: Any) -> bool:
-        """Let the model train; tell whether its weights are finite."""
+        """Let the model train; return whether its weights are finite."""
         try:
             with self._seeded():
                 self._model.train(**settings)
@@ -99,7 +118,7 @@ class SB3Adversary(RLAdversary):
 
     @contextmanager
     def _seeded(self) -> Iterator[None]:
-        """Seed the global generators by ours, in one thread; afterwards they are as before."""
+        """Seed the global generators from ours and use one thread; restore both afterwards."""
         from stable_baselines3.common.utils import set_random_seed
 
         seed = int(self.rng.integers(2**31))
@@ -128,8 +147,8 @@ class OffPolicyOptions(SB3Options):
     """The options of `sac` and `td3` that they share, beside those of `SB3Options`.
 
     Attributes:
-        updates: Steps of Adam for each query.
-        batch: Queries in a step of Adam.
+        updates: Number of steps of Adam for each query.
+        batch: Number of queries in a step of Adam.
     """
 
     updates: float = option(0.5, 0, 100, inside=True)
@@ -140,6 +159,9 @@ class OffPolicyAdversary(SB3Adversary):
     """An adversary of Stable-Baselines3 that learns from all queries, the uniform ones included."""
 
     options: OffPolicyOptions
+
+    def _settings(self, queries: int) -> dict[str, Any]:
+        return {"buffer_size": queries}
 
     def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
         mu = omega.mu.astype(np.float64)
@@ -157,15 +179,3 @@ class OffPolicyAdversary(SB3Adversary):
         over = np.ones(1)
         for start, action, reward in zip(proposals.start, proposals.action, rewards, strict=True):
             self._model.replay_buffer.add(start, start, action, reward, over, [{}])
-
-
-class Spaces(gym.Env[Any, Any]):
-    """What Stable-Baselines3 needs of an environment that it never steps: its spaces.
-
-    Args:
-        dimension: d, of observation and action.
-    """
-
-    def __init__(self, dimension: int) -> None:
-        self.observation_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (dimension,), np.float32)

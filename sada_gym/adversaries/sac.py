@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import gymnasium as gym
 import numpy as np
 
 from sada_gym.adversaries.models.mixture import Array
@@ -23,7 +22,7 @@ class SACOptions(OffPolicyOptions):
 
     Attributes:
         dissimilarity: The weight of the bonus for failures far from those already found.
-        entropy: The temperature: what a nat of the policy's entropy is worth.
+        entropy: The temperature: the reward for each nat of the policy's entropy.
     """
 
     dissimilarity: float = option(0.5, 0, 100)
@@ -33,13 +32,14 @@ class SACOptions(OffPolicyOptions):
 class SAC(OffPolicyAdversary):
     """A Gaussian policy, squashed into the box, that climbs a critic of all queries so far.
 
-    The soft actor-critic (Haarnoja et al. 2018), by Stable-Baselines3, with a fixed temperature:
-    at its optimum an action's density is proportional to exp(payment / temperature), as far as a
-    squashed Gaussian can have it.
+    This is the soft actor-critic (Haarnoja et al. 2018) by Stable-Baselines3, with a fixed
+    temperature: at its optimum an action's density is proportional to exp(reward / temperature), as
+    far as a squashed Gaussian allows.
     See `SACOptions`.
     """
 
     name: ClassVar[str] = "sac"
+    algorithm = "SAC"
     options_class = SACOptions
     presets: ClassVar[Mapping[str, SACOptions]] = {
         "default": SACOptions(),
@@ -47,19 +47,8 @@ class SAC(OffPolicyAdversary):
     }
     options: SACOptions
 
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        import stable_baselines3
-
-        o = self.options
-        return stable_baselines3.SAC(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            buffer_size=queries,
-            ent_coef=o.entropy,
-            policy_kwargs={"net_arch": list(o.hidden)},
-            device="cpu",
-        )
+    def _settings(self, queries: int) -> dict[str, Any]:
+        return {**super()._settings(queries), "ent_coef": self.options.entropy}
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)

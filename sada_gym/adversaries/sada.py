@@ -10,7 +10,8 @@ from sada_gym.adversaries.level_set import LevelSet
 class SADA(LevelSet):
     """Learns from the scores themselves, not from their ranks; all else is as in `level-set`.
 
-    The rows of the published results are its own. It goes when those of `level-set` are made.
+    The published results hold rows of this adversary. It will be removed when they hold those of
+    `level-set`.
     """
 
     name: ClassVar[str] = "sada"

@@ -1,4 +1,4 @@
-"""What `svm` and `gp` share: predict the score of random mu, and take the lowest."""
+"""The base class of `svm` and `gp`: predict the score of random mu, and take the lowest."""
 
 from __future__ import annotations
 
@@ -25,10 +25,9 @@ class SelectionOptions(Options):
     """The options of `svm` and `gp`.
 
     Attributes:
-        pool: Random mu that a sample is selected from; None takes as many as Omega has. At least
-            four times the sample are drawn in any case, so that a selection remains.
-        subset: Points of Omega, at most, that the hyper-parameters are chosen on; the final fit is
-            to all.
+        pool: Number of random mu that a sample is selected from; None takes as many as Omega has.
+            At least four times the sample are drawn in any case, so that a selection remains.
+        subset: The most points of Omega that choose the hyper-parameters; the final fit uses all.
     """
 
     pool: int | None = option(None, 1, 10**6, kind=int)
@@ -39,10 +38,10 @@ class Selection(Learner):
     """Learns to predict Q from all of Omega; samples are the lowest of a fresh random pool.
 
     The paper draws random mu, sorts them by their predicted score and picks the M lowest, but does
-    not say out of how many. The size of the pool decides what is selected: a large one gives the
-    extremes of the prediction alone, a small one nearly the whole box. Ours is as large as Omega,
-    so that the prediction sifts as many points as it was learnt from. It is drawn anew at every
-    call, and equal predictions are taken in the random order of the pool. See `SelectionOptions`.
+    not say out of how many. The size of the pool decides the selection: a large one gives only the
+    extremes of the prediction, a small one nearly the whole box. Ours is as large as Omega, so
+    that the model selects from as many points as it learnt from. Each call draws a new pool and
+    takes equal predictions in the pool's random order. See `SelectionOptions`.
     """
 
     uniform_queries: ClassVar[bool] = True
@@ -55,7 +54,7 @@ class Selection(Learner):
 
     @abstractmethod
     def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
-        """Predict what the lowest of is selected, for mu (n, d): (n,)."""
+        """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
     def _train(self, oracle: Query) -> Omega:
         omega = self._query(oracle)

@@ -11,9 +11,9 @@ from sklearn.neighbors import NearestNeighbors
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
@@ -28,8 +28,8 @@ class SMCOptions(Options):
         uniform_share: The uniform pool's share of the budget.
         level_share: The share of the budget for chains at a level above epsilon.
         level_probability: The share of a population that the next level keeps.
-        steps: Steps of a chain at a level.
-        acceptance: The rate of accepted steps to adapt to.
+        steps: Number of steps of a chain at a level.
+        acceptance: The target rate of accepted steps.
         neighbours: The number of nearest neighbours to sample towards.
     """
 
@@ -44,26 +44,26 @@ class SMCOptions(Options):
 class SMC(Learner):
     """A population of points that moves down levels of Q and then about the fooling set.
 
-    Subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet & Jasra
-    2006): of a uniform pool the points at or below a level survive, the `level_probability`
-    quantile of their scores and at the least epsilon; Markov chains from the survivors spread over
-    the set below that level, and of their states the next level is taken. At epsilon, chains
-    get all that is left of the budget. Steps are Gaussian, scaled by the population's spread and
+    This is subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet
+    & Jasra 2006). It starts with a uniform pool. The level is the `level_probability` quantile of
+    the pool's scores, but at least epsilon. The points at or below the level survive; Markov chains
+    from them spread over the set below the level, and their states give the next level. At epsilon,
+    chains get the rest of the budget. Steps are Gaussian, scaled by the population's spread and
     towards the `acceptance` rate, and reflected at the faces. Where a large enough share of the
     uniform pool fools, there are no levels in between.
 
     Where Q is random, a chain's state is mu with the world that it was evaluated in, and each
-    proposal brings a world of its own. So a state that fooled by luck keeps its score, as in
-    pseudo-marginal Metropolis (Andrieu & Roberts 2009), and the chains keep to the density
-    proportional to the probability p(mu) to fool: to stay long at a lucky mu makes up for coming
-    there seldom. To evaluate states again would cost queries and bias this. Against the variance
-    chains are short and many, and new ones start at every level.
+    proposal has a world of its own. So a state that fooled by luck keeps its score, as in
+    pseudo-marginal Metropolis (Andrieu & Roberts 2009), and the chains follow the density
+    proportional to the probability p(mu) to fool: a chain seldom comes to a lucky mu, but stays
+    there long. Evaluating states again would cost queries and bias the density. Many short chains,
+    started again at every level, keep the variance low.
 
-    Samples need a density to draw from without queries: a sample lies at a random place between a
-    point that fooled and one of its nearest neighbours among these (SMOTE, Chawla et al. 2002).
-    Unlike a kernel's, such samples hardly leave the fooling set at its edges; the price is a little
-    of the spread. All points that fooled in any stage stand once, however long a chain
-    stayed: how long says little in so few steps, and would draw samples to lucky points.
+    Sampling may not query. So a sample lies at a random place between a point that fooled and one
+    of its nearest neighbours among these (SMOTE, Chawla et al. 2002). Unlike the samples of a
+    kernel, these hardly leave the fooling set at its edges; the price is a little of the spread.
+    Each point that fooled in any stage counts once, however long a chain stayed there: in so few
+    steps the length says little, and it would draw samples to lucky points.
     See `SMCOptions`.
     """
 
@@ -82,7 +82,7 @@ class SMC(Learner):
         while level > oracle.threshold and oracle.remaining:
             quantile = float(np.quantile(population.score, o.level_probability, method="lower"))
             level = max(quantile, oracle.threshold)
-            population = _below(population, level)
+            population = population[population.score <= level]
             n = oracle.remaining if level == oracle.threshold else min(per_level, oracle.remaining)
             states, queries = self._walk(population, level, n, oracle)
             population += states
@@ -90,10 +90,7 @@ class SMC(Learner):
         return omega
 
     def _fit(self, omega: Omega) -> None:
-        induced = induce(omega, self.threshold, self.rng)
-        if induced.fallback:
-            self.flags.append(NONE_FOOLED)
-        self._points = np.unique(induced.chosen, axis=0).astype(np.float64)
+        self._points = np.unique(self._induce(omega).chosen, axis=0).astype(np.float64)
         self._nearest = np.zeros((1, 1), np.intp)
         if len(self._points) > 1:
             count = min(self.options.neighbours, len(self._points) - 1)
@@ -108,7 +105,7 @@ class SMC(Learner):
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
         mu, score = population.mu[start], population.score[start]
         spread = np.maximum(population.mu.std(axis=0), _LEAST_SPREAD)
-        states, queries = [], []
+        states = queries = population[:0]
         for taken in range(0, n, chains):
             mu, score = mu[: n - taken], score[: n - taken]
             step = self._scale * spread * self.rng.normal(size=mu.shape)
@@ -116,11 +113,11 @@ class SMC(Learner):
             accepted = asked.score <= level
             mu = np.where(accepted[:, None], asked.mu, mu)
             score = np.where(accepted, asked.score, score)
-            states.append(Omega(mu, score))
-            queries.append(asked)
+            states += Omega(mu, score)
+            queries += asked
             growth = math.exp(accepted.mean() - self.options.acceptance)
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
-        return _join(states), _join(queries)
+        return states, queries
 
     def _draw(self, n: int) -> Array:
         first = self.rng.integers(len(self._points), size=n)
@@ -128,14 +125,3 @@ class SMC(Learner):
         way = self.rng.random((n, 1))
         drawn: Array = self._points[first] + way * (self._points[second] - self._points[first])
         return drawn
-
-
-def _below(pool: Omega, level: float) -> Omega:
-    kept = pool.score <= level
-    return Omega(pool.mu[kept], pool.score[kept])
-
-
-def _join(pools: list[Omega]) -> Omega:
-    return Omega(
-        np.concatenate([pool.mu for pool in pools]), np.concatenate([pool.score for pool in pools])
-    )

@@ -38,8 +38,8 @@ class SVM(Selection):
     gamma with the best balanced accuracy in a threefold cross-validation on a subset of Omega that
     has the same shares of the classes. The final machine is trained on all of Omega.
 
-    Most predictions are ties, as there are but five: see `Selection` for how samples are chosen,
-    and for the options.
+    Most predictions are ties, because there are only five values: see `Selection` for how samples
+    are chosen, and for the options.
     """
 
     name: ClassVar[str] = "svm"
@@ -70,7 +70,7 @@ class SVM(Selection):
         return order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
 
     def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
-        """Give each mu the class that wins most of the pairs; the lower one of equals."""
+        """Give each mu the class that wins most of the pairs; the lower class wins ties."""
         votes = np.zeros((len(mu), len(self._classes)))
         x = _standardise(mu)
         for start in range(0, len(mu), _BLOCK):
@@ -117,7 +117,7 @@ def _machine(penalty: float, gamma: float) -> SVC:
 
 
 def _cross_validate(x: Array, label: Labels, fold: Labels) -> tuple[float, float]:
-    """Choose C and gamma by the balanced accuracy over the folds; the smoother one of equals."""
+    """Choose C and gamma by the balanced accuracy over the folds; the smoother pair wins ties."""
     best, choice = -1.0, (_PENALTIES[0], _WIDTHS[0] / x.shape[1])
     for penalty, width in product(_PENALTIES, _WIDTHS):
         gamma = width / x.shape[1]

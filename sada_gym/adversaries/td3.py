@@ -1,12 +1,10 @@
-"""`td3`: twin delayed deterministic policy gradients (Fujimoto et al. 2018), of SB3."""
+"""`td3`: twin delayed deterministic policy gradients (Fujimoto et al. 2018), by SB3."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
-
-import gymnasium as gym
+from typing import TYPE_CHECKING, ClassVar
 
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl_sb3 import OffPolicyAdversary, OffPolicyOptions
@@ -20,8 +18,8 @@ class TD3Options(OffPolicyOptions):
     """The options of `td3`, beside those of `OffPolicyOptions`.
 
     Attributes:
-        noise: Standard deviation of the noise added to every action, in training and in samples.
-            It is the entropy that this policy has.
+        noise: The standard deviation of the noise added to every action, in training and in
+            samples. It is this policy's only entropy.
     """
 
     updates: float = option(1.0, 0, 100, inside=True)
@@ -31,32 +29,20 @@ class TD3Options(OffPolicyOptions):
 class TD3(OffPolicyAdversary):
     """A deterministic policy that climbs a critic of all queries, and Gaussian noise around it.
 
-    Twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018), by
-    Stable-Baselines3. A deterministic policy is no distribution: samples are its actions with the
-    same noise that it explores with.
+    This is twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018) by
+    Stable-Baselines3. A deterministic policy is not a distribution, so samples are its actions with
+    the noise that it explores with.
     See `TD3Options`.
     """
 
     name: ClassVar[str] = "td3"
+    algorithm = "TD3"
     options_class = TD3Options
     presets: ClassVar[Mapping[str, TD3Options]] = {
         "default": TD3Options(),
         "plain": TD3Options(starts="centre"),
     }
     options: TD3Options
-
-    def _make(self, env: gym.Env[Any, Any], queries: int) -> Any:
-        import stable_baselines3
-
-        o = self.options
-        return stable_baselines3.TD3(
-            "MlpPolicy",
-            env,
-            learning_rate=o.learning_rate,
-            buffer_size=queries,
-            policy_kwargs={"net_arch": list(o.hidden)},
-            device="cpu",
-        )
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         action = self._model.actor(start)

@@ -14,20 +14,17 @@ from sada_gym.files import file_errors
 
 
 class TrainingLog:
-    """Writes losses, and histograms and a scatter plot of samples; without a folder, nothing.
+    """Writes losses, and histograms and a scatter plot of samples.
 
     Args:
-        folder: Where TensorBoard will look; None writes nothing.
+        folder: The folder that TensorBoard will read.
 
     Raises:
-        ModuleNotFoundError: If there is a folder but no tensorboard.
+        ModuleNotFoundError: If tensorboard is not installed.
     """
 
-    def __init__(self, folder: str | Path | None) -> None:
-        self._writer: Any = None
+    def __init__(self, folder: str | Path) -> None:
         self._prefix = ""
-        if folder is None:
-            return
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
@@ -36,26 +33,19 @@ class TrainingLog:
                 "pip install 'sada-gym[track]'"
             ) from error
         with file_errors("write the log to", Path(folder)):
-            self._writer = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]
-
-    def __bool__(self) -> bool:
-        """Tell whether anything is written."""
-        return self._writer is not None
+            self._writer: Any = SummaryWriter(str(folder))  # type: ignore[no-untyped-call, unused-ignore]
 
     def start(self, part: str) -> None:
-        """Write what follows under a name of its own: the stages of boosting."""
+        """Write all later entries under a name, such as that of a stage of boosting."""
         self._prefix = f"{part}/"
 
     def scalars(self, step: int, values: Mapping[str, float]) -> None:
-        """Write one value a name."""
-        if self._writer is not None:
-            for name, value in values.items():
-                self._writer.add_scalar(self._prefix + name, value, step)
+        """Write one value for each name."""
+        for name, value in values.items():
+            self._writer.add_scalar(self._prefix + name, value, step)
 
     def samples(self, step: int, mu: npt.NDArray[np.float32]) -> None:
-        """Write mu, (n, d): a histogram a dimension, and the first two dimensions as a scatter."""
-        if self._writer is None:
-            return
+        """Write mu, (n, d), as a histogram a dimension and a scatter plot of the first two."""
         from matplotlib.figure import Figure
 
         for i, column in enumerate(mu.T):
@@ -69,5 +59,4 @@ class TrainingLog:
 
     def close(self) -> None:
         """Flush and close the files."""
-        if self._writer is not None:
-            self._writer.close()
+        self._writer.close()

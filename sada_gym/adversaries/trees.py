@@ -58,7 +58,7 @@ class Trees(Learner):
         pools: list[npt.NDArray[np.float32]] = []
         predicted: list[npt.NDArray[np.float64]] = []
         for _ in range(_MOST_POOLS):
-            pool = self.rng.uniform(-1.0, 1.0, (_POOL, self.dimension)).astype(np.float32)
+            pool = self._uniform(_POOL)
             # one column where every query fooled, or none
             p = self._forest.predict_proba(pool)[:, -1]
             kept: npt.NDArray[np.float32] = pool[p >= self.options.level]

@@ -1,4 +1,4 @@
-"""What a score depends on in an agent, as a hash; and agents whose weights are no numbers."""
+"""Hashes what a score depends on in an agent, and refuses weights that are not finite."""
 
 from __future__ import annotations
 
@@ -16,20 +16,23 @@ if TYPE_CHECKING:
 
 
 def identity(
-    fingerprint: str | None, agent: Any, agent_id: str | None, use: Mapping[str, Any] | None = None
+    fingerprint: str | None,
+    agent: Any,
+    agent_id: str | None,
+    settings: Mapping[str, Any] | None = None,
 ) -> str | None:
-    """What evaluation stores know an agent by.
+    """Give the name by which evaluation stores know an agent.
 
     Args:
-        fingerprint: Of its weights, None where they are unknown.
+        fingerprint: The hash of its weights, or None if they are unknown.
         agent: The agent.
         agent_id: The name that its owner gave it, if any.
-        use: What else a score depends on: how the application uses the agent. JSON-compatible.
+        settings: What else a score depends on: how the agent is used. JSON-compatible.
 
     Returns:
         The fingerprint, where the agent has no name. Otherwise a SHA-256 over the name, the kind of
-        agent, its fingerprint and its use: a name alone would let another agent's scores pass for
-        this one's.
+        agent, its fingerprint and its settings: a name alone would let another agent's scores pass
+        for this one's.
     """
     if not agent_id:
         return fingerprint
@@ -38,13 +41,13 @@ def identity(
         "agent_id": agent_id,
         "kind": kind.__qualname__,
         "fingerprint": fingerprint,
-        "use": dict(use or {}),
+        "settings": dict(settings or {}),
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def fingerprint(agent: Any) -> str | None:
-    """SHA-256 over a torch module's class, architecture and weights; None for anything else.
+    """Give a SHA-256 over a torch module's class, architecture and weights, or None.
 
     A class whose name and weights say everything gives itself a `fingerprint_name`. Its subclasses
     are hashed like any other class.
@@ -102,7 +105,7 @@ def check_agent_id(agent_id: Any) -> None:
 
 
 def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
-    """Parameters and buffers of an agent and of what it holds: name, values, if a parameter."""
+    """Give parameters and buffers of an agent and its parts: name, values, is it a parameter."""
     import torch
 
     agent = agent.__self__ if ismethod(agent) else agent
@@ -119,12 +122,12 @@ def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
 
 
 def _module(part: Any) -> Any:
-    """The policy of an SB3 model; anything else as it is."""
+    """Give the policy of an SB3 model, and anything else as it is."""
     return getattr(part, "__dict__", {}).get("policy", part)
 
 
 def _architecture(module: nn.Module) -> str:
-    """How a module is built: its layers as torch prints them, and their plain settings."""
+    """Describe a module: its layers as torch prints them, and their plain settings."""
     layers = re.sub(r" at 0x[0-9a-f]+", "", repr(module))
     settings = [
         f"{name}.{key}={value!r}"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import traceback
-from collections.abc import Callable, Mapping
 from copy import deepcopy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,52 +13,48 @@ import torch
 from gymnasium import spaces
 
 from sada_gym import agents
-from sada_gym.agents.wrappers import Batch, Predictor, observation_transforms, statistics
-from sada_gym.determinism import one_thread
+from sada_gym.agents.contract import Indices
+from sada_gym.agents.tile import Batch, tiled
+from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
 from sada_gym.errors import UserError
 
-TILE = 16
-"""A network always sees this many observations at once, padded: a batch of another size would give
-other last bits, and a closed loop makes another episode of them. A network that gives other bits
-even to another place in the batch (narrow layers do) sees one observation at a time."""
+if TYPE_CHECKING:
+    from sada_gym.envs.episodes.base import Episodes
+
+POLICY_TILE = 16
+"""The observations in one call of a model. A network that gives other bits to another place in the
+batch (narrow layers do) sees one observation at a time."""
 
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 
 class Policy:
-    """Lets a model choose actions for a batch of agents, deterministically.
+    """A model that was trained on an inner task, with the wrappers that it was trained under.
 
-    Frames are stacked, pictures transposed and observations normalised as SB3's wrappers did in
-    training.
+    It chooses actions deterministically. Frames are stacked, pictures transposed and observations
+    normalised as SB3's wrappers did in training.
 
     Args:
         model: An SB3 model, or whatever has its spaces and `predict`.
-        observation_space: The task's.
-        action_space: The task's, within [-1, 1].
-        task: The id of the task that it should have been trained on, for messages.
+        episodes: The episodes in which it will act, or their class.
 
     Raises:
-        UserError: If its spaces are others, or it has a memory of its own.
+        UserError: If the model's spaces are others, or it has a memory of its own.
     """
 
-    def __init__(
-        self,
-        model: Predictor,
-        observation_space: spaces.Dict,
-        action_space: spaces.Box[Any],
-        task: str,
-    ) -> None:
+    def __init__(self, model: Predictor, episodes: Episodes[Any] | type[Episodes[Any]]) -> None:
+        observation_space, action_space = episodes.observation_space, episodes.action_space
         given = getattr(model, "action_space", None)
         if not isinstance(given, spaces.Box) or given != action_space:
             raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
                 f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
-                f"actions {given}. Train it on {task}."
+                f"actions {given}. Train it on {episodes.task}."
             )
         self.model = model
-        self._transforms = observation_transforms(model, observation_space, task)
+        self._transforms = observation_transforms(model, observation_space, episodes.task)
         self._action_shape = action_space.shape
-        self._tile = TILE
+        self._tile = POLICY_TILE
         if not self._same_in_every_place(observation_space):
             self._tile = 1
 
@@ -78,8 +73,8 @@ class Policy:
         return hashlib.sha256(weights.encode() + normalisation).hexdigest()
 
     @property
-    def use(self) -> dict[str, Any]:
-        """How the model is used, as far as an action depends on it: for `agents.identity`."""
+    def settings(self) -> dict[str, Any]:
+        """How the model is used, as far as an action depends on it."""
         return {
             "tile": self._tile,
             "transforms": [type(transform).__name__ for transform in self._transforms],
@@ -87,103 +82,82 @@ class Policy:
         }
 
     def start(self, count: int) -> None:
-        """Begin new episodes of `count` agents."""
+        """Begin `count` new episodes."""
         for transform in self._transforms:
             transform.start(count)
 
-    def act(
-        self,
-        observation: Mapping[str, npt.NDArray[Any]],
-        which: npt.NDArray[np.intp],
-        where: Callable[[int], str] | None = None,
-    ) -> npt.NDArray[np.float64]:
-        """Choose actions (n, k) for some of the agents.
-
-        Args:
-            observation: Of the task, each key (n, ...).
-            which: (n,) which of the agents they are.
-            where: Says in a few words where an agent is, for messages. Without it actions that are
-                not finite are returned, NaN where the model refuses to choose one.
-
-        Returns:
-            (n, k) actions.
+    def act(self, episodes: Episodes[Any], which: Indices) -> npt.NDArray[np.float64]:
+        """Choose actions (n, k) in some of the episodes; NaN where the model refuses to choose one.
 
         Raises:
-            UserError: If the model gives actions of another shape, or, with `where`, one that is
-                not finite; and whatever its `predict` raises.
+            UserError: If the model gives actions of another shape, or one that is not finite where
+                the episodes take none; and whatever its `predict` raises.
         """
-        batch: Batch = dict(observation)
+        batch = episodes.observe(which)
         for transform in self._transforms:
             batch = transform.apply(batch, which)
-        parts = []
-        for start in range(0, len(which), self._tile):
-            tile = {key: value[start : start + self._tile] for key, value in batch.items()}
-            rows = which[start : start + self._tile]
-            try:
-                actions = self._predict(tile)
-            except ValueError as error:
-                if not _is_torchs_refusal(error):
-                    raise
-                actions = self._one_by_one(tile)
-            if np.shape(actions) != (self._tile, *self._action_shape):
-                raise UserError(
-                    f"Expected actions of shape {(self._tile, *self._action_shape)} from "
-                    f"{type(self.model).__name__}, got {np.shape(actions)}."
-                )
-            actions = np.asarray(actions)[: len(rows)]
-            wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-            if wrong.size and where is not None:
-                raise UserError(
-                    f"Expected finite actions from {type(self.model).__name__}, got "
-                    f"{actions[wrong[0]].tolist()} at {where(rows[wrong[0]])}. Look for NaN or "
-                    "infinity in its weights."
-                )
-            parts.append(actions)
-        return np.concatenate(parts).astype(np.float64)
+        actions = np.concatenate(tiled(self._predict, batch, self._tile))
+        wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+        if wrong.size and episodes.finite_only:
+            first = int(wrong[0])
+            raise UserError(
+                f"Expected finite actions from {type(self.model).__name__}, got "
+                f"{actions[first].tolist()} at {episodes.where(int(which[first]))}. Look for NaN "
+                "or infinity in its weights."
+            )
+        return actions.astype(np.float64)
 
     def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
         """Whether each of a tile's observations keeps its action when the tile is reversed."""
         drawn = deepcopy(observation_space)
         drawn.seed(0)
-        samples = [drawn.sample() for _ in range(TILE)]
+        samples = [drawn.sample() for _ in range(POLICY_TILE)]
         tile: Batch = {key: np.stack([one[key] for one in samples]) for key in observation_space}
-        self.start(TILE)
+        self.start(POLICY_TILE)
         for transform in self._transforms:
-            tile = transform.apply(tile, np.arange(TILE))
+            tile = transform.apply(tile, np.arange(POLICY_TILE))
         try:
-            actions, memory = self._ask(tile)
-            reversed_, _ = self._ask({key: value[::-1] for key, value in tile.items()})
+            (actions,) = tiled(self._ask, tile, POLICY_TILE)
+            backwards = {key: value[::-1] for key, value in tile.items()}
+            (reversed_,) = tiled(self._ask, backwards, POLICY_TILE)
         except ValueError as error:
             if not _is_torchs_refusal(error):
                 raise
             return True  # `act` says for whom
+        return np.array_equal(actions, reversed_[::-1], equal_nan=True)
+
+    def _ask(self, tile: Batch) -> npt.NDArray[Any]:
+        actions, memory = self.model.predict(tile, deterministic=True)
         if memory is not None:
             raise UserError(
                 f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
                 "whose predict gives a state. Train one under VecFrameStack instead."
             )
-        return np.array_equal(actions, reversed_[::-1], equal_nan=True)
+        return actions
 
     def _predict(self, tile: Batch) -> npt.NDArray[Any]:
-        return self._ask(tile)[0]
-
-    def _ask(self, tile: Batch) -> tuple[npt.NDArray[Any], Any]:
-        """Actions and the model's memory, of a tile that is padded."""
-        rows = len(next(iter(tile.values())))
-        padded = {
-            key: np.concatenate([value, np.repeat(value[:1], self._tile - rows, axis=0)])
-            for key, value in tile.items()
-        }
-        with one_thread():
-            return self.model.predict(padded, deterministic=True)
+        """Actions of a tile; NaN for those to whom the model refuses one."""
+        try:
+            actions = self._ask(tile)
+        except ValueError as error:
+            if not _is_torchs_refusal(error):
+                raise
+            actions = self._one_by_one(tile)
+        shape = (self._tile, *self._action_shape)
+        if np.shape(actions) != shape:
+            raise UserError(
+                f"Expected actions of shape {shape} from {type(self.model).__name__}, got "
+                f"{np.shape(actions)}."
+            )
+        return np.asarray(actions)
 
     def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
-        """Actions of a whole tile, one agent at a time; NaN for those that got none."""
+        """Actions of a tile, for each of which a tile is filled with the same observation."""
         actions = np.full((self._tile, *self._action_shape), np.nan)
-        for row in range(len(next(iter(tile.values())))):
+        for row in range(self._tile):
             try:
                 alone = {key: value[row : row + 1] for key, value in tile.items()}
-                actions[row] = self._predict(alone)[0]
+                (actions[row],) = tiled(self._ask, alone, self._tile)[0]
             except ValueError as error:
                 if not _is_torchs_refusal(error):
                     raise

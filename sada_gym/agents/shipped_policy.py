@@ -22,7 +22,7 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
     Args:
         observation_space: The task's.
         action_space: The task's.
-        lr_schedule: Of learning.
+        lr_schedule: The learning rate over the training.
         use_sde: As SB3 passes it; not used.
     """
 

@@ -27,11 +27,9 @@ from stable_baselines3.common.vec_env import (
 )
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 
+from sada_gym.agents.tile import Batch
 from sada_gym.errors import UserError
 from sada_gym.sb3 import SB3VecEnv
-
-Batch = dict[str, npt.NDArray[Any]]
-"""Observations of n agents, each key (n, ...)."""
 
 _LEAVE_OBSERVATIONS = (VecCheckNan, VecMonitor, VecVideoRecorder)
 

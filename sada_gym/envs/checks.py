@@ -1,4 +1,4 @@
-"""What environments check of what they are given, scalar and vector ones alike."""
+"""Checks of the arguments of environments, scalar and vector ones alike."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | 
     """Give a render mode back.
 
     Raises:
-        ValueError: If it is none of the known ones.
+        ValueError: If the mode is not known.
     """
     if render_mode is not None and not (isinstance(render_mode, str) and render_mode in known):
         raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
@@ -43,8 +43,8 @@ def checked_tile(tile: Any, network: str) -> int:
     """Give a tile back as an int.
 
     Args:
-        tile: Images in one call of a network.
-        network: What the message calls it, such as `detector`.
+        tile: The number of images in one call of a network.
+        network: The network's name in messages, such as `detector`.
 
     Raises:
         UserError: If it is no int from 1 to `MAX_TILE`.
@@ -62,11 +62,11 @@ def refuse_training_mode(network: Any, kind: str) -> None:
     """Refuse a network that is in training mode, or has a part that is.
 
     Args:
-        network: A torch module; of anything else its attribute `training` is looked at.
-        kind: What the message calls it, such as `detector`.
+        network: A torch module, or anything else, whose attribute `training` is checked.
+        kind: The network's name in messages, such as `detector`.
 
     Raises:
-        UserError: If so.
+        UserError: If it is in training mode.
     """
     import torch
 
@@ -81,7 +81,7 @@ def refuse_training_mode(network: Any, kind: str) -> None:
 
 
 def warn_without_render_mode() -> None:
-    """Say why nothing is drawn."""
+    """Warn that nothing is drawn without a render mode."""
     gym.logger.warn(
         "render() draws nothing without a render mode. Make the environment with "
         "render_mode='rgb_array'."
@@ -119,20 +119,20 @@ def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArr
 
 
 def check_number(name: str, given: Any, least: float, greatest: float) -> None:
-    """Check an argument that is one number.
+    """Check that an argument is a number in a range.
 
     Raises:
-        ValueError: If it is none from least to greatest.
+        ValueError: If it is not a number from least to greatest.
     """
     if not _is_number(given) or not least <= given <= greatest:
         raise UserError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
 
 
 def check_range(name: str, given: Any, least: float, greatest: float) -> None:
-    """Check an argument that is two numbers, whole ones where least and greatest are ints.
+    """Check that an argument is a tuple of two numbers; ints if least and greatest are ints.
 
     Raises:
-        ValueError: If they are no tuple from low to high between least and greatest.
+        ValueError: If it is not a tuple (low, high) between least and greatest.
     """
     whole = isinstance(least, int)
     if (
@@ -148,10 +148,10 @@ def check_range(name: str, given: Any, least: float, greatest: float) -> None:
 
 
 def check_kind(name: str, given: Any, kind: type[Any]) -> None:
-    """Check an argument that is an object of a class.
+    """Check that an argument is an object of a class.
 
     Raises:
-        ValueError: If it is of another class.
+        ValueError: If its class is another one.
     """
     if not isinstance(given, kind):
         raise UserError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")

@@ -1,4 +1,4 @@
-"""What all batched environments share: a generator for each, and how a reset seeds them."""
+"""The base of all batched environments: a generator for each, which a reset seeds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         render_mode: Among those of the class's `metadata`.
 
     Attributes:
-        autoreset_mode: That of `metadata`, once more: some clients look for it here.
+        autoreset_mode: The mode in `metadata`; some clients expect it as an attribute.
     """
 
     def __init__(self, *, num_envs: int, render_mode: str | None) -> None:
@@ -36,17 +36,17 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """One generator an environment."""
+        """The generators, one for each environment."""
         return tuple(self._generators)
 
     def _own_seed(self, given: int | None) -> int | None:
-        """What an environment makes of its seed."""
+        """Turn the seed of a reset into the environment's own."""
         return given
 
     def _reseeded(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
     ) -> Iterator[tuple[int, int | None]]:
-        """Give those that a reset concerns, each with its seed, by then its generator's too."""
+        """Seed the generators of the environments to reset, and give these with their seeds."""
         seeds = [self._own_seed(given) for given in spread_seeds(seed, self.num_envs)]
         for i in reset_mask(options, self.num_envs):
             given = seeds[i]

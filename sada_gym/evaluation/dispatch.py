@@ -1,4 +1,4 @@
-"""Chunks of evaluations on their way to an executor and back, whatever dies on the way."""
+"""Hands chunks of evaluations to an executor, and repeats those whose worker died."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from sada_gym.evaluation.workers import Task, WorkerPool, evaluate_if_known
 from sada_gym.parameters import Mu
 
 MAX_DEATHS = 3
-"""A chunk that is under way while workers die so often is held to be what kills them."""
+"""Workers may die this often while a chunk is under way; then the chunk counts as the cause."""
 
 _AHEAD = 2
-"""Chunks handed out for each worker: one that it is at and one that waits for it.
+"""Chunks handed out for each worker: it evaluates one, and the other waits.
 
 More would not make it faster, but would cost more memory, and more work at a Ctrl-C.
 """
 _SMALL_BYTES = 4096
-"""A payload of this size is sent with every chunk."""
+"""A payload of at most this size is sent with every chunk."""
 _CHECK_S = 5.0
 _NO_WORKER_S = 300.0
 _DYING_S = 10.0
@@ -35,7 +35,7 @@ Scores = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """What is handed over and committed at a time: rows of a call, with their mu and seeds."""
+    """The unit that is evaluated and committed together: rows of a call, their mu and seeds."""
 
     rows: npt.NDArray[np.intp]
     mu: Mu
@@ -45,14 +45,14 @@ class Chunk:
 class Dispatcher:
     """Hands chunks to an executor, a few for each worker, and takes their scores back.
 
-    Our own processes are started with the first chunk. When one dies, all are replaced, and what
-    they had is done again; other executors replace their workers themselves, or end.
+    The first chunk starts our own processes. When one of them dies, all are replaced, and their
+    chunks are evaluated again. Other executors replace their workers themselves, or give up.
 
     Args:
         task: What to evaluate.
-        workers: How many processes to start; of another executor, how many it has where it cannot
-            tell.
-        executor: Another executor; None for our own processes. It is left open.
+        workers: How many processes to start. For another executor: how many workers it has, if it
+            cannot say so itself.
+        executor: Another executor, which is left open; None for our own processes.
     """
 
     def __init__(self, task: Task, workers: int, executor: Executor | None = None) -> None:
@@ -66,7 +66,7 @@ class Dispatcher:
 
     @property
     def workers(self) -> int:
-        """How many workers there are; of a cluster, how many there were within some seconds."""
+        """The number of workers. A cluster is asked again every few seconds."""
         if self._executor is not None and time.monotonic() - self._asked_at > _CHECK_S:
             self._asked, self._asked_at = count_workers(self._executor), time.monotonic()
         return self._asked or self._given_workers
@@ -76,11 +76,11 @@ class Dispatcher:
 
         Args:
             chunks: The chunks.
-            settle: Called with each chunk and its scores, in the order in which they come back.
+            settle: A function that gets each chunk and its scores, in the order of their return.
 
         Raises:
-            WorkerError: If workers die again and again, or a cluster is gone. What has come back
-                is settled then, as it is after any other error.
+            WorkerError: If workers die again and again, or a cluster is gone. Scores that came back
+                before this or any other error were given to `settle`.
         """
         waiting, deaths = deque(chunks), Counter[Chunk]()
         running: dict[Future[Scores | None], Chunk] = {}
@@ -120,9 +120,9 @@ class Dispatcher:
             running[future] = waiting.popleft()
 
     def _task_to_send(self) -> Task:
-        """Choose whether the payload goes along: at first once for each worker.
+        """Choose whether to send the payload: at first it is sent once for each worker.
 
-        Our own processes were given it when they started. Others answer None where they lack it.
+        Our own processes got it when they started. Other workers answer None if they lack it.
         """
         if self._executor is not None and self._task.size <= _SMALL_BYTES:
             return self._task
@@ -148,7 +148,7 @@ class Dispatcher:
                 settle(chunk, scores)
 
     def _wait(self, running: dict[Future[Scores | None], Chunk]) -> Iterable[Future[Scores | None]]:
-        """Wait for the next results; a cluster without any worker would let us wait for ever."""
+        """Wait for the next results, but not for ever for a cluster that has no workers."""
         last_seen = time.monotonic()
         while True:
             done, _ = wait(running, timeout=_CHECK_S, return_when=FIRST_COMPLETED)
@@ -164,7 +164,7 @@ class Dispatcher:
                 )
 
     def _recover(self, error: BaseException, suspects: list[Chunk], deaths: Counter[Chunk]) -> None:
-        """Replace our own processes after one died; anything else ends here."""
+        """Replace our own processes after one died; for another executor, raise."""
         if self._executor is not None:
             raise WorkerError(
                 "The executor lost its workers, or the connection to its scheduler, and gave the "
@@ -182,7 +182,7 @@ class Dispatcher:
             ) from error
 
     def _open(self) -> Executor:
-        """Give the executor; our own processes start when the first chunk needs them."""
+        """Give the executor, and start our own processes if they have not been started."""
         if self._executor is not None:
             return self._executor
         if self._pool is None:
@@ -193,7 +193,7 @@ class Dispatcher:
         """Stop our own processes; calling it twice is fine.
 
         Args:
-            now: Drop what they are at, instead of waiting for it.
+            now: Whether to drop the running chunks instead of waiting for them.
         """
         if self._pool is not None:
             self._pool.close(now=now)
@@ -203,7 +203,7 @@ class Dispatcher:
 def _taken_back(
     running: dict[Future[Scores | None], Chunk], settle: Callable[[Chunk, Scores], None]
 ) -> list[Chunk]:
-    """Empty `running` after a death: settle what was done, and give the chunks that were not."""
+    """Empty `running` after a death: settle the finished chunks, and return the others."""
     wait(running, timeout=_DYING_S)  # a pool that has lost a process fails all that it holds
     lost = []
     while running:

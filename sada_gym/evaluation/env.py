@@ -1,4 +1,4 @@
-"""An Oracle as a Gymnasium environment: for adversaries that learn by reinforcement."""
+"""An oracle as a Gymnasium environment, for adversaries that learn by reinforcement."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sada_gym.resets import check_reset_options, checked_seed, reset_mask
 
 
 class Queried(Protocol):
-    """What an environment needs of an oracle (`sada_gym.oracle.Oracle` is one)."""
+    """The part of an oracle that an environment needs (`sada_gym.oracle.Oracle` has it)."""
 
     @property
     def dimension(self) -> int:
@@ -27,7 +27,7 @@ class Queried(Protocol):
 
     @property
     def remaining(self) -> int:
-        """Queries left."""
+        """The number of queries left."""
         ...
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -39,27 +39,27 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
     """An oracle as an environment: the action is mu, the reward is -Q, a step costs one query.
 
     ## Description
-    What an adversary may see of an application, for algorithms that learn from environments. Each
-    step is one query of the oracle, counted against its budget. The step that spends the last query
-    ends its episode (`truncated`); any step after that raises `BudgetExhausted`, before anything is
-    evaluated. So a training that asks for too many steps is ended by the exception, with exactly
-    the budget spent, also in the middle of a rollout:
+    It shows algorithms that learn from environments what an adversary may see of an application.
+    Each step is one query of the oracle, counted against its budget. The step that spends the last
+    query ends its episode (`truncated`). Any step after that raises `BudgetExhausted`, before
+    anything is evaluated. So the exception ends a training that asks for too many steps, with
+    exactly the budget spent, also in the middle of a rollout:
 
         env = OracleEnv(oracle)
         model = PPO("MlpPolicy", env, n_steps=100)
         with suppress(BudgetExhausted):
             model.learn(oracle.remaining)
 
-    What the algorithm has collected since its last update is lost to it then (`oracle.record` has
-    it), so let the length of a rollout divide the budget.
+    The algorithm then loses what it collected since its last update (`oracle.record` has it), so
+    let the length of a rollout divide the budget.
 
     ## Action Space
     `Box(-1, 1, (d,), float32)`: mu.
 
     ## Observation Space
-    `Box(-1, 1, (d + 2,), float32)`, as of the adversary's environments: the last mu, the last score
-    (clipped to the box), the share of the episode's steps that is left. The first two are 0 where
-    there is none yet.
+    `Box(-1, 1, (d + 2,), float32)`, as in the adversary's environments: the last mu, the last score
+    (clipped to the box), and the share of the episode's steps that is left. The first two are 0
+    before the first step.
 
     ## Rewards
     A Python float, exactly `-info["score"]`.
@@ -72,7 +72,7 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
     Terminated after `horizon` proposals, truncated when the budget is spent before that.
 
     ## Arguments
-    - `oracle`: what is queried. It is left open.
+    - `oracle`: the oracle to query. It is left open.
     - `horizon=1`: proposals in one episode.
     """
 
@@ -113,16 +113,16 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
 
     Where fewer queries are left than there are environments, a step evaluates the first of its mu,
     as many as are left, and then raises `BudgetExhausted`: the budget is spent to the last query.
-    Episodes begin anew in the step that ends them (`AutoresetMode.SAME_STEP`). For
+    A new episode starts in the step that ends the old one (`AutoresetMode.SAME_STEP`). For
     Stable-Baselines3, wrap it in `sada_gym.sb3.SB3VecEnv`.
 
     Args:
-        oracle: What is queried. It is left open.
+        oracle: The oracle to query. It is left open.
         num_envs: Number of environments, the queries of a step.
         horizon: Proposals in one episode.
 
     Attributes:
-        autoreset_mode: That of `metadata`, once more: some clients look for it here.
+        autoreset_mode: The mode in `metadata`; some clients expect it as an attribute.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -160,7 +160,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         npt.NDArray[np.bool_],
         dict[str, Any],
     ]:
-        """Query a batch of mu, (num_envs, d), and begin anew where an episode is over.
+        """Query a batch of mu, (num_envs, d), and start new episodes where old ones ended.
 
         Raises:
             BudgetExhausted: If fewer queries were left; these are spent then.

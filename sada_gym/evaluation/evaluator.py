@@ -1,4 +1,4 @@
-"""The evaluator: scores of (mu, seed) pairs, from the store or from workers, chunk by chunk."""
+"""The evaluator gets scores of (mu, seed) pairs from the store or from workers, in chunks."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sada_gym.evaluation.workers import MAX_WORKERS, BatchFunction, Registered, 
 from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
-"""A chunk is what a crash can cost, so it is no larger than batching needs."""
+"""A crash can cost a whole chunk, so a chunk is no larger than batching needs."""
 
 Problem = str | Application | BatchFunction
-"""What can be attacked: an environment id, an application, or a function (n, d) -> (n,)."""
+"""Anything that can be attacked: an environment id, an application, or (n, d) -> (n,)."""
 
 
 class Evaluator:
@@ -32,11 +32,11 @@ class Evaluator:
         env_kwargs: Keywords of an environment id.
         dimension: d of a function.
         threshold: The fooling threshold of a function.
-        workers: 1 evaluates in this process, more in as many others.
-        store: The evaluation store's file; None keeps nothing.
+        workers: With 1, this process evaluates; with more, as many others do.
+        store: The evaluation store's file; with None, no score is kept.
         chunk_size: Evaluations handed over at a time; None chooses.
         executor: Any PEP 3148 executor instead of our own processes: threads, loky, Dask. It is
-            left open. `workers` then says how many it has, where it cannot tell.
+            left open. `workers` then says how many workers it has, if it cannot say so itself.
 
     Raises:
         TypeError, ValueError: If the arguments do not fit together.
@@ -58,6 +58,13 @@ class Evaluator:
         refuse_number("workers", workers, 1, None if executor is not None else MAX_WORKERS)
         if chunk_size is not None:
             refuse_number("chunk_size", chunk_size, 1)
+        if executor is not None and not callable(getattr(executor, "submit", None)):
+            raise UserTypeError(
+                "Expected an executor of concurrent.futures, loky or Dask, such as "
+                f"ProcessPoolExecutor(), got {executor!r}."
+            )
+        if env_kwargs is not None and not isinstance(env_kwargs, Mapping):
+            raise UserTypeError(f"Expected env_kwargs to be a dictionary, got {env_kwargs!r}.")
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
             source = Registered(problem, dict(env_kwargs or {}))
@@ -82,11 +89,11 @@ class Evaluator:
 
     @property
     def application(self) -> Application | None:
-        """The application; None for a function."""
+        """The application, or None for a function."""
         return self._scorer if isinstance(self._scorer, Application) else None
 
     def attach(self, path: str | Path) -> None:
-        """Keep all scores in a store from now on, and take from it what it knows.
+        """Keep all further scores in a store, and take known scores from it.
 
         Args:
             path: The evaluation store's file.
@@ -127,13 +134,13 @@ class Evaluator:
     ) -> tuple[npt.NDArray[np.float64], int]:
         """Score a batch.
 
-        When it is interrupted, or a chunk fails, what was evaluated by then is in the store.
+        If it is interrupted, or a chunk fails, the store has all scores up to then.
 
         Args:
             mu: (n, d) float32, checked.
             seeds: n evaluation seeds.
-            report: Called after the look-up and after each committed chunk with the number of
-                scores done so far and how many of these the store knew.
+            report: A function that is called after the look-up and after each committed chunk, with
+                the number of scores so far, and how many of these the store knew.
 
         Returns:
             The scores, (n,) float64, and how many of them the store knew.
@@ -172,7 +179,7 @@ class Evaluator:
         """Stop the workers and close the store; calling it twice is fine.
 
         Args:
-            now: Drop what the workers are at, instead of waiting for it.
+            now: Whether to drop the running chunks instead of waiting for them.
         """
         if self._dispatcher is not None:
             self._dispatcher.close(now=now)
@@ -183,7 +190,7 @@ class Evaluator:
 
 
 def _chunk_size(count: int, workers: int) -> int:
-    """Split a call so that every worker gets at least two chunks, against stragglers."""
+    """Choose a size so that every worker gets at least two chunks: a slow one holds up less."""
     if workers == 1:
         return MAX_CHUNK
     return max(1, min(MAX_CHUNK, -(-count // (2 * workers))))
@@ -209,9 +216,7 @@ def _described(
             "Expected dimension= and threshold= with a function, got "
             f"dimension={dimension}, threshold={threshold}. Say what mu's d and epsilon are."
         )
-    if dimension < 1 or not np.isfinite(threshold):
-        raise UserError(
-            "Expected a dimension of at least 1 and a finite threshold, got "
-            f"dimension={dimension}, threshold={threshold}."
-        )
-    return dimension, float(threshold)
+    refuse_number("dimension", dimension, 1)
+    if not isinstance(threshold, int | float | np.number) or not np.isfinite(threshold):
+        raise UserError(f"Expected threshold to be a finite number, got {threshold!r}.")
+    return int(dimension), float(threshold)

@@ -1,4 +1,4 @@
-"""What evaluations run on: our own processes, a Dask cluster, or any other executor."""
+"""Executors for evaluations: our own processes, a Dask cluster, or any other one."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ from sada_gym.evaluation.spawn import restore_environment, spawn_context
 from sada_gym.evaluation.workers import _inherited_settings
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
-"""What `open_executor` knows."""
+"""The names that `open_executor` takes."""
 
 _CONNECT_S = 5.0
 _FIRST_WORKER_S = 30.0
 _CLOSE_S = 5.0
 _NANNY = "distributed.nanny.pre-spawn-environ"
 _ENVIRONMENT = ("NUMBA_NUM_THREADS", "PYTHONSAFEPATH")
-"""Set to 1 before a Dask worker starts, beside what Dask sets: one thread each for BLAS."""
+"""Variables that are set to 1 before a Dask worker starts, beside those that Dask sets."""
 
 _SET_BY_DASK = ("PYTHONHASHSEED", "__DASK_PARENT_PID")
 
 _DECISIVE = ("sada-gym", "numpy", "torch")
-"""Packages whose version the workers must share with us, or scores differ."""
+"""Scores differ if a worker has another version of one of these packages."""
 
 
 class _Environment:
-    """The environment's variables that Dask sets for its workers, in this process too."""
+    """The environment's variables that Dask changes in this process to start its workers."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._before = {name: os.environ.get(name) for name in names}
 
     def close(self, timeout: float = 0.0) -> None:  # noqa: ARG002 - closed as Dask's objects are
-        """Put them back, so that other processes that start from here find them as they were."""
+        """Restore the variables, so that other processes that start here see the old ones."""
         restore_environment(self._before)
 
 
 class OpenExecutor:
-    """An executor that is ready for work, and how many workers it has.
+    """An executor that is ready for work, with its number of workers.
 
     Attributes:
-        executor: To be given to `Oracle`, `Evaluator` or `attack`; None for our own processes,
-            which they start themselves.
-        workers: How many workers it has, to be given along.
+        executor: Pass it to `Oracle`, `Evaluator` or `attack`. It is None for our own processes,
+            which these start themselves.
+        workers: The number of its workers; pass it along.
     """
 
     def __init__(self, executor: Executor | None, workers: int, *to_close: Any) -> None:
@@ -63,7 +63,7 @@ class OpenExecutor:
             _dask_log().setLevel(logging.CRITICAL)  # we say ourselves what the user must know
 
     def close(self) -> None:
-        """Leave the cluster; one that was started here ends. Calling it twice is fine."""
+        """Leave the cluster, or end one that was started here. Calling it twice is fine."""
         if not self._to_close:
             return
         while self._to_close:
@@ -74,7 +74,7 @@ class OpenExecutor:
         _dask_log().setLevel(self._log_level)
 
     def __enter__(self) -> Self:
-        """Give the object itself."""
+        """Return the object itself."""
         return self
 
     def __exit__(
@@ -83,21 +83,21 @@ class OpenExecutor:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the executor."""
         self.close()
 
 
 def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
-    """Open the executor that a name stands for.
+    """Open an executor by its name.
 
     Args:
-        spec: `processes`: our own. `dask`: a Dask cluster on this machine. `dask:ADDRESS`: a
-            cluster that is running, by its scheduler's address, such as
+        spec: `processes` stands for our own processes, `dask` for a new Dask cluster on this
+            machine, and `dask:ADDRESS` for a running cluster at its scheduler's address, such as
             `dask:tcp://10.0.0.5:8786`.
-        workers: How many processes to start; a running cluster is asked how many it has.
+        workers: How many processes to start. A running cluster has its own number.
 
     Returns:
-        The executor, to be closed or used as a context manager.
+        The executor. Close it, or use it as a context manager.
 
     Raises:
         ValueError: If there is no such executor, or nothing answers at the address.
@@ -123,7 +123,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
 
 
 def count_workers(executor: Executor) -> int | None:
-    """Ask an executor how many workers it has; None where it cannot tell."""
+    """Ask an executor how many workers it has; None if it does not know."""
     if _is_dask(executor):
         try:
             return sum(executor._client.nthreads().values())  # type: ignore[attr-defined]
@@ -135,7 +135,7 @@ def count_workers(executor: Executor) -> int | None:
 
 
 def engine_errors() -> tuple[type[BaseException], ...]:
-    """Tell what the futures of a broken executor raise, which no evaluation raises."""
+    """List the errors that futures of a broken executor raise, and evaluations never."""
     errors: list[type[BaseException]] = [BrokenExecutor, CancelledError]
     distributed = sys.modules.get("distributed")  # loaded by whoever made such an executor
     if distributed is not None:
@@ -202,7 +202,7 @@ def _running_cluster(address: str) -> OpenExecutor:
 
 
 def _ready_workers(client: Any, address: str) -> int:
-    """Wait for the first worker, and check that all can do our work."""
+    """Wait for the first worker, and check that all have our versions of the packages."""
     try:
         client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
     except TimeoutError as error:

@@ -1,4 +1,4 @@
-"""The oracle: the counted, seeded, stored, parallel Q that an adversary sees, and all it sees."""
+"""The oracle shows Q to an adversary, and nothing else: counted, seeded, stored, in parallel."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from sada_gym.evaluation.evaluator import Evaluator, Problem
 from sada_gym.parameters import Mu, validate_mu
 
 Progress = Callable[[int, int, int], None]
-"""Called as progress(done, total, known): queries answered, the budget, answered by the store."""
+"""A function progress(done, total, known): queries answered, budget, answers by the store."""
 
 Stream = Literal["train", "test", "validation", "verification"]
-"""What evaluations are for. No two streams ever share a seed."""
+"""The purpose of evaluations. Two streams never share a seed."""
 
 MAX_QUERIES = 10_000_000
-"""The largest budget: an oracle keeps its queries in memory, a gigabyte for so many."""
+"""The largest budget. An oracle keeps its queries in memory; so many take a gigabyte."""
 
 _STREAMS: tuple[str, ...] = get_args(Stream)
 
@@ -47,19 +47,19 @@ class Evaluations:
     seed: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
-        """Count them."""
+        """Count the evaluations."""
         return len(self.score)
 
 
 def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[int]:
     """Give the evaluation seeds of queries `start` to `start + count - 1`.
 
-    A hash of (seed, index) rather than a generator's draws, so that a query's seed depends on
-    nothing that came before it. The two lowest bits hold the stream: streams are disjoint.
+    They are a hash of (seed, index) and not draws of a generator, so that a query's seed depends on
+    nothing that came before it. The two lowest bits hold the stream, so streams are disjoint.
 
     Args:
         seed: The oracle's seed.
-        stream: What the evaluations are for.
+        stream: The purpose of the evaluations.
         start: Index of the first query.
         count: How many.
 
@@ -75,7 +75,7 @@ def _hash29(text: str) -> int:
 
 
 class Oracle:
-    """Q as an adversary may see it: `oracle(mu) -> q`, until the budget is spent.
+    """Answers an adversary's queries, `oracle(mu) -> q`, until the budget is spent.
 
     Query i's evaluation seed is fixed by (seed, stream, i) before anything is dispatched, so the
     scores depend neither on chunks nor on workers nor on what a store already knew.
@@ -83,19 +83,20 @@ class Oracle:
     Args:
         problem: An environment id, an `Application`, a function (n, d) -> (n,), or an `Evaluator`
             whose workers and store several oracles share; it is left open.
-        budget: Number of queries; one that the store answers counts too.
+        budget: The number of queries. A query that the store answers counts, too.
         seed: Fixes the evaluation seeds.
-        stream: What the evaluations are for; streams never share seeds.
+        stream: The purpose of the evaluations; streams never share seeds.
         env_kwargs: Keywords of an environment id.
         dimension: d of a function.
         threshold: The fooling threshold of a function.
-        workers: 1 evaluates in this process, more in as many others.
-        store: The evaluation store's file; None keeps nothing.
+        workers: With 1, this process evaluates; with more, as many others do.
+        store: The evaluation store's file; with None, no score is kept.
         chunk_size: Evaluations handed over at a time; None chooses.
         executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
             `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
-            says how many it has, where it cannot tell.
-        progress: Called as progress(done, total, known) after each committed chunk.
+            says how many workers it has, if it cannot say so itself.
+        progress: A function that is called as progress(done, total, known) after each committed
+            chunk.
 
     Raises:
         TypeError, ValueError: If the arguments do not fit together.
@@ -124,10 +125,12 @@ class Oracle:
     ) -> None:
         refuse_number("budget", budget, 0, MAX_QUERIES)
         refuse_number("seed", seed, 0)
+        if progress is not None and not callable(progress):
+            raise UserTypeError(f"Expected progress to be a function or None, got {progress!r}.")
         if stream not in _STREAMS:
             raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
-        self.budget = budget
-        self.seed = seed
+        self.budget = int(budget)
+        self.seed = int(seed)
         self.stream: Stream = stream
         self._progress = progress
         self._record: list[Evaluations] = []
@@ -158,22 +161,22 @@ class Oracle:
 
     @property
     def threshold(self) -> float:
-        """The fooling threshold; the agent is fooled where Q <= threshold."""
+        """The fooling threshold: the agent is fooled where Q <= threshold."""
         return self._evaluator.threshold
 
     @property
     def remaining(self) -> int:
-        """Queries left."""
+        """The number of queries left."""
         return self.budget - self._used
 
     @property
     def application(self) -> Application | None:
-        """The application under attack; None for a function."""
+        """The application under attack, or None for a function."""
         return self._evaluator.application
 
     @property
     def record(self) -> Evaluations:
-        """All queries so far, in order."""
+        """All queries so far, in their order."""
         none = Evaluations(
             np.zeros((0, self.dimension), np.float32), np.zeros(0), np.zeros(0, np.int64)
         )
@@ -226,13 +229,13 @@ class Oracle:
         """Stop the workers and close the store; calling it twice is fine.
 
         Args:
-            now: Drop what the workers are at, instead of waiting for it.
+            now: Whether to drop the running chunks instead of waiting for them.
         """
         if self._owns:
             self._evaluator.close(now=now)
 
     def __enter__(self) -> Self:
-        """Give the oracle itself."""
+        """Return the oracle itself."""
         return self
 
     def __exit__(
@@ -241,5 +244,5 @@ class Oracle:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close it; after an error or Ctrl-C without waiting for the workers."""
+        """Close the oracle. After an error or Ctrl-C this does not wait for the workers."""
         self.close(now=kind is not None)

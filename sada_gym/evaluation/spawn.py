@@ -33,7 +33,7 @@ class _Process(SpawnProcess):
             return SpawnProcess._Popen(process_obj)
 
     def run(self) -> None:
-        """Do the work; a script that it starts finds its own folder as ever."""
+        """Do the work. A script that the work starts finds its own folder, as always."""
         if not self._inherited:
             os.environ.pop(_SAFE_PATH, None)
         super().run()
@@ -56,7 +56,7 @@ def spawn_context() -> SpawnContext:
 
 
 def restore_environment(before: Mapping[str, str | None]) -> None:
-    """Give variables of the environment the values that they had; None takes one away."""
+    """Restore variables of the environment; None stands for a variable that was not set."""
     for name, value in before.items():
         if value is None:
             os.environ.pop(name, None)
@@ -66,7 +66,7 @@ def restore_environment(before: Mapping[str, str | None]) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Let interpreters that start here leave the current folder out."""
+    """Keep the current folder off the module path of interpreters that start in this block."""
     with _lock, _environment() if sys.version_info >= (3, 11) else _program():
         yield
 
@@ -83,7 +83,7 @@ def _environment() -> Iterator[None]:
 
 @contextmanager
 def _program() -> Iterator[None]:
-    """Python 3.10 has no such variable: there the program of `python -c` leaves the folder out."""
+    """Do the same on Python 3.10, which lacks the variable, by the program of `python -c`."""
     util: Any = multiprocessing.util
     start = util.spawnv_passfds
 

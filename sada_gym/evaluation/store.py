@@ -1,14 +1,18 @@
-"""The evaluation store: every score a run has paid for, in one crash-safe SQLite file."""
+"""The evaluation store keeps every score of a run in one crash-safe SQLite file."""
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
 import sqlite3
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +24,7 @@ from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
-"""Kept in SQLite's `user_version`; raise it when the tables change."""
+"""SQLite's `user_version` holds it. Raise it when the tables change."""
 
 _LOG_PAGES = 128
 """The write-ahead log is emptied into the file at this many pages of 4 KiB.
@@ -66,7 +70,7 @@ SELECT context FROM evaluation GROUP BY context HAVING
 
 @dataclass(frozen=True)
 class Context:
-    """What a score belongs to besides mu and seed.
+    """All that a score belongs to besides mu and seed.
 
     Attributes:
         name: The application's name.
@@ -82,7 +86,7 @@ class Context:
 
     @classmethod
     def of(cls, application: Application) -> Context:
-        """Read the context off an application.
+        """Make the context of an application.
 
         Raises:
             StoreError: If the application has no fingerprint.
@@ -108,7 +112,7 @@ class Context:
 
 
 class EvaluationStore:
-    """Scores by (context, mu, seed), in one SQLite file with one writer.
+    """Keeps scores by (context, mu, seed) in one SQLite file with one writer.
 
     The journal is a write-ahead log in exclusive locking mode: a second process is kept out from
     the first read on, the operating system frees the lock even after SIGKILL, and no shared
@@ -126,18 +130,34 @@ class EvaluationStore:
     """
 
     def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, str | os.PathLike):
+            raise UserTypeError(f"Expected the path of an evaluation store, got {path!r}.")
         self.path = Path(path)
+        self._process = os.getpid()
         refuse_unusable(self.path)
         with explained(self.path):
             # absolute: SQLite would take the name ":memory:" for no file at all
-            self._connection = sqlite3.connect(
-                self.path.absolute(), timeout=0.0, isolation_level=None
-            )
+            self._own = sqlite3.connect(self.path.absolute(), timeout=0.0, isolation_level=None)
             try:
                 self._open()
             except BaseException:
-                self._connection.close()
+                self._own.close()
                 raise
+        _open_stores.add(self)
+
+    @property
+    def _connection(self) -> sqlite3.Connection:
+        """The connection, in the process that opened it: SQLite's do not survive a fork.
+
+        Raises:
+            StoreError: If this is a copy in a forked process.
+        """
+        if os.getpid() != self._process:
+            raise StoreError(
+                f"Expected the store {self.path} to be used in the process that opened it, got a "
+                "copy in a forked one. Use workers=, or a store of its own in each process."
+            )
+        return self._own
 
     def _open(self) -> None:
         # Nothing but SQLite may open the file: closing any other descriptor of it would free
@@ -172,7 +192,7 @@ class EvaluationStore:
         run("CREATE TEMP TABLE wanted (position INTEGER PRIMARY KEY, seed INTEGER, mu BLOB)")
 
     def _check_content(self) -> None:
-        """Refuse what SQLite finds sound but no run of ours has written."""
+        """Refuse a file that SQLite finds sound, but that no run of this package wrote."""
         columns = self._connection.execute(
             "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
         ).fetchall()
@@ -185,7 +205,7 @@ class EvaluationStore:
             )
 
     def context(self, context: Context) -> int:
-        """Give a context's key in this store; a new context gets a new one.
+        """Give a context's key in this store; a new context gets a new key.
 
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
@@ -286,7 +306,7 @@ class EvaluationStore:
                 self._connection.execute("ROLLBACK")
 
     def __len__(self) -> int:
-        """Count the evaluations, over all contexts.
+        """Count the evaluations of all contexts.
 
         Raises:
             StoreError: If the file cannot be read.
@@ -301,11 +321,30 @@ class EvaluationStore:
         Raises:
             StoreError: If SQLite cannot close it.
         """
-        with explained(self.path):
-            self._connection.close()
+        if os.getpid() == self._process:  # a forked copy would delete the log that we write to
+            with explained(self.path):
+                self._own.close()
+
+    def __del__(self) -> None:
+        """Close a store that was forgotten: Python frees its connection, and the lock, too late."""
+        if hasattr(self, "_own"):
+            with suppress(Exception):  # another thread's, or a disk that is gone
+                self.close()
+
+    def __reduce__(self) -> Any:
+        """Refuse to be copied.
+
+        Raises:
+            TypeError: Always.
+        """
+        raise UserTypeError(
+            f"Expected the store {self.path} to stay where it was opened, got a copy or a pickle "
+            "of it, such as with copy.deepcopy(oracle). Copy the application, and name another "
+            "store."
+        )
 
     def __enter__(self) -> Self:
-        """Give the store itself."""
+        """Return the store itself."""
         return self
 
     def __exit__(
@@ -314,5 +353,22 @@ class EvaluationStore:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the store."""
         self.close()
+
+
+_open_stores: weakref.WeakSet[EvaluationStore] = weakref.WeakSet()
+
+
+def _leave_to_the_parent() -> None:
+    """Let a forked process never free a connection that it inherited.
+
+    SQLite would believe that it is the last user, and delete the write-ahead log that the parent
+    goes on writing to: scores that were committed would be lost if the parent was killed.
+    """
+    for store in _open_stores:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(store._own))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_the_parent)

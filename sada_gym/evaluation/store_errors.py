@@ -1,4 +1,4 @@
-"""What can go wrong with the store's file, and the sentence that says so."""
+"""Errors of the store's file, each with a sentence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KEPT = "What was stored before is kept"
 
 
 def refuse_unusable(path: Path) -> None:
-    """Refuse a path that no store can be kept at, before SQLite opens it.
+    """Refuse a path that cannot hold a store, before SQLite opens it.
 
     SQLite would wait for a FIFO's other end, and names no reason where a folder is read-only.
 
@@ -72,12 +72,12 @@ def explained(path: Path) -> Iterator[None]:
 
 
 def in_use(error: sqlite3.OperationalError) -> bool:
-    """Whether a lock was refused because another holds it; assumed where Python tells no code."""
+    """Whether another process holds the lock. Without an error code of Python, assume so."""
     return getattr(error, "sqlite_errorcode", _BUSY) & _PRIMARY_CODE in (_BUSY, _LOCKED)
 
 
 def corrupt(path: Path, reason: str) -> str:
-    """Give the sentence on a store that is damaged."""
+    """Give the sentence about a damaged store."""
     return (
         f"Expected a sound evaluation store, got a corrupt one in {path} ({reason}). "
         "It was left as it is; restore it from a copy, or name another file."
@@ -125,7 +125,7 @@ def _translated(error: sqlite3.Error, path: Path) -> StoreError:
 
 
 def _by_type(error: sqlite3.Error, path: Path) -> str:
-    """Tell what the exception's type tells: Python 3.10 gives no code, nor do its own errors."""
+    """Explain an error by its type: Python 3.10, and sqlite3's own errors, give no code."""
     if isinstance(error, sqlite3.OperationalError):
         return (
             f"Expected to use the store {path}, but SQLite could not ({error}). It may be open in "

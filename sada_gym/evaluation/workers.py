@@ -1,4 +1,4 @@
-"""Worker processes: what is evaluated there, and how they start, obey and die."""
+"""Worker processes: what they evaluate, how they start, and how they end."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from sada_gym.evaluation.spawn import restore_environment, spawn_context
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
-"""A user's own black box: (n, d) float32 in [-1, 1] -> (n,) scores."""
+"""A user's black box takes (n, d) float32 in [-1, 1] and gives (n,) scores."""
 
 MAX_WORKERS = 1_024
-"""The most processes of our own: each holds a simulator and a network, some 300 MB."""
+"""The limit of our own processes: each holds a simulator and a network, some 300 MB."""
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
@@ -39,13 +39,13 @@ Scorer = Application | BatchFunction
 
 @dataclass(frozen=True)
 class Registered:
-    """A registered environment by id and keywords: small to send, built where it is needed."""
+    """A registered environment by id and keywords: small to send, and built by the receiver."""
 
     env_id: str
     env_kwargs: Mapping[str, Any]
 
     def build(self) -> Application:
-        """Make the application."""
+        """Build the application."""
         from sada_gym.registration import make_application
 
         return make_application(self.env_id, **self.env_kwargs)
@@ -115,7 +115,7 @@ class Task:
 
     @property
     def size(self) -> int:
-        """Bytes of the payload."""
+        """The size of the payload in bytes."""
         return 0 if self.payload is None else len(self.payload)
 
     def __call__(self, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
@@ -145,13 +145,13 @@ class Task:
 
 
 _given: dict[str, bytes] = {}
-"""The last payloads that this process was given, when it started or later, by key."""
+"""The last payloads that this process received, when it started or later, by key."""
 
 _giving = threading.Lock()
 
 
 class _Cache(threading.local):
-    """What this thread has loaded, by key; one a thread, because simulators seldom share."""
+    """The scorers that this thread has loaded, by key. Threads seldom can share a simulator."""
 
     def __init__(self) -> None:
         self.loaded: dict[str, Scorer] = {}
@@ -163,15 +163,15 @@ _cache = _Cache()
 def evaluate_if_known(task: Task, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64] | None:
     """Evaluate one chunk in a process that may have seen the task before.
 
-    So that a large model crosses the network once for each process, not with every chunk.
+    This lets a large model cross the network once for each process, not with every chunk.
 
     Args:
-        task: Whose payload is kept here; without one, it must have come before.
+        task: The task. This process keeps its payload; a task without one must have come before.
         mu: (n, d) float32, checked.
         seeds: n evaluation seeds.
 
     Returns:
-        (n,) float64; None where this process lacks the payload: send it along then.
+        (n,) float64, or None if this process lacks the payload and must get it first.
     """
     with _giving:
         if task.payload is not None and task.key not in _given:
@@ -189,9 +189,9 @@ class WorkerPool:
     the parent closes it, or dies in whatever way, the worker exits at once.
 
     Args:
-        workers: Number of processes; they start at once.
-        task: What they will evaluate, if anything: sent once, not with every chunk.
-        prepare: Called in each process when it starts; picklable as what starts a process is.
+        workers: The number of processes, which start at once.
+        task: The task that they will evaluate, if any. It is sent once, not with every chunk.
+        prepare: A picklable function that each process calls when it starts.
     """
 
     def __init__(
@@ -214,17 +214,17 @@ class WorkerPool:
 
     @property
     def failed_to_start(self) -> bool:
-        """Whether a process ended by an exception as it started: another would do the same."""
+        """Whether a process raised an exception as it started. Another one would do the same."""
         return any(process.exitcode == 1 for process in self._processes)
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers; calling it twice is fine.
 
         Args:
-            now: Drop what they are at, instead of waiting for it.
+            now: Whether to drop the running chunks instead of waiting for them.
         """
-        # told first: a pool that finds its processes gone fails all it still holds, and stumbles
-        # over what its caller has cancelled
+        # the pool first: one that finds its processes gone fails all futures that it holds, and
+        # raises at those that its caller has cancelled
         self.executor.shutdown(wait=not now, cancel_futures=True)
         self._lifeline.close()
         for process in self._processes:
@@ -233,7 +233,7 @@ class WorkerPool:
 
 @contextmanager
 def _inherited_settings() -> Iterator[None]:
-    """Let processes started here have one thread each and block SIGINT from their first moment.
+    """Give processes that start here one thread each, and block SIGINT from the beginning.
 
     Both must stand before the interpreter starts: NumPy reads the variables when it is imported,
     and a Ctrl-C during start-up would print a traceback for each worker.
@@ -268,4 +268,4 @@ def _exit_with_parent(lifeline: Connection) -> None:
 
 
 def _nothing() -> None:
-    """Make the pool start a process."""
+    """Do nothing, so that the pool starts a process."""

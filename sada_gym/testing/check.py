@@ -1,4 +1,4 @@
-"""Checking an application, ours or a user's own, against the contract: `sada-gym check`."""
+"""Checks an application, ours or a user's own, against the contract: `sada-gym check`."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Check:
     """One check and its outcome.
 
     Attributes:
-        name: A few words.
+        name: The check's name, a few words.
         passed: Whether the application keeps this part of the contract.
-        sentence: What was found; where it failed, what was expected and what came.
+        sentence: The finding. Of a failed check, it says what was expected and what came.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """All checks of one application.
+    """The report on all checks of one application.
 
     Attributes:
         subject: The id or the class that was checked.

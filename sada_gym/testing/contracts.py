@@ -39,16 +39,16 @@ _SAFE_SUFFIXES = {".safetensors", ".json", ".npz", ".toml"}
 
 
 class RecordingOracle:
-    """The least that an adversary may count on: a budget, a threshold, and Q.
+    """The smallest oracle: a budget, a threshold, and Q.
 
-    It keeps every query, and refuses what its budget doesn't cover.
+    It keeps every query, and fails the test if an adversary asks for more than its budget.
 
     Args:
-        application: Gives Q; each query's seed is its index.
-        budget: Number of queries.
+        application: The application that gives Q; each query's seed is its index.
+        budget: The number of queries.
 
     Attributes:
-        queries: All mu asked so far, (n, d) float32.
+        queries: All mu queried so far, (n, d) float32.
     """
 
     def __init__(self, application: Application, *, budget: int) -> None:
@@ -58,7 +58,7 @@ class RecordingOracle:
 
     @property
     def remaining(self) -> int:
-        """Queries left."""
+        """The number of queries left."""
         return self._budget - len(self.queries)
 
     @property
@@ -67,7 +67,7 @@ class RecordingOracle:
         return self._application.fooling_threshold
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu, (n, d): (n,) float64."""
+        """Score mu (n, d), and give (n,) float64."""
         batch = validate_mu(mu, self.queries.shape[1])
         if len(batch) > self.remaining:
             pytest.fail(f"{len(batch)} queries were asked for, {self.remaining} were left")
@@ -85,15 +85,15 @@ class Training(NamedTuple):
 
 
 class AdversaryContract:
-    """What every adversary keeps. Subclass it and implement `make`.
+    """Tests the rules that every adversary keeps. Subclass it and implement `make`.
 
     Attributes:
         dimension: d in the tests that need only one.
-        budget: Queries that train the adversary to the point of sampling, in a second or so.
+        budget: The number of queries of a training that takes about a second.
         continuous: Whether fresh samples never repeat: False for an adversary that draws from a
             finite set.
-        uses_values: Whether the adversary's definition works with the values of Q, so that what it
-            learns depends on how Q is scaled. Otherwise it must not.
+        uses_values: Whether the adversary's definition works with the values of Q, so that it
+            learns something else when Q is scaled differently. All others must learn the same.
     """
 
     dimension: int = 2
@@ -102,7 +102,7 @@ class AdversaryContract:
     uses_values: bool = False
 
     def make(self, dimension: int, seed: int) -> Adversary:
-        """Make the adversary, cheap to train."""
+        """Make the adversary with options that let it train fast."""
         raise NotImplementedError("Implement make(dimension, seed) in the subclass.")
 
     def train(
@@ -121,13 +121,13 @@ class AdversaryContract:
     @pytest.fixture(scope="class")
     @classmethod
     def training(cls) -> Training:
-        """One training for all tests of the class, which only draw from it."""
+        """Train once for all tests of the class, which only draw samples."""
         adversary, oracle = cls().train()
         return Training(adversary, oracle, adversary.sample(100))
 
     @pytest.fixture
     def trained(self, training: Training) -> tuple[Adversary, RecordingOracle]:
-        """A trained adversary and the oracle it was trained on."""
+        """Give a trained adversary and the oracle that it was trained on."""
         return training.adversary, training.oracle
 
     @pytest.mark.parametrize("dimension", [1, 2, 16])
@@ -243,10 +243,10 @@ class AdversaryContract:
 
 
 class ApplicationContract:
-    """What every application keeps. Subclass it and implement `make`.
+    """Tests the rules that every application keeps. Subclass it and implement `make`.
 
     Attributes:
-        sizes: Batch sizes that purity is tested with, out of 1 to 70; None for all.
+        sizes: The batch sizes of the tests of purity, out of 1 to 70; None takes all.
     """
 
     sizes: tuple[int, ...] | None = None
@@ -258,7 +258,7 @@ class ApplicationContract:
     @pytest.fixture(scope="class")
     @classmethod
     def application(cls) -> Iterator[Application]:
-        """One application for all tests of the class."""
+        """Make one application for all tests of the class."""
         application = cls().make()
         yield application
         application.close()

@@ -1,4 +1,4 @@
-"""A synthetic landscape with a random world, as detection has: a random shape an evaluation."""
+"""A synthetic landscape with random worlds: as in detection, each has a random shape."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Landscape:
         self._rng = np.random.default_rng(seed + 1)
 
     def __call__(self, mu: npt.ArrayLike) -> Array:
-        """Score mu (n, d), each with a shape of its own: (n,)."""
+        """Score mu (n, d), each with a random shape, and give (n,)."""
         height = self._height(np.asarray(mu, dtype=np.float64))
         drawn = self._rng.integers(height.shape[1], size=len(height))
         odds = np.exp(2.5 * (height[np.arange(len(height)), drawn] - self._level))
@@ -54,12 +54,12 @@ class Landscape:
         return score
 
     def fooling_rate(self, mu: npt.ArrayLike) -> Array:
-        """Give the share of the shapes that fool at each mu: (n,)."""
+        """Give the share of the shapes that fool the agent at each mu, (n,)."""
         rate: Array = (self._height(np.asarray(mu, dtype=np.float64)) <= self._level).mean(axis=1)
         return rate
 
     def _height(self, mu: Array) -> Array:
-        """Sum the waves: (n, shapes)."""
+        """Sum the waves, and give (n, shapes)."""
         angle = mu @ self._directions.reshape(-1, self.dimension).T
         waves = np.cos(angle.reshape(len(mu), *self._phases.shape) + self._phases)
         sums: Array = (waves * self._weights).sum(axis=2)
@@ -67,14 +67,14 @@ class Landscape:
 
 
 class FunctionOracle:
-    """The least oracle: a function with a budget."""
+    """The simplest oracle: a function with a budget."""
 
     def __init__(self, function: object, budget: int, threshold: float = THRESHOLD) -> None:
         self.function, self.remaining, self.threshold = function, budget, threshold
         self.queries: list[npt.NDArray[np.float32]] = []
 
     def __call__(self, mu: npt.ArrayLike) -> Array:
-        """Score mu (n, d): (n,)."""
+        """Score mu (n, d), and give (n,)."""
         batch = np.asarray(mu, dtype=np.float32)
         assert len(batch) <= self.remaining
         self.remaining -= len(batch)

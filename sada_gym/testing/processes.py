@@ -1,4 +1,4 @@
-"""Running a function in a fresh process, and importing files that are on no module path."""
+"""Runs a function in a fresh process, and imports files that are on no module path."""
 
 from __future__ import annotations
 

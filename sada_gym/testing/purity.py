@@ -1,4 +1,4 @@
-"""Is an application pure: the same Q(mu, seed), to the last bit, whatever surrounds it?"""
+"""Tests that an application is pure: Q(mu, seed) never depends on the rest of the batch."""
 
 from __future__ import annotations
 

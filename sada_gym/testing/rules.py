@@ -1,4 +1,4 @@
-"""What an application must keep: one function a rule, raising AssertionError with a sentence."""
+"""The rules for applications. Each function checks one and raises AssertionError."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sada_gym.parameters import ParameterSpace
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
 
 SIZES = (1, 2, 3, 7, 15, 16, 17, 31, 33, 64, 70)
-"""Batch sizes that purity is tried in."""
+"""Batch sizes that test purity."""
 
 MAX_TILE = 1_024
 """Larger tiles are not tried as batches."""
@@ -34,7 +34,7 @@ def _is_declared(application: Application) -> bool:
 
 
 def check_declaration(application: Application) -> str:
-    """Check what the application says about itself."""
+    """Check the attributes that describe the application."""
     _require(
         _is_declared(application),
         f"Expected `parameters` to be a ParameterSpace, got "
@@ -56,7 +56,7 @@ def check_declaration(application: Application) -> str:
 
 
 def check_outcomes(application: Application, *, n: int = 32) -> str:
-    """Check scores, and infos, of n worlds: the same keys, their values finite and batchable."""
+    """Check the scores and infos of n worlds: the same keys, finite values that can be batched."""
     mu, seeds = draw_worlds(application, n, seed=1)
     outcomes = application.evaluate(mu, seeds)
     first = _shape_of(outcomes.infos[0])
@@ -174,20 +174,20 @@ def check_purity(application: Application) -> str:
 
 
 def _tile(application: Application) -> int | None:
-    """How many inputs the agent is called with at once; None where the application says nothing."""
+    """Give the number of inputs in one call of the agent, or None if it is not declared."""
     tile = getattr(application, "tile", None)
     is_size = isinstance(tile, int) and not isinstance(tile, bool) and 1 <= tile <= MAX_TILE
     return tile if is_size else None
 
 
 def check_other_process(application: Application) -> str:
-    """Check that a pickled copy gives the same elsewhere."""
+    """Check that a pickled copy gives the same outcomes in another process."""
     assert_same_in_another_process(application)
     return "The same to the last bit in another process."
 
 
 def check_pictures(application: Application) -> str:
-    """Check that pictures, where there are any, are RGB images and the same each time."""
+    """Check that pictures, if there are any, are RGB images and the same each time."""
     if type(application).render is Application.render:
         return "It draws none, which is allowed."
     mu = np.zeros(len(application.parameters), dtype=np.float32)

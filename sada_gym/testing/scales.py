@@ -1,4 +1,4 @@
-"""The same landscape on other scales: what fools stays, the numbers do not."""
+"""The same landscape on other scales of Q: the fooling set stays, the numbers change."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class _Frame:
         throat: Lower end of the head tube.
         saddle: Height of the saddle.
         bar: Height of the handlebar's clamp.
-        radius: Of the wheels.
+        radius: The wheels' radius.
         tube: Radius of the frame's tubes.
         tyre: Radius of the tyre's tube.
     """

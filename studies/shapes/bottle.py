@@ -18,7 +18,7 @@ def build(style: str, rng: np.random.Generator) -> list[Part]:
 
 
 def _wine(rng: np.random.Generator) -> list[Part]:
-    """Gives a bottle with high shoulders or, of every second one or so, sloping ones."""
+    """Gives a bottle with high shoulders or, about every second time, sloping ones."""
     radius, height = rng.uniform(0.034, 0.048), rng.uniform(0.27, 0.34)
     neck = rng.uniform(0.0125, 0.0165)
     shoulder = rng.uniform(0.56, 0.66) * height

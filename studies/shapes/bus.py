@@ -25,8 +25,8 @@ class _Plan:
 
     Attributes:
         length: Overall.
-        width: Of the body.
-        height: Of the roof, or of the upper deck's parapet on an open top.
+        width: The body's width.
+        height: The roof's height, or that of the upper deck's parapet on an open top.
         rows: Lower and upper edge of each row of windows.
         axles: x of the axles.
         doors: x of the middle of each door.

@@ -24,8 +24,8 @@ class _Plan:
 
     Attributes:
         length: Overall.
-        width: Of the body.
-        height: Of the roof.
+        width: The body's width.
+        height: The roof's height.
         belt: Height of the windows' lower edge and of the bonnet's rear end.
         nose: Height of the bonnet's front end.
         deck: Height of the rear end.

@@ -62,11 +62,11 @@ def box(
 
     Args:
         size: Lengths along x, y and z, in metres (3,).
-        centre: Of the untapered box (3,).
+        centre: The centre of the untapered box (3,).
         taper: Factors on the top's extent along x and y.
-        shift: Of the top along x and y, in metres.
+        shift: How far the top is moved along x and y, in metres.
         chamfer: How much is cut from each edge, in metres; 0 for sharp edges (12 faces, else 44).
-        material: Of all faces.
+        material: What all faces are made of.
     """
     half = np.asarray(size, float) / 2
     corners = _CORNERS
@@ -109,11 +109,11 @@ def tube(
     """Gives a round tube along a polyline.
 
     Args:
-        points: Of the centre line (n, 3).
-        radius: In metres, one for all or one a point (n,).
-        segments: Of the round cross-section.
+        points: The centre line (n, 3).
+        radius: One radius in metres for all points, or one a point (n,).
+        segments: The number of sides of the round cross-section.
         closed: Whether the last point is joined to the first; do not repeat the first then.
-        material: Of all faces.
+        material: What all faces are made of.
     """
     line = np.asarray(points, float)
     radii = np.broadcast_to(np.asarray(radius, float), len(line))
@@ -149,8 +149,8 @@ def lathe(
         profile: (n, 2) of radius and position along the axis, in metres; ends are capped.
         centre: Where the axis' zero lies (3,).
         axis: "x", "y" or "z".
-        segments: Around the axis.
-        material: Of all faces.
+        segments: The number of faces around the axis.
+        material: What all faces are made of.
     """
     outline = np.asarray(profile, float)
     angles = 2 * np.pi * np.arange(segments) / segments
@@ -172,11 +172,11 @@ def extrude(
 
     Args:
         polygon: (n, 2) of x and z in metres, concave allowed, in either sense, not crossing itself.
-        width: Along y in metres, one for all or one a point of the polygon (n,): a car's body is
+        width: The width along y in metres, one for all points or one a point (n,): a car's body is
             narrower at the points of its roof.
-        y: Of the middle.
+        y: Where the middle lies.
         bevel: Width of the chamfer along both rims, in metres; 0 for sharp rims.
-        material: Of all faces.
+        material: What all faces are made of.
     """
     outline = np.asarray(polygon, float)
     halves = np.broadcast_to(np.asarray(width, float) / 2, len(outline))
@@ -218,7 +218,7 @@ def ring(
     """Gives a cross-section for `loft` in the plane x = `centre[0]`, (segments, 3).
 
     Args:
-        centre: Of the ring (3,).
+        centre: The ring's centre (3,).
         half_y: Half its width in metres.
         half_z: Half its height in metres.
         segments: Number of points.
@@ -246,7 +246,7 @@ def loft(
         closed: Whether the last ring is joined to the first (no caps then).
         caps: Flattened images (n, 3) of the first and the last ring on which the caps are
             triangulated; by default the rings themselves, which must then be nearly planar.
-        material: Of all faces.
+        material: What all faces are made of.
     """
     rings = np.asarray(sections, float)
     count, n, _ = rings.shape
@@ -295,13 +295,13 @@ def torus(
     """Gives a ring such as a tyre.
 
     Args:
-        centre: Of the ring (3,).
+        centre: The ring's centre (3,).
         axis: Direction (3,), along y for a wheel.
-        radius: From the centre to the middle of the tube, in metres.
-        tube_radius: Of the tube, in metres.
-        segments: Around the ring.
-        tube_segments: Around the tube.
-        material: Of all faces.
+        radius: The distance from the centre to the middle of the tube, in metres.
+        tube_radius: The tube's radius, in metres.
+        segments: The number of faces around the ring.
+        tube_segments: The number of faces around the tube.
+        material: What all faces are made of.
     """
     along = _unit(np.asarray(axis, float))
     side = _unit(np.cross(along, _AXES["x"] if abs(along[0]) < 0.8 else _AXES["z"]))

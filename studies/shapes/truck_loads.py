@@ -32,8 +32,8 @@ class Truck:
     Attributes:
         rear: x of the load's rear end.
         back: x of the cab's rear wall.
-        width: Of cab and load.
-        height: Of the cab's roof.
+        width: The width of cab and load.
+        height: The height of the cab's roof.
         wheel: Radius of the tyres.
     """
 

@@ -42,12 +42,12 @@ def wheel(
     """Gives a tyre and its rim, which looks away from the plane y = 0.
 
     Args:
-        centre: Of the tyre (3,), its y not zero.
-        radius: Of the tyre, in metres.
-        width: Along y, in metres.
-        segments: Around the axle.
+        centre: The tyre's centre (3,); its y is not zero.
+        radius: The tyre's radius, in metres.
+        width: The width along y, in metres.
+        segments: The number of faces around the axle.
         rim: The rim's radius as a share of the tyre's.
-        material: Of the rim.
+        material: What the rim is made of.
     """
     out = 1.0 if centre[1] > 0 else -1.0
     half = width / 2
@@ -101,13 +101,13 @@ def spoked_wheel(
     """Gives a wheel of a bicycle or motorbike: tyre, rim, spokes and hub, its axle along y.
 
     Args:
-        centre: Of the wheel (3,).
+        centre: The wheel's centre (3,).
         radius: Outer radius of the tyre, in metres.
         tyre: Radius of the tyre's tube.
         rim: Radius of the rim's tube.
         spokes: How many, evenly spread.
         spoke: Radius of a spoke.
-        rim_material: Of the rim alone.
+        rim_material: What the rim alone is made of.
     """
     middle = np.asarray(centre, float)
     inner = radius - 2 * tyre
@@ -167,8 +167,8 @@ def hull(
             front corner.
         wheels: x of the axles, in any order.
         sill: z of the bottom edge.
-        wheel_radius: Of the wheels, which stand on z = 0.
-        width: Along y, in metres.
+        wheel_radius: The radius of the wheels, which stand on z = 0.
+        width: The width along y, in metres.
         bevel: Chamfer along both sides, in metres.
         ends: Width of the outermost 3 % of the length as a share of `width`.
         gap: Between tyre and arch, in metres.
@@ -189,8 +189,8 @@ class Cabin:
     Attributes:
         base: x of its rear and front at the bottom.
         roof: x of its rear and front at the top.
-        z: Of bottom and top.
-        width: Along y at bottom and top.
+        z: The heights of bottom and top.
+        width: The widths along y at bottom and top.
     """
 
     base: tuple[float, float]
@@ -270,7 +270,7 @@ def panes(
         spans: Start and end of each pane along the face's bottom, as shares of it.
         rise: Lower and upper edge of the panes as shares of the face's height.
         proud: How far they stand out, in metres.
-        material: Of the panes.
+        material: What the panes are made of.
     """
     parts = []
     for u in spans:

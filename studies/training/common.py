@@ -1,4 +1,4 @@
-"""What the training scripts share: recipes, options, PPO's set-up, its report, the model card."""
+"""The training scripts share these: recipes, options, PPO's set-up and report, the model card."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Imitation(Generic[CourseT]):
 
     Attributes:
         course: What episodes are drawn from.
-        lockstep: Episodes at a time.
-        rounds: Of episodes and fitting; the expert acts in the first.
-        steps: Gathered in a round.
-        epochs: Of fitting after a round.
-        last_epochs: Of fitting after the last round.
+        lockstep: The number of episodes that run at a time.
+        rounds: How often episodes run and the learner is fitted; the expert acts in the first.
+        steps: How many steps are gathered in a round.
+        epochs: Passes over the examples after a round.
+        last_epochs: Passes over the examples after the last round.
         batch: Rows of a gradient step.
-        rate: Highest learning rate of each fitting's one-cycle schedule (Adam).
+        rate: The highest learning rate of each fitting's one-cycle schedule (Adam).
         light_jitter: How much each training image's brightness and tint are changed.
     """
 
@@ -56,16 +56,16 @@ class Reinforcement(Generic[CourseT]):
 
     Attributes:
         course: What episodes are drawn from.
-        lockstep: Episodes at a time.
-        steps: In all.
+        lockstep: The number of episodes that run at a time.
+        steps: How many steps the training takes in all.
         rollout: Steps of each episode between two updates.
         batch: Rows of a gradient step.
         epochs: Passes over a rollout.
-        rate: Of learning at the beginning; it falls to nothing.
-        discount: Of a reward one step later.
-        initial_agent: The shipped agent whose weights it starts from; None: from scratch.
-        value_steps: Steps at first in which the value alone is learnt and the policy is kept: an
-            imitator knows no values, and steps by wrong ones would spoil it.
+        rate: The learning rate at the beginning; it falls to nothing.
+        discount: What a reward one step later is worth.
+        initial_agent: The shipped agent whose weights it starts from; None starts from scratch.
+        value_steps: In so many steps at first only the value is learnt and the policy is kept: an
+            imitator knows no values, and updates by wrong ones would spoil its policy.
     """
 
     course: CourseT
@@ -88,7 +88,7 @@ class Options(Generic[CourseT]):
     """What a training script was asked for.
 
     Attributes:
-        name: Of the recipe.
+        name: The recipe's name.
         recipe: How to train, with as many steps as were asked for.
         seed: Fixes the training.
         out: Folder for weights and card.
@@ -113,8 +113,8 @@ def parse_options(
     """Read a training script's options; end the script with a sentence if they cannot be used.
 
     Args:
-        description: The script's.
-        recipes: By name.
+        description: The script's docstring.
+        recipes: All recipes by name.
         unit: What takes one step at a time, such as `cars`.
     """
     parser = argparse.ArgumentParser(description=description)
@@ -178,7 +178,7 @@ def learn(model: PPO, settings: Reinforcement[Any], *, seed: int, report: Report
 
 
 class Report(BaseCallback):
-    """Prints after each rollout how the last episodes went.
+    """Prints after each rollout how the last episodes ended.
 
     Args:
         success: A word for those that succeeded.
@@ -202,18 +202,55 @@ class Report(BaseCallback):
         )
 
 
+def run_script(
+    description: str | None,
+    recipes: Mapping[str, Recipe[CourseT]],
+    unit: str,
+    *,
+    train: Callable[..., Any],
+    save: Callable[[Any, Path], None],
+    measure: Callable[[Any, int], str],
+    write_card: Callable[[Path, Recipe[CourseT], int, float, str], None],
+) -> None:
+    """Train an agent as the command line says, measure it, and write weights and card.
+
+    A trial is not measured, and gets no card.
+
+    Args:
+        description: As `parse_options` takes it, like the next two.
+        recipes: All recipes by name.
+        unit: What takes one step at a time.
+        train: Takes a recipe and `seed=`, and gives the agent.
+        save: Writes an agent's weights to a file.
+        measure: Takes an agent and a seed, and gives its figures in Markdown.
+        write_card: Takes the file of weights, recipe, seed, minutes of training and figures.
+    """
+    options = parse_options(description, recipes, unit)
+    started = time.process_time()
+    agent = train(options.recipe, seed=options.seed)
+    minutes = (time.process_time() - started) / 60
+    options.out.mkdir(parents=True, exist_ok=True)
+    save(agent, options.weights)
+    if options.trial:
+        print(f"a trial's weights: {options.weights}")
+        return
+    figures = measure(agent, options.seed + 1_000)
+    print(figures)
+    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+
+
 @dataclass(frozen=True)
 class ModelCard:
     """How an agent was trained, and what it scores.
 
     Attributes:
-        name: The agent's.
-        description: What it is and what it learnt from: Markdown.
-        command: Trains it anew.
-        training: How long that took, and on what.
+        name: The agent's name.
+        description: What the agent is and what it learnt from, in Markdown.
+        command: The command that trains it anew.
+        training: How long the training took, and on what.
         recipe: A dataclass; a course in it is written setting by setting.
-        measured: By which command and on what it was measured.
-        figures: A Markdown table.
+        measured: The command that measured the agent, and on what it did.
+        figures: What was measured, as a Markdown table.
     """
 
     name: str

@@ -61,21 +61,21 @@ class Examples:
 def dagger(
     settings: Imitation[Any], gather: Callable[[float], str], fit: Callable[[int], float]
 ) -> None:
-    """Gather and fit by turns; the expert acts less from round to round.
+    """Alternate between gathering and fitting; the expert acts less from round to round.
 
     Args:
         settings: The recipe.
         gather: Takes the share of episodes in which the expert acts, adds a round's examples, and
-            says how the episodes went.
+            says how the episodes ended.
         fit: Takes a number of epochs, fits the learner to all examples, and gives the mean loss.
     """
     started = time.process_time()
     for number in range(settings.rounds):
-        went = gather(1.0 if number == 0 else 0.5**number)
+        outcome = gather(1.0 if number == 0 else 0.5**number)
         last = number == settings.rounds - 1
         loss = fit(settings.last_epochs if last else settings.epochs)
         print(
-            f"round {number}: {went}, loss {loss:.4f}, {time.process_time() - started:.0f} s",
+            f"round {number}: {outcome}, loss {loss:.4f}, {time.process_time() - started:.0f} s",
             flush=True,
         )
 
@@ -92,11 +92,11 @@ def fit(
 
     Args:
         parameters: What is fitted.
-        examples: What to.
+        examples: What they are fitted to.
         settings: The recipe.
         epochs: Passes over the examples.
         rng: Shuffles them.
-        loss: Of observations and the expert's answers to them.
+        loss: Gives the loss of observations and the expert's answers to them.
     """
     optimiser = torch.optim.Adam(parameters, lr=settings.rate)
     steps = epochs * -(-len(examples) // settings.batch)

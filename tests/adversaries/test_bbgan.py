@@ -40,7 +40,7 @@ def attack(adversary, application, budget=2000, n=1000):
 @pytest.mark.parametrize(
     ("dimension", "afr", "each"),
     [
-        (2, 0.9, 0.1),
+        pytest.param(2, 0.9, 0.1, marks=pytest.mark.slow),
         pytest.param(3, 0.85, 0.1, marks=pytest.mark.slow),
         pytest.param(5, 0.7, 0.08, marks=pytest.mark.slow),
         (8, 0.45, 0.05),

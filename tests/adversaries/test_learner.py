@@ -1,9 +1,11 @@
 import json
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from quick import QUICK
 from safetensors.numpy import load_file, save_file
 
 from sada_gym import adversaries
@@ -14,18 +16,6 @@ from sada_gym.adversaries.options import Options, option
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
-
-QUICK = {
-    "bbgan": {"steps": 5, "batch": 16, "generator": (16,), "discriminator": (16,)},
-    "bbgan-boost": {"steps": 5, "batch": 16, "generator": (16,), "discriminator": (16,)},
-    "bayesian": {"candidates": 512, "components": (1, 2)},
-    "sada": {"rounds": 1, "models": ["trees"]},
-    "trees": {"trees": 20},
-    "level-set": {"rounds": 1, "models": ["trees"]},
-    "ppo": {"hidden": (16,)},
-    "sac": {"hidden": (16,), "updates": 0.1},
-    "td3": {"hidden": (16,), "updates": 0.1},
-}
 
 
 @dataclass(frozen=True)
@@ -76,8 +66,7 @@ def test_a_presets_options_are_saved_and_described(tmp_path):
 
 
 @pytest.mark.parametrize("name", adversaries.names())
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_file_with_numbers_that_are_not_finite_is_refused(name, value, tmp_path):
+def test_a_file_with_numbers_that_are_not_finite_is_refused(name, tmp_path):
     if name == "cma-mae":
         pytest.importorskip("ribs")
     adversary = trained(adversaries.make(name, 2, seed=0, **QUICK.get(name, {})))
@@ -85,7 +74,8 @@ def test_a_file_with_numbers_that_are_not_finite_is_refused(name, value, tmp_pat
     path = tmp_path / "adversary.safetensors"
     intact = path.read_bytes()
     arrays = load_file(path)
-    for array in [n for n in arrays if arrays[n].dtype.kind == "f" and arrays[n].size]:
+    floats = [n for n in arrays if arrays[n].dtype.kind == "f" and arrays[n].size]
+    for array, value in product(floats, [np.nan, np.inf]):
         tamper(path, array, value)
         with pytest.raises(UserError, match=f"{array} holds NaN or infinite numbers"):
             type(adversary).load(tmp_path)
@@ -161,21 +151,21 @@ def test_arrays_of_any_memory_order_are_saved(tmp_path):
 
 def test_nothing_but_nan_is_an_error():
     with pytest.raises(AdversaryError, match="draws NaN or infinite ones"):
-        fresh_rows(lambda n, stir: np.full((n, 2), np.nan), (3, 2), set())
+        fresh_rows(lambda n, noise: np.full((n, 2), np.nan), (3, 2), set())
 
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_nothing_new_has_an_end(rows):
     with pytest.raises(AdversaryError, match="Expected 3 different samples, but after"):
-        fresh_rows(lambda n, stir: np.zeros((rows, 2)), (3, 2), set())
+        fresh_rows(lambda n, noise: np.zeros((rows, 2)), (3, 2), set())
 
 
 def test_a_single_point_next_to_the_face_gives_many_samples():
     rng = np.random.default_rng(0)
     known = row_keys(np.ones((1, 1), np.float32))
 
-    def one_point(n, stir):
-        return np.ones((n, 1)) + stir * rng.normal(size=(n, 1))
+    def one_point(n, noise):
+        return np.ones((n, 1)) + noise * rng.normal(size=(n, 1))
 
     samples = fresh_rows(one_point, (12_000, 1), known)
     assert len(np.unique(samples)) == 12_000

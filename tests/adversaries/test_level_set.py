@@ -26,7 +26,9 @@ def trained(function, *, dimension, budget=500, threshold=THRESHOLD, **options):
     return adversary, oracle
 
 
-@pytest.mark.parametrize(("dimension", "budget"), [(2, 400), (8, 1_500)])
+@pytest.mark.parametrize(
+    ("dimension", "budget"), [(2, 400), pytest.param(8, 1_500, marks=pytest.mark.slow)]
+)
 def test_fools_and_covers_separate_regions(dimension, budget):
     boxes = AnalyticApplication(dimension=dimension)
     adversary, oracle = trained(
@@ -95,6 +97,7 @@ def test_queries_gather_where_the_boundary_is():
     adversary, _ = trained(
         lambda mu: boxes.evaluate(mu, range(len(mu))).score,
         dimension=2,
+        budget=300,
         uniform=0.3,
         explore=0.0,
         rounds=2,
@@ -103,7 +106,7 @@ def test_queries_gather_where_the_boundary_is():
     def near_boundary(mu):
         return (np.abs(boxes.evaluate(mu, range(len(mu))).score - 0.3) < 0.1).mean()
 
-    first, chosen = adversary.omega.mu[:150], adversary.omega.mu[150:]
+    first, chosen = adversary.omega.mu[:90], adversary.omega.mu[90:]
     assert near_boundary(chosen) > 3 * near_boundary(first)
 
 

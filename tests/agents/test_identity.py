@@ -14,7 +14,7 @@ from torch import nn
 
 import sada_gym
 from sada_gym import agents
-from sada_gym.agents.policy import TILE
+from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.shapes import CLASSES
@@ -23,7 +23,7 @@ from sada_gym.envs.driving.agent.network import new_model as new_driver
 from sada_gym.envs.uav import RacingTaskEnv, UAVApplication
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import as_pilot
-from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
 
 PUBLISHED = {
     ("SADA-Detection-Car-v0", "photographer"): "d0ce64e6ed5d1290",
@@ -51,7 +51,7 @@ class OwnPilot:
         self.model = model
 
     def predict(self, observation, *, deterministic):
-        return np.zeros((TILE, 4), np.float32), None
+        return np.zeros((POLICY_TILE, 4), np.float32), None
 
 
 def broken(module, value=np.nan):

@@ -1,13 +1,12 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from forked import FORKSERVER
 
 from sada_gym.benchmark.folder import Timing, claim, read_runs, sole_user
 from sada_gym.benchmark.job import RunError
@@ -171,21 +170,23 @@ def test_a_run_that_kills_its_process_again_and_again_is_named(tmp_path, referen
     assert len(read_runs(tmp_path)) == 1
 
 
-SCRIPT = """
-import sys
-from pathlib import Path
-from bench_toys import LOGGED, suite
-from sada_gym.benchmark.run import run_benchmark
-chosen = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
-run_benchmark(chosen, sys.argv[1], workers=2, references=Path(sys.argv[2]))
-"""
+def run_logged(out, references, environment):
+    os.environ.update(environment)
+    chosen = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
+    run_benchmark(chosen, out, workers=2, references=references)
 
 
 def start(out, log, references, pause_s="0.004"):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    environment |= {"TOY_LOG": str(log), "TOY_PAUSE_S": pause_s}
-    command = [sys.executable, "-c", SCRIPT, str(out), str(references)]
-    return subprocess.Popen(command, env=environment)
+    """Start a benchmark in a process that can be killed."""
+    environment = {"TOY_LOG": str(log), "TOY_PAUSE_S": pause_s}
+    process = FORKSERVER.Process(target=run_logged, args=(out, references, environment))
+    process.start()
+    return process
+
+
+def end_of(process):
+    process.join()
+    return process.exitcode
 
 
 def logged(log):
@@ -216,20 +217,20 @@ def wait_for(condition, limit_s=120.0):
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
 def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references):
-    assert start(tmp_path / "whole", tmp_path / "whole.log", references, "0").wait() == 0
+    assert end_of(start(tmp_path / "whole", tmp_path / "whole.log", references, "0")) == 0
     out = tmp_path / "out"
     for attempt, evaluations in enumerate((30, 80, 130)):
         log = tmp_path / f"{attempt}.log"
         process = start(out, log, references)
         wait_for(lambda: len(logged(log)) > evaluations)  # noqa: B023
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.kill()
+        process.join()
         workers = {worker for worker, _ in logged(log)}
         wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)  # noqa: B023
         if attempt < 2:
             assert not (out / "results.json").exists()
     committed, last = stored(out), tmp_path / "last.log"
-    assert start(out, last, references, "0").wait() == 0
+    assert end_of(start(out, last, references, "0")) == 0
     assert len(logged(last)) == stored(out) - committed > 0
     assert committed > 60
     assert contents(out) == contents(tmp_path / "whole")

@@ -173,7 +173,9 @@ def test_mu_that_kills_every_worker_ends_with_a_sentence_and_the_rest_is_known()
     assert done[-1] >= 30
 
 
-def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster):
+def test_mu_that_kills_every_dask_worker_ends_with_a_sentence(cluster, monkeypatch):
+    # three by default, and each is a process that starts
+    monkeypatch.setattr(client_of(cluster).cluster.scheduler, "allowed_failures", 1)
     settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 10}
     with pytest.raises(WorkerError, match=r"lost its workers.*\(KilledWorker\).*resume the run"):
         scores(Deadly(), executor=cluster.executor, **settings)

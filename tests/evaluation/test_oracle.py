@@ -269,6 +269,10 @@ def test_what_cannot_be_pickled_is_refused_with_workers_only():
         (lambda mu: paraboloid(mu)[1:], r"shape \(10,\) .* got \(9,\)"),
         (lambda mu: paraboloid(mu) * np.nan, "Expected finite scores from the function, got nan"),
         (lambda mu: np.where(mu[:, 0] > 0, np.inf, 0), "got inf for mu ="),
+        (lambda mu: ["0.5"] * len(mu), "from the function to be real numbers, got dtype <U3"),
+        (lambda mu: mu[:, 0] + 1j, "from the function to be real numbers, got dtype complex"),
+        (lambda mu: None, "from the function to be real numbers, got dtype object: None"),
+        (lambda mu: np.ma.masked_less(mu[:, 0], 0), "Expected scores without a mask"),
     ],
 )
 def test_a_functions_bad_scores_are_refused(function, message):
@@ -290,6 +294,26 @@ def test_a_functions_bad_scores_are_refused(function, message):
         (Toy(), {"seed": -1}, ValueError, "Expected seed of at least 0, got -1"),
         (Toy(), {"stream": "exam"}, ValueError, "stream of train, test, .* got 'exam'"),
         ("SADA-Analytic-v9", {}, ValueError, "Did you mean 'SADA-Analytic-v0'"),
+        (
+            paraboloid,
+            {"dimension": "3", "threshold": 0.3},
+            TypeError,
+            "dimension to be a whole num",
+        ),
+        (
+            paraboloid,
+            {"dimension": 3, "threshold": "low"},
+            ValueError,
+            "a finite number, got 'low'",
+        ),
+        (paraboloid, {"dimension": 3, "threshold": 1j}, ValueError, "a finite number, got 1j"),
+        (Toy(), {"env_kwargs": ["a"]}, TypeError, r"env_kwargs to be a dictionary, got \['a'\]"),
+        (Toy(), {"budget": True}, TypeError, "Expected budget to be a whole number, got True"),
+        (Toy(), {"workers": "2"}, TypeError, "Expected workers to be a whole number, got '2'"),
+        (Toy(), {"executor": 5}, TypeError, "Expected an executor of concurrent.futures, .* got 5"),
+        (Toy(), {"store": 5}, TypeError, "Expected the path of an evaluation store, got 5"),
+        (Toy(), {"store": b"a"}, TypeError, "Expected the path of an evaluation store, got b'a'"),
+        (Toy(), {"progress": 5}, TypeError, "Expected progress to be a function or None, got 5"),
     ],
 )
 def test_bad_arguments_are_refused(problem, settings, error, message):

@@ -1,3 +1,4 @@
+import copy
 import os
 import shutil
 import sqlite3
@@ -411,3 +412,63 @@ def test_being_in_use_has_a_type_of_its_own(path):
 def test_without_a_code_the_sentence_is_still_true(path, error, message):
     with pytest.raises(StoreError, match=message), explained(path):
         raise error
+
+
+def test_a_store_that_was_forgotten_can_be_opened_again(path):
+    EvaluationStore(path)
+    with EvaluationStore(path) as store:
+        assert len(store) == 0
+
+
+def test_a_store_cannot_be_copied(path):
+    with (
+        EvaluationStore(path) as store,
+        pytest.raises(TypeError, match=r"to stay where it was opened, got a copy or a pickle"),
+    ):
+        copy.deepcopy(store)
+
+
+FORKS = """
+import os, shutil, sys
+import numpy as np
+from sada_gym.errors import StoreError
+from sada_gym.evaluation.store import Context, EvaluationStore
+
+def put(seed):
+    store.commit(key, np.zeros((64, 3), np.float32), range(seed, seed + 64), np.zeros(64))
+
+path, copy, ending = sys.argv[1:]
+store = EvaluationStore(path)
+key = store.context(Context("a", 0, "{}", ""))
+put(0)
+child = os.fork()
+if not child:
+    if ending == "used":
+        try:
+            put(1_000)
+        except StoreError as error:
+            os._exit("in a forked one" in str(error))
+    elif ending == "forgotten":
+        del store
+        sys.exit(1)  # frees everything
+    store.close()
+    os._exit(1)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
+put(100)
+if not os.fork():  # a copy of the folder now is what a kill would leave
+    shutil.copytree(os.path.dirname(path), copy)
+    os._exit(0)
+os.wait()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("ending", ["closed", "forgotten", "used"])
+def test_a_forked_copy_leaves_the_parents_commits_alone(tmp_path, ending):
+    (tmp_path / "run").mkdir()
+    left = tmp_path / "left"
+    command = [sys.executable, "-c", FORKS, str(tmp_path / "run" / "a.sqlite"), str(left), ending]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with EvaluationStore(left / "a.sqlite") as store:
+        assert len(store) == 128

@@ -33,7 +33,7 @@ def test_a_handful_of_samples_says_nothing():
 
 
 def test_the_default_adversary_after_five_queries_is_flagged():
-    adversary = make("bbgan", 2, seed=0)
+    adversary = make("bbgan", 2, seed=0, steps=150)
     adversary.train(RecordingOracle(AnalyticApplication(), budget=5))
     assert collapse_flag(adversary.sample(250)) is not None
 

@@ -8,12 +8,12 @@ from sada_gym.envs.digits.images import all_digits
 from sada_gym.envs.digits.images import test_images as shipped_images
 from studies.training.digits.data import batches, training_images
 from studies.training.digits.evaluate import accuracy
-from studies.training.digits.recipe import RECIPES, Recipe
+from studies.training.digits.recipe import RECIPES, ClassifierRecipe
 from studies.training.digits.train import train
 
 
 def test_training_repeats_and_learns():
-    recipe = Recipe(epochs=2)
+    recipe = ClassifierRecipe(epochs=2)
     data, validation = training_images(validation=True)
     networks = [train(recipe, data, seed=0) for _ in range(2)]
     assert agents.fingerprint(networks[0]) == agents.fingerprint(networks[1])

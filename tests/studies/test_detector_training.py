@@ -19,7 +19,7 @@ from studies.training.detection.data import (
 )
 from studies.training.detection.evaluate import average_precision, calibration_error, detect
 from studies.training.detection.prior import photograph, survey
-from studies.training.detection.recipe import Recipe
+from studies.training.detection.recipe import DetectorRecipe
 from studies.training.detection.train import detection_loss, giou, targets, train
 
 
@@ -113,7 +113,7 @@ def test_the_samplers_draw_what_they_say():
 
 def test_a_few_steps_of_training_lower_the_loss_and_repeat(tmp_path):
     """The training script, a few steps: two equal runs, a falling loss, weights that load again."""
-    recipe = Recipe(survey_share=0.5, per_class=2, epochs=6, batch=12, image_size=64)
+    recipe = DetectorRecipe(survey_share=0.5, per_class=2, epochs=6, batch=12, image_size=64)
     first, second = (train(recipe, 7, checkpoint=tmp_path / "w.safetensors") for _ in range(2))
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)

@@ -8,7 +8,7 @@ import torch
 
 from sada_gym import agents
 from sada_gym.envs.driving.agent import weights
-from sada_gym.envs.driving.agent.driver import Driver
+from sada_gym.envs.driving.agent.driver import as_driver
 from studies.training.common import Reinforcement
 from studies.training.driving import evaluate, train
 from studies.training.driving.evaluate import TaskFigures, measure, table
@@ -29,7 +29,7 @@ SHORTER = replace(
 
 @pytest.mark.parametrize("recipe", [SHORT, SHORTER], ids=["imitation", "reinforcement"])
 def test_a_training_is_fixed_by_its_seed(recipe):
-    first, again, other = (Driver(train.train(recipe, seed=s)).fingerprint for s in (0, 0, 1))
+    first, again, other = (as_driver(train.train(recipe, seed=s)).fingerprint for s in (0, 0, 1))
     assert first == again != other
 
 
@@ -57,7 +57,7 @@ def test_a_trained_driver_is_saved_and_driven_again(tmp_path):
     model = train.train(SHORTER, seed=0)  # its learning rate falls: a schedule is saved as well
     weights.save(model, tmp_path / "ppo.safetensors")
     again = agents.load(tmp_path / "ppo.safetensors", "SADA-Driving")
-    assert Driver(again).fingerprint == Driver(model).fingerprint
+    assert as_driver(again).fingerprint == as_driver(model).fingerprint
 
 
 def test_a_trial_of_the_script_writes_weights_and_no_card(tmp_path, monkeypatch, capsys):
@@ -103,6 +103,7 @@ def test_a_card_names_command_file_and_figures(tmp_path):
     assert f"| rounds | {RECIPES['cil'].rounds} |" in text
 
 
+@pytest.mark.slow  # test_golden_drives has scores of the shipped driver
 def test_the_shipped_driver_arrives_where_it_was_trained_for():
     """A small part of the model card's measurement; the card has ten starts a weather."""
     figures = measure(agents.load("cil", "SADA-Driving"), seed=5, starts=1, samples=1)
@@ -130,5 +131,6 @@ def test_a_driver_is_measured_by_name_or_file(tmp_path, monkeypatch, capsys):
     assert [seed for _, seed in seen] == [4, 4]
     assert "| task |" in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["evaluate", "moon"])
-    with pytest.raises(ValueError, match="an agent's name among cil"):
+    with pytest.raises(SystemExit, match="2"):
         evaluate.main()
+    assert "an agent's name among cil" in capsys.readouterr().err

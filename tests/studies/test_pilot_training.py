@@ -93,10 +93,11 @@ def test_a_reinforcement_moves_the_weights():
 
 
 @pytest.mark.parametrize(
-    ("name", "recipe", "steps"), [("waypoint-pid", TRY, "160"), ("ppo", TRY_PPO, "16")]
+    ("name", "recipe"),
+    [("waypoint-pid", replace(TRY, steps=160)), ("ppo", replace(TRY_PPO, steps=16))],
 )
 @pytest.mark.usefixtures("impatient")
-def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, monkeypatch, capsys):
+def test_the_script_writes_weights_and_a_card(name, recipe, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(train, "RECIPES", {name: recipe})
     monkeypatch.setattr(
         train,
@@ -104,16 +105,16 @@ def test_the_script_writes_weights_and_a_card(name, recipe, steps, tmp_path, mon
         lambda pilot, seed: evaluate.measure(pilot, seed=seed, starts=1, mild=1, samples=2),
     )
     out = tmp_path / "new"
-    arguments = ["train", name, "--seed", "4", "--steps", steps, "--out", str(out)]
+    arguments = ["train", name, "--seed", "4", "--out", str(out)]
     monkeypatch.setattr("sys.argv", arguments)
     train.main()
     file = out / f"{name}.safetensors"
     card = (out / f"{name}.md").read_text()
-    trained = train.train(replace(recipe, steps=int(steps)), seed=4)
+    trained = train.train(recipe, seed=4)
     assert as_pilot(agents.load(file, "SADA-UAV")).fingerprint == as_pilot(trained).fingerprint
     assert hashlib.sha256(file.read_bytes()).hexdigest() in card
-    assert f"train {name} --seed 4 --steps {steps} --out DIR" in card
-    assert f"| steps | {steps} |" in card
+    assert f"train {name} --seed 4 --out DIR" in card
+    assert f"| steps | {recipe.steps} |" in card
     assert "--seed 1004" in card
     for anchors in TEMPLATES:
         assert f"| {anchors} | " in capsys.readouterr().out + card

@@ -2,7 +2,7 @@
 
 scikit-learn's regressor computes the same, but holds three (n, n) matrices at once, which are 10 GB
 at n = 20,000, and thirty where it differentiates the marginal likelihood in 8 dimensions (measured
-with its version 1.9 at n = 3,000 and 6,000). Here it is one, and six.
+with its version 1.9 at n = 3,000 and 6,000). This module holds one, and six.
 """
 
 from __future__ import annotations

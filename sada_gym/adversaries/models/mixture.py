@@ -94,7 +94,7 @@ class Mixture:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]], dimension: int) -> Self:
-        """Take back what `to_arrays` gave; other entries are left alone.
+        """Make a mixture of what `to_arrays` gave; other entries are ignored.
 
         Raises:
             KeyError: If one is missing.
@@ -147,7 +147,7 @@ def fit_mixture(
 
     Args:
         points: (n, d), n >= 1; few or identical ones will do.
-        components: At most so many; no more than there are distinct points.
+        components: The most components; there are no more than distinct points.
         rng: Starts k-means.
         weights: (n,), at least 0; None weighs all alike. Only their ratios count; the size of the
             sample is Kish's effective one.
@@ -171,7 +171,7 @@ def fit_best_mixture(
     """Fit mixtures of several sizes and give that with the best cross-validated log likelihood.
 
     Args:
-        points: (n, d), n >= 1; fewer than two folds of points settle nothing: the first size.
+        points: (n, d), n >= 1; fewer than two points a fold decide nothing and give the first size.
         sizes: Numbers of components to try, the first wins ties.
         rng: Deals the folds and starts k-means.
         weights: (n,), at least 0; None weighs all alike.

@@ -88,10 +88,10 @@ class PoolPosterior:
         kernel: The covariance.
         pool: (m, d) candidates.
         x: (n, d) points observed so far.
-        y: (n,) their values.
-        capacity: Most observations that it shall hold, n among them. It takes capacity *
+        y: (n,) the values observed there.
+        capacity: The most observations that it will hold, n among them. It takes capacity *
             (m + capacity) numbers.
-        dtype: Of L and V. float32 takes half the time and memory of float64.
+        dtype: The type of L and V. float32 takes half the time and memory of float64.
 
     Attributes:
         pool: (m, d).
@@ -121,7 +121,7 @@ class PoolPosterior:
         self.mean, self.variance = self._solve(self.pool, self._v[: self._rows])
 
     def condition(self, index: int) -> None:
-        """Count a candidate as observed: variances shrink at once, means follow with its value."""
+        """Count a candidate as observed: variances shrink now, means change with its value."""
         n = self._rows
         row = self._v[:n, index].copy()
         scale = np.sqrt(max(self.variance[index], 0.0) + self._kernel.noise)

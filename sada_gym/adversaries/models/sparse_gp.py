@@ -1,4 +1,4 @@
-"""Gaussian process regression on a subset of regressors: many points, seconds, held-out means."""
+"""Gaussian process regression on a subset of regressors, for many points, with held-out means."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class SparseGP:
         x: (n, d) points.
         y: (n,) values.
         rng: Picks the regressors, and the points that the kernel's hyper-parameters are fitted to.
-        regressors: m, at most.
-        subset: Points, at most, for the hyper-parameters.
+        regressors: The most regressors, m.
+        subset: The most points that the hyper-parameters are fitted to.
 
     Attributes:
-        held_out: (n,) the mean at each point, learnt from all others.
+        held_out: (n,) the mean at each point, learnt from all other points.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class SparseGP:
 
 
 def _fitted(x: Array, z: Array) -> Kernel:
-    """Fit the hyper-parameters to values of about unit variance."""
+    """Fit the hyper-parameters to values whose variance is about 1."""
     spread = float(z.std())
     if spread == 0.0:
         return Kernel(np.ones(x.shape[1]), 1.0, 1.0)

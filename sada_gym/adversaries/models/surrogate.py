@@ -1,4 +1,4 @@
-"""What `level-set` learns: the calibrated probability that a mu fools the agent."""
+"""The surrogate of `level-set`: the calibrated probability that a mu fools the agent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LEAST_FOOLING = 20
 
 
 class _Regression(Protocol):
-    """A prediction of the score, and what it would have been without the point itself."""
+    """Predicts the score, and holds the predictions made without the point itself."""
 
     held_out: Array
 
@@ -69,14 +69,14 @@ MODELS: Mapping[str, Callable[[Array, Array, np.random.Generator], _Regression]]
     "trees": CrossFittedTrees,
     "process": SparseGP,
 }
-"""What can predict the score, by name."""
+"""The models that predict the score, by name."""
 
 
 class Surrogate:
     """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score's rank.
 
-    Ranks, because a softmax is near 0 or 1 almost everywhere: where the threshold lies at 1e-4, the
-    differences that decide are invisible to a squared error. What is learnt from ranks does not
+    It predicts ranks because a softmax is near 0 or 1 almost everywhere: where the threshold lies
+    at 1e-4, a squared error does not see the differences that decide. A model of ranks does not
     depend on how scores are scaled.
 
     Trees find sharp, axis-aligned regions in many dimensions, a Gaussian process smooth ones. A
@@ -91,7 +91,7 @@ class Surrogate:
         score: (n,), their scores.
         threshold: The fooling threshold.
         rng: All randomness.
-        models: Which of `MODELS` take part.
+        models: The names of the `MODELS` to use.
         ranks: Whether they predict the score's rank among all evaluated points, not the score.
 
     Attributes:

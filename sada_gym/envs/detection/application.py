@@ -11,15 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
+from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.envs.checks import checked_tile
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import (
-    TILE,
+    DETECTOR_TILE,
+    DetectorAgent,
     DetectorLike,
-    checked_detector,
-    default_tile,
-    detect,
     listed,
 )
 from sada_gym.envs.detection.picture import annotate
@@ -135,11 +133,15 @@ class DetectionApplication(Application):
         self.shapes = _shapes(object_class, shapes, skip_unreadable)
         self._own_shapes = shapes is not None
         self._renderer = None if renderer is None else checked_renderer(renderer)
-        self.agent_name, found = agents.resolve(agent, self.name, agent_id)
-        self.agent = checked_detector(found)
-        self.tile = default_tile(self.agent) if tile is None else checked_tile(tile, "detector")
+        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
+        self._detector = DetectorAgent(self.agent, tile)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
+
+    @property
+    def tile(self) -> int:
+        """Images in one call of the detector."""
+        return self._detector.tile
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -151,7 +153,7 @@ class DetectionApplication(Application):
             "renderer": DEFAULT if self._renderer is None else self._renderer.stored_name,
         }
         # published results and older stores hold no tile: theirs is 14
-        return settings if self.tile == TILE else {**settings, "tile": self.tile}
+        return settings if self.tile == DETECTOR_TILE else {**settings, "tile": self.tile}
 
     @property
     def fingerprint(self) -> str | None:
@@ -159,8 +161,7 @@ class DetectionApplication(Application):
 
         None where the detector or a user's renderer has no identity.
         """
-        weights = agents.fingerprint(self.agent)
-        agent = agents.identity(weights, self.agent, self._agent_id)
+        agent = known_as(self._detector, self.agent, self._agent_id)
         if agent is None or (self._renderer is not None and self._renderer.identity is None):
             return None
         parts = [agent, fingerprint(self.shapes) if self._own_shapes else ""]
@@ -188,7 +189,7 @@ class DetectionApplication(Application):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = [self.scene(row, seed) for row, seed in zip(mu, seeds, strict=True)]
         renderings = self._renderings(scenes)
-        found = detect(self.agent, [rendering.image for rendering in renderings], self.tile)
+        found = self._detector.act([rendering.image for rendering in renderings])
         extras = [
             {
                 "shape": scene.shape_name,
@@ -215,7 +216,7 @@ class DetectionApplication(Application):
         known = getattr(self.agent, "labels", None)
         if isinstance(known, Mapping):
             names = {label: name for name, label in known.items()}
-        detections = detect(self.agent, [rendering.image], self.tile)[0]
+        detections = self._detector.act([rendering.image])[0]
         return annotate(rendering, detections, names, self.label)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:

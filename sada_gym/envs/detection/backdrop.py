@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.plain import check_keys
-
-Triple = tuple[float, float, float]
+from sada_gym.envs.pixels import Triple
 
 GROUNDS = ("asphalt", "paving", "brick", "grass", "concrete")
 PLAZA_RADIUS = 17.0

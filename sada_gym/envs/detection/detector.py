@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.agents.contract import Indices
+from sada_gym.agents.identity import fingerprint
+from sada_gym.agents.tile import Batch, tiled
 from sada_gym.application import Frame
-from sada_gym.determinism import one_thread
-from sada_gym.envs.checks import refuse_training_mode
+from sada_gym.envs.checks import checked_tile, refuse_training_mode
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-TILE = 14
+DETECTOR_TILE = 14
 """Images in one call of a detector of the shipped architecture; a part of the benchmark's scores.
 Larger tiles make a batch cheaper and a single evaluation dearer."""
 
 TOP_DETECTIONS = 20
-"""Detections an image that are looked at, best first."""
+"""The most detections of an image that count, best first."""
 
 DetectorLike = Callable[[list["Tensor"]], Sequence[Mapping[str, "Tensor"]]]
 """Anything with torchvision's calling convention: see `Detector` in `agent/network.py`."""
@@ -30,48 +33,62 @@ Detections = dict[str, npt.NDArray[Any]]
 """One image's `boxes` (N, 4), `labels` (N,) and `scores` (N,), best first."""
 
 
-def checked_detector(agent: DetectorLike) -> DetectorLike:
-    """Give a user's detector back.
+class DetectorAgent:
+    """A detector that looks at images in tiles of one fixed size, filled up with black images.
+
+    Args:
+        network: Keeps torchvision's calling convention.
+        tile: Images in one call; by default 14 for the shipped architecture and 1 for others.
 
     Raises:
-        UserError: If it is in training mode.
+        UserError: If the network is in training mode, or the tile is no int from 1 to `MAX_TILE`.
     """
-    refuse_training_mode(agent, "detector")
-    return agent
+
+    def __init__(self, network: DetectorLike, tile: int | None = None) -> None:
+        refuse_training_mode(network, "detector")
+        self.network = network
+        self.tile = _default_tile(network) if tile is None else checked_tile(tile, "detector")
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the network's weights, None where they are unknown."""
+        return fingerprint(self.network)
+
+    def start(self, count: int) -> None:
+        """Begin with `count` new images; nothing is remembered of others."""
+
+    def act(self, episodes: Sequence[Frame], which: Indices | None = None) -> list[Detections]:
+        """Detect objects in images of one size.
+
+        Args:
+            episodes: The images.
+            which: Indices of those to look at; by default all.
+
+        Raises:
+            UserError: If the network breaks torchvision's convention.
+        """
+        chosen = episodes if which is None else [episodes[i] for i in which.tolist()]
+        return list(chain(*tiled(self._call, {"image": np.stack(chosen)}, self.tile, blank=True)))
+
+    def _call(self, batch: Batch) -> list[Detections]:
+        import torch
+
+        images = [
+            torch.from_numpy(image).permute(2, 0, 1).float().div(255).contiguous()
+            for image in batch["image"]
+        ]
+        with torch.inference_mode():
+            return _checked(self.network(images), len(images))
 
 
-def default_tile(agent: DetectorLike) -> int:
-    """The benchmark's tile for the shipped architecture, 1 for any other model."""
+def _default_tile(network: DetectorLike) -> int:
     from sada_gym.envs.detection.agent.network import Detector
 
-    return TILE if isinstance(agent, Detector) else 1
-
-
-def detect(agent: DetectorLike, images: Sequence[Frame], tile: int) -> list[Detections]:
-    """Run a detector over images of one size, `tile` of them in each call.
-
-    The last tile is filled up with black images.
-
-    Raises:
-        UserError: If the detector breaks torchvision's convention.
-    """
-    import torch
-
-    found: list[Detections] = []
-    for start in range(0, len(images), tile):
-        chosen = [
-            torch.from_numpy(image).permute(2, 0, 1).float().div(255).contiguous()
-            for image in images[start : start + tile]
-        ]
-        padded = chosen + [torch.zeros_like(chosen[0])] * (tile - len(chosen))
-        with torch.inference_mode(), one_thread():
-            detections = agent(padded)
-        found += _checked(detections, len(padded))[: len(chosen)]
-    return found
+    return DETECTOR_TILE if isinstance(network, Detector) else 1
 
 
 def listed(detections: Detections) -> list[dict[str, Any]]:
-    """One dictionary a detection, best first: `box`, `label`, `score`."""
+    """Make one dictionary of each detection, best first: `box`, `label`, `score`."""
     columns = (detections[key].tolist() for key in ("boxes", "labels", "scores"))
     return [
         {"box": box, "label": label, "score": score}
@@ -80,7 +97,7 @@ def listed(detections: Detections) -> list[dict[str, Any]]:
 
 
 def _checked(detections: Any, count: int) -> list[Detections]:
-    """The detections of a tile as arrays, best first; what breaks the convention is named."""
+    """Give the detections of a tile as arrays, best first; name what breaks the convention."""
     convention = (
         "The detector must return, as torchvision's do, one dictionary an image with "
         "boxes (N, 4), labels (N,) and scores (N,) in [0, 1]."

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
+from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.envs.digits.classifier import Classifier, ClassifierLike
+from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.images import checked_images, test_images
 from sada_gym.envs.digits.picture import beside, enlarged
 from sada_gym.errors import UserError
@@ -57,7 +58,7 @@ class ClassifierApplication(Application):
     ) -> None:
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self._agent_id = agent_id
-        self._classifier = Classifier(self.agent, tile)
+        self._classifier = ClassifierAgent(self.agent, tile)
         self._own_images = images is not None or labels is not None
         self.images = checked_images(images, labels) if self._own_images else test_images()
         self.image = None if image is None else self._checked_image(image)
@@ -81,8 +82,7 @@ class ClassifierApplication(Application):
 
         None where the classifier has no identity.
         """
-        weights = agents.fingerprint(self.agent)
-        agent = agents.identity(weights, self.agent, self._agent_id)
+        agent = known_as(self._classifier, self.agent, self._agent_id)
         if agent is None:
             return None
         parts = [agent, self.images.sha256 if self._own_images else ""]
@@ -118,7 +118,7 @@ class ClassifierApplication(Application):
             rows = np.flatnonzero(labels == self.digit)
         else:
             rows = np.arange(len(labels))
-        found = self._classifier.probabilities(self.images.images[rows])
+        found = self._classifier.act(self.images.images[rows])
         if labels.max() >= found.shape[1]:
             raise UserError(
                 f"Expected labels below {found.shape[1]}, the number of the classifier's classes, "
@@ -165,7 +165,7 @@ class ClassifierApplication(Application):
         pixels = self.images.images[0].size
         step = max(1, _PIXELS_AT_ONCE // pixels)
         parts = [
-            self._classifier.probabilities(
+            self._classifier.act(
                 self._change(mu[start : start + step], positions[start : start + step])
             )
             for start in range(0, len(mu), step)
@@ -185,7 +185,7 @@ class ClassifierApplication(Application):
         row, seed = validate_world(self.parameters, mu, seed)
         (index,) = self.indices[self._positions([seed])]
         pictures = np.stack(self.attacked_image(row[0], seed))
-        found = self._classifier.probabilities(pictures)
+        found = self._classifier.act(pictures)
         return beside(pictures, found, int(self.images.labels[index]))
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.determinism import one_thread
+from sada_gym.agents.contract import Indices
+from sada_gym.agents.identity import fingerprint
+from sada_gym.agents.tile import Batch, tiled
 from sada_gym.envs.checks import checked_tile, refuse_training_mode
 from sada_gym.errors import UserError, UserTypeError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-TILE = 16
+CLASSIFIER_TILE = 16
 """Images in one call of a classifier of the shipped architecture; a part of the scores."""
 
 ClassifierLike = Callable[["Tensor"], "Tensor"]
@@ -27,10 +29,8 @@ _CONVENTION = (
 )
 
 
-class Classifier:
-    """Calls a network with tiles of one fixed size, filled up with black images.
-
-    A network's float32 output depends on the batch's size, so the size never varies.
+class ClassifierAgent:
+    """A classifier that looks at images in tiles of one fixed size, filled up with black images.
 
     Args:
         network: Takes (B, 1, height, width), gives (B, K) logits.
@@ -51,26 +51,40 @@ class Classifier:
         self.network = network
         self.tile = _default_tile(network) if tile is None else checked_tile(tile, "classifier")
 
-    def probabilities(self, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-        """Softmax over the classes of images (n, height, width): (n, K).
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over the network's weights, None where they are unknown."""
+        return fingerprint(self.network)
+
+    def start(self, count: int) -> None:
+        """Begin with `count` new images; nothing is remembered of others."""
+
+    def act(
+        self, episodes: npt.NDArray[np.float32], which: Indices | None = None
+    ) -> npt.NDArray[np.float64]:
+        """Give the softmax over the classes, (n, K).
+
+        Args:
+            episodes: Images (m, height, width).
+            which: (n,) indices of those to look at; by default all.
 
         Raises:
             UserError: If the network cannot take such images, or its output is not (B, K) finite
                 numbers with K of at least 2.
         """
-        import torch
-
-        found = []
-        with torch.inference_mode(), one_thread():
-            for start in range(0, len(images), self.tile):
-                chosen = images[start : start + self.tile]
-                batch = np.zeros((self.tile, 1, *images.shape[1:]), dtype=np.float32)
-                batch[: len(chosen), 0] = chosen
-                logits = _checked(self._called(torch.from_numpy(batch)), self.tile)
-                found.append(torch.softmax(logits.double(), dim=1).cpu().numpy()[: len(chosen)])
+        chosen = np.asarray(episodes if which is None else episodes[which], np.float32)
+        found = tiled(self._probabilities, {"image": chosen[:, None]}, self.tile, blank=True)
         if len({part.shape[1] for part in found}) > 1:
             raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
         return np.concatenate(found)
+
+    def _probabilities(self, batch: Batch) -> npt.NDArray[np.float64]:
+        import torch
+
+        with torch.inference_mode():
+            logits = _checked(self._called(torch.from_numpy(batch["image"])), self.tile)
+            found: npt.NDArray[np.float64] = torch.softmax(logits.double(), dim=1).cpu().numpy()
+        return found
 
     def _called(self, batch: Tensor) -> Any:
         try:
@@ -85,7 +99,7 @@ class Classifier:
 def _default_tile(network: ClassifierLike) -> int:
     from sada_gym.envs.digits.agent.network import DigitNetwork
 
-    return TILE if isinstance(network, DigitNetwork) else 1
+    return CLASSIFIER_TILE if isinstance(network, DigitNetwork) else 1
 
 
 def _checked(logits: Any, count: int) -> Tensor:

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym import agents
-from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Application, Frame, Scored, validate_world
-from sada_gym.envs.driving.agent.driver import Driver
+from sada_gym.application import Frame, Scored, validate_world
+from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, OnStep, Rollout, Start, record
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.application import EpisodesApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
-class DrivingApplication(Application):
+class DrivingApplication(EpisodesApplication[Drives]):
     """A frozen driver with a camera drives five routes through a town.
 
     ## Description
@@ -83,35 +83,30 @@ class DrivingApplication(Application):
         self,
         task: str = "navigation",
         *,
-        agent: str | Path | Predictor = "cil",
+        agent: str | Path | DriverLike = "cil",
         agent_id: str | None = None,
     ) -> None:
-        self.task, self.routes = task, task_routes(task)
-        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
-        self._driver = Driver(self.agent)
-        self._agent_id = agent_id
+        self.task, self.routes = task, benchmark_routes(task)
+        super().__init__(agent, agent_id)
 
     @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"task": self.task}
 
-    @property
-    def fingerprint(self) -> str | None:
-        """SHA-256 over the driver's weights, or over its `agent_id` and how it is used."""
-        driver = self._driver
-        return agents.identity(driver.fingerprint, self.agent, self._agent_id, driver.use)
+    def _as_agent(self, given: Any) -> Driver:
+        return as_driver(given)
 
-    def world(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
-        """The camera's mount, and the weather's index, of one mu, (3,)."""
+    def camera_and_weather(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
+        """Give the camera's mount, and the weather's index, of one mu, (3,)."""
         height, pitch, place = self.parameters.physical(mu).tolist()
         return Mount(height, pitch), min(int(place), len(NAMES) - 1)
 
-    def drives(self, mu: Mu, seeds: Sequence[int]) -> Drives:
-        """Cars at the starts of all routes in the worlds of mu, (5 n) of them."""
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Drives:
+        """Begin all routes in the worlds of mu, five drives each: (5 n) of them."""
         starts = []
         for row, seed in zip(mu, seeds, strict=True):
-            mount, weather = self.world(row)
+            mount, weather = self.camera_and_weather(row)
             starts += [Start(route, mount, weather, seed) for route in self.routes]
         return Drives(camera(LAYOUT), starts)
 
@@ -119,12 +114,12 @@ class DrivingApplication(Application):
         # the seed fixes the rain alone: a dry world is the same for all, and is driven once
         worlds = [
             (mount, weather, seed if WEATHERS[weather].rain else None)
-            for (mount, weather), seed in zip(map(self.world, mu), seeds, strict=True)
+            for (mount, weather), seed in zip(map(self.camera_and_weather, mu), seeds, strict=True)
         ]
         first = {world: i for i, world in reversed([*enumerate(worlds)])}
         rows = sorted(first.values())
-        drives = self.drives(mu[rows], [seeds[row] for row in rows])
-        self.drive(drives)
+        drives = self.episodes(mu[rows], [seeds[row] for row in rows])
+        self.play(drives)
         routes = len(self.routes)
         of = [rows.index(first[world]) for world in worlds]
         ending = drives.ending.reshape(-1, routes)[of]
@@ -138,38 +133,23 @@ class DrivingApplication(Application):
             }
             for (_, weather, _), codes, made in zip(worlds, ending, progress, strict=True)
         ]
-        return Scored((ending == Ending.ARRIVED).mean(axis=1), extras)
-
-    def drive(self, drives: Drives, on_step: OnStep | None = None) -> None:
-        """Let the driver drive all cars to their ends; `on_step` is called before every step."""
-        self._driver.start(len(drives))
-        while len(which := drives.under_way()):
-            if on_step is not None:
-                on_step(drives)
-            drives.step(which, self._driver.act(drives, which))
-
-    def rollout(self, mu: npt.ArrayLike, seed: int) -> Rollout:
-        """Drive all routes in the world of one mu, (3,), and keep every step."""
-        row, seed = validate_world(self.parameters, mu, seed)
-        return record(self.drives(row, [seed]), self.drive)
+        return Scored(drives.score.reshape(-1, routes).mean(axis=1)[of], extras)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The camera's image where the driver first fails, above a map of all five drives."""
+        """Draw the camera's image where the driver first fails, above a map of all five drives."""
         from sada_gym.envs.driving.pictures import summary
 
-        return summary(self.rollout(mu, seed))
+        return summary(self.rollouts(mu, seed))
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The camera's image at the start of the first route."""
+        """Draw the camera's image at the start of the first route."""
         from sada_gym.envs.driving.pictures import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
-        drives = self.drives(row, [seed])
+        drives = self.episodes(row, [seed])
         return observation(drives.starts[0], drives.states[0])
 
-    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """All five drives, one after another: the camera's image beside a map."""
+    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
         from sada_gym.envs.driving.pictures import frames
 
-        rollout = self.rollout(mu, seed)
-        return frames(rollout), rollout.score
+        return frames(rollouts)

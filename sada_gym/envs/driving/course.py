@@ -33,13 +33,13 @@ class Course:
 
     Attributes:
         layout: The town, `training` or `benchmark`.
-        weathers: Names of those that occur.
-        height_m: Least and greatest height of the camera.
-        pitch_deg: Least and greatest pitch of it.
-        corners: Least and greatest number of corners and bends that a route passes.
-        lateral_m: How far from its lane's middle a car starts at most.
-        turned_deg: How far it is turned at most.
-        speed_m_s: How fast it starts at most.
+        weathers: The names of the weathers that occur.
+        height_m: The least and the greatest height of the camera.
+        pitch_deg: The least and the greatest pitch of the camera.
+        corners: The least and the greatest number of corners and bends that a route passes.
+        lateral_m: The greatest distance from its lane's middle at which a car starts.
+        turned_deg: The greatest angle by which the car is turned.
+        speed_m_s: The greatest speed at which the car starts.
     """
 
     layout: str = "training"

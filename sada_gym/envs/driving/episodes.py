@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
-from sada_gym.envs.driving.camera.pinhole import Camera, Lens, Mount, Pictures
+from sada_gym.agents.tile import Batch
+from sada_gym.envs.driving.camera.pinhole import Lens, Mount, TownCamera
 from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, Route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.driving.world.vehicle import (
@@ -19,19 +22,25 @@ from sada_gym.envs.driving.world.vehicle import (
     drive,
     locate,
 )
+from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
 
 SIMULATION_HZ = 15
 POLICY_HZ = 5
 """The frequencies of highway-env's own `racetrack`."""
 LANE_TOLERANCE_M = (LANE_WIDTH_M + WIDTH_M) / 2
-"""A car whose middle is further from its lane's has left the lane with every part."""
+"""A car whose middle is further than this from its lane's middle has left the lane altogether."""
 TOP_SPEED_M_S = 15.0
-"""What the observed speed is divided by."""
+"""The speed that is observed as 1."""
 PICTURE_ROWS, PICTURE_COLUMNS = 44, 100
 
-Array = npt.NDArray[np.float64]
-Observation = dict[str, npt.NDArray[np.generic]]
-"""`image` (n, rows, columns, 3) uint8; `speed` (n, 1) and `command` (n, 4), float32 in [0, 1]."""
+OBSERVATION_SPACE = spaces.Dict(
+    {
+        "command": spaces.Box(0.0, 1.0, (len(COMMANDS),), np.float32),
+        "image": spaces.Box(0, 255, (PICTURE_ROWS, PICTURE_COLUMNS, 3), np.uint8),
+        "speed": spaces.Box(0.0, 1.0, (1,), np.float32),
+    }
+)
+ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
 class Ending(IntEnum):
@@ -48,13 +57,13 @@ class Start:
     """How one drive begins.
 
     Attributes:
-        route: Where to drive.
-        mount: The camera's.
-        weather: Index into `WEATHERS`.
-        seed: Fixes the rain.
-        lateral_m: Where the car starts, to the right of its lane's middle.
-        turned_rad: By how much it is turned to the right.
-        speed_m_s: How fast it is.
+        route: The route to drive.
+        mount: How its camera is mounted.
+        weather: An index into `WEATHERS`.
+        seed: The number that fixes the rain.
+        lateral_m: The car's place, to the right of its lane's middle.
+        turned_rad: The angle by which the car is turned to the right.
+        speed_m_s: The car's speed.
     """
 
     route: Route
@@ -66,28 +75,30 @@ class Start:
     speed_m_s: float = 0.0
 
 
-class Drives:
+class Drives(Episodes[Start]):
     """Cars that drive in lockstep.
 
     Args:
-        camera: Of the town.
-        starts: One a drive.
+        camera: The camera of the town.
+        starts: How each drive begins.
 
     Attributes:
         states: (n, 4) x, y, heading, speed.
-        steps: (n,) int64, steps driven.
         progress_m: (n,) along the route.
         lateral_m: (n,) to the right of the lane's middle.
         ending: (n,) int8, of `Ending`.
     """
 
-    def __init__(self, camera: Camera, starts: Sequence[Start]) -> None:
+    task = "SADA-DrivingTask-v0"
+    observation_space = OBSERVATION_SPACE
+    action_space = ACTION_SPACE
+
+    def __init__(self, camera: TownCamera, starts: Sequence[Start]) -> None:
+        super().__init__(starts)
         self._camera = camera
         self._lens = Lens(PICTURE_ROWS, PICTURE_COLUMNS)
         count = len(starts)
-        self.starts: list[Start] = [*starts]
         self.states = np.zeros((count, 4))
-        self.steps = np.zeros(count, np.int64)
         self.progress_m, self.lateral_m = np.zeros(count), np.zeros(count)
         self.ending = np.zeros(count, np.int8)
         self._at = np.zeros(count, np.int64)
@@ -98,10 +109,6 @@ class Drives:
         self._aim()
         for i, start in enumerate(starts):
             self.begin(i, start)
-
-    def __len__(self) -> int:
-        """Number of drives."""
-        return len(self.starts)
 
     def begin(self, i: int, start: Start) -> None:
         """Begin another drive in place i."""
@@ -121,17 +128,32 @@ class Drives:
         self._height[i], self._weather[i] = start.mount.height_m, start.weather
         self._limit[i] = int(np.ceil(route.time_limit_s * POLICY_HZ))
 
-    def under_way(self) -> npt.NDArray[np.intp]:
-        """Which drives have not ended."""
+    def under_way(self) -> Indices:
+        """Give the drives that have not ended."""
         return np.flatnonzero(self.ending == Ending.UNDER_WAY)
 
-    def commands(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.int8]:
-        """The commands that the drivers get, indices into `COMMANDS`."""
+    @property
+    def score(self) -> Array:
+        """The scores, (n,): 1 where a car has arrived, else 0."""
+        score: Array = (self.ending == Ending.ARRIVED).astype(np.float64)
+        return score
+
+    def moment(self) -> Batch:
+        """Give states and the drivers' commands."""
+        everyone = np.arange(len(self))
+        return {"states": self.states, "command": self.commands(everyone), "ending": self.ending}
+
+    def where(self, i: int) -> str:
+        """Say at which step of which route a car is."""
+        return f"step {self.steps[i]} of the route {' '.join(self.starts[i].route.corners)}"
+
+    def commands(self, which: Indices) -> npt.NDArray[np.int8]:
+        """Give the commands that the drivers get, indices into `COMMANDS`."""
         commands: npt.NDArray[np.int8] = self._command[self._first[which] + self._at[which]]
         return commands
 
-    def observe(self, which: npt.NDArray[np.intp]) -> Observation:
-        """Observations of some of the drivers."""
+    def observe(self, which: Indices) -> Batch:
+        """Give the observations of some drivers, see `DrivingTaskEnv`."""
         speed = np.clip(self.states[which, 3:] / TOP_SPEED_M_S, 0.0, 1.0)
         return {
             "image": self.render(which),
@@ -139,8 +161,8 @@ class Drives:
             "command": np.eye(len(COMMANDS), dtype=np.float32)[self.commands(which)],
         }
 
-    def render(self, which: npt.NDArray[np.intp]) -> Pictures:
-        """Images of some of the cameras."""
+    def render(self, which: Indices) -> Pictures:
+        """Draw what some of the cameras see."""
         poses = np.column_stack([self.states[which, :3], self._height[which]])
         seeds = np.array([self.starts[i].seed for i in which], np.uint64)
         keys = seeds * np.uint64(1 << 20) + self.steps[which].astype(np.uint64)
@@ -148,14 +170,14 @@ class Drives:
             self._lens, self._rays, self._rays_of[which], poses, self._weather[which], keys
         )
 
-    def step(self, which: npt.NDArray[np.intp], actions: Array) -> None:
+    def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some cars drive one step.
 
         Args:
-            which: (n,) those.
-            actions: (n, 2) in [-1, 1]: steering, positive to the right, and acceleration.
+            which: (n,) indices of these cars.
+            actions: (n, 2), clipped to [-1, 1]: steering, positive to the right, and acceleration.
         """
-        actions = np.asarray(actions, np.float64)
+        actions = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         states = self.states[which]
         drive(
             states,
@@ -196,55 +218,3 @@ class Drives:
         different = sorted(set(pitches))
         self._rays = np.stack([self._lens.rays(pitch) for pitch in different])
         self._rays_of = np.array([different.index(pitch) for pitch in pitches], np.int64)
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """Drives as they were driven, step by step.
-
-    Attributes:
-        starts: How each began.
-        states: For each, (steps + 1, 4) x, y, heading and speed before every step, and at the end.
-        commands: For each, (steps + 1,) the driver's command then.
-        endings: How each ended.
-    """
-
-    starts: tuple[Start, ...]
-    states: tuple[Array, ...]
-    commands: tuple[npt.NDArray[np.int8], ...]
-    endings: tuple[Ending, ...]
-
-    @property
-    def score(self) -> float:
-        """The share of arrivals."""
-        return float(np.mean([ending == Ending.ARRIVED for ending in self.endings]))
-
-
-OnStep = Callable[[Drives], None]
-"""What is called before every step."""
-
-
-def record(drives: Drives, run: Callable[[Drives, OnStep], None]) -> Rollout:
-    """Let cars drive to their ends, and keep every step.
-
-    Args:
-        drives: The cars.
-        run: Lets them drive, and calls what it is given before every step.
-    """
-    everyone = np.arange(len(drives))
-    states: list[Array] = []
-    commands: list[npt.NDArray[np.int8]] = []
-
-    def keep(drives: Drives) -> None:
-        states.append(drives.states.copy())
-        commands.append(drives.commands(everyone))
-
-    run(drives, keep)
-    keep(drives)
-    lasted = (drives.steps + 1).tolist()
-    return Rollout(
-        starts=tuple(drives.starts),
-        states=tuple(np.array(states[:count])[:, i] for i, count in enumerate(lasted)),
-        commands=tuple(np.array(commands[:count])[:, i] for i, count in enumerate(lasted)),
-        endings=tuple(Ending(int(code)) for code in drives.ending),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
@@ -10,19 +11,22 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.application import Frame
-from sada_gym.envs.driving.camera.pinhole import Camera, Lens, camera
+from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
-from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Rollout, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
 from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2
-_BAR = 26
 _EDGE_M = 22.0
-_ROUTE, _DRIVEN, _FAILED, _INK = (250, 204, 21), (37, 99, 235), (220, 38, 38), (31, 41, 51)
+_ROUTE, _DRIVEN, _FAILED = (250, 204, 21), (37, 99, 235), (220, 38, 38)
+Rollouts = Sequence[Rollout[Start]]
+
 _ENDING_TEXTS = {
     Ending.ARRIVED: "arrived",
     Ending.LEFT_LANE: "left its lane",
@@ -31,49 +35,48 @@ _ENDING_TEXTS = {
 }
 
 
-def summary(rollout: Rollout) -> Frame:
-    """The camera's image where a drive fails (or half-way), above a map of all drives."""
-    failed = [i for i, ending in enumerate(rollout.endings) if ending != Ending.ARRIVED]
+def summary(rollouts: Rollouts) -> Frame:
+    """Draw the camera's image where a drive fails (or half-way), above a map of all drives."""
+    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
     which = failed[0] if failed else 0
-    last = len(rollout.states[which]) - 1
+    last = len(rollouts[which]["states"]) - 1
     step = max(0, last - POLICY_HZ) if failed else last // 2
-    image = Image.fromarray(_view(rollout, which, step))
-    arrived = len(rollout.endings) - len(failed)
-    title = f"{_world(rollout)}: {arrived} of {len(rollout.endings)} arrived"
+    image = Image.fromarray(_view(rollouts[which], step))
+    arrived = len(rollouts) - len(failed)
+    title = f"{_world(rollouts)}: {arrived} of {len(rollouts)} arrived"
     moment = "a second before it failed" if failed else "half-way"
     parts = [
-        _bar(title, image.width),
+        caption(title, image.width),
         image,
-        _map(rollout, _chart(image.width), range(len(rollout.starts))),
-        _bar(f"route {which + 1}, {moment}", image.width),
+        _map(_chart(image.width), dict(enumerate(rollouts))),
+        caption(f"route {which + 1}, {moment}", image.width),
     ]
-    return _stacked(parts)
+    return stacked(parts)
 
 
-def frames(rollout: Rollout) -> list[Frame]:
-    """Every step of every drive: the camera's image beside the map."""
+def frames(rollouts: Rollouts) -> list[Frame]:
+    """Draw every step of every drive: the camera's image beside the map."""
     chart = _chart(int(_LENS.rows / _chart(1000).picture.height * 1000))
     drawn = []
-    for i, states in enumerate(rollout.states):
+    for i, rollout in enumerate(rollouts):
+        states = rollout["states"]
         for step in range(len(states)):
-            image = Image.fromarray(_view(rollout, i, step))
-            pair = Image.new("RGB", (image.width + chart.picture.width, image.height), "white")
-            pair.paste(image, (0, 0))
-            pair.paste(_map(rollout, chart, [i], until=step), (image.width, 0))
-            over = step == len(states) - 1
-            ending = _ENDING_TEXTS[rollout.endings[i] if over else Ending.UNDER_WAY]
-            command = COMMANDS[rollout.commands[i][step]]
+            image = Image.fromarray(_view(rollout, step))
+            pair = beside(image, _map(chart, {i: rollout}, until=step))
+            ending = _ENDING_TEXTS[Ending(int(rollout["ending"][step]))]
+            command = COMMANDS[rollout["command"][step]]
             text = (
-                f"route {i + 1} of {len(rollout.states)}   {step / POLICY_HZ:4.1f} s   "
+                f"route {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   "
                 f"{3.6 * states[step, 3]:3.0f} km/h   command: {command}   {ending}"
             )
-            frame = _stacked([pair, _bar(f"{text}   {_world(rollout)}", pair.width)])
+            frame = stacked([pair, caption(f"{text}   {_world(rollouts)}", pair.width)])
+            over = step == len(states) - 1
             drawn += [frame] * (POLICY_HZ if over else 1)  # a second to read how it ended
     return drawn
 
 
 def observation(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
-    """The camera's image, large, from a car's state (4,) after some steps."""
+    """Draw the camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
     rays, weather = _rays(start.mount.pitch_deg)[None], np.array([start.weather])
@@ -87,31 +90,29 @@ def _rays(pitch_deg: float) -> npt.NDArray[np.float32]:
     return _LENS.rays(pitch_deg)
 
 
-def _world(rollout: Rollout) -> str:
-    start = rollout.starts[0]
+def _world(rollouts: Rollouts) -> str:
+    start = rollouts[0].start
     height, pitch = start.mount.height_m, start.mount.pitch_deg
     return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
 
 
-def _view(rollout: Rollout, i: int, step: int) -> Frame:
-    return observation(rollout.starts[i], rollout.states[i][step], step)
+def _view(rollout: Rollout[Start], step: int) -> Frame:
+    return observation(rollout.start, rollout["states"][step], step)
 
 
 def _map(
-    rollout: Rollout, chart: _Chart, which: range | list[int], until: int | None = None
+    chart: _Chart, rollouts: Mapping[int, Rollout[Start]], until: int | None = None
 ) -> Image.Image:
-    """The town with routes, the ways driven, and crosses where a drive failed.
+    """Draw the town with routes, the ways driven, and crosses where a drive failed.
 
     Several routes have their numbers at both ends.
     """
     picture = chart.picture.copy()
     draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
     font = ImageFont.load_default(3.6 * unit)
-    routes = {i: chart.pixels(rollout.starts[i].route.points) for i in which}
-    ways = {
-        i: chart.pixels(rollout.states[i][: None if until is None else until + 1, :2])
-        for i in which
-    }
+    routes = {i: chart.pixels(rollout.start.route.points) for i, rollout in rollouts.items()}
+    shown = slice(None if until is None else until + 1)
+    ways = {i: chart.pixels(rollout["states"][shown, :2]) for i, rollout in rollouts.items()}
     for route in routes.values():
         draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
     for way in ways.values():
@@ -123,7 +124,7 @@ def _map(
             draw.text(
                 (x + 2.2 * unit, y - 2.2 * unit),
                 str(i + 1),
-                fill=_INK,
+                fill=INK,
                 font=font,
                 anchor="mm",
                 stroke_width=round(0.4 * unit),
@@ -131,8 +132,8 @@ def _map(
             )
     for i, way in ways.items():
         x, y = way[-1]
-        over = len(way) == len(rollout.states[i])
-        if over and rollout.endings[i] != Ending.ARRIVED:
+        over = len(way) == len(rollouts[i]["states"])
+        if over and rollouts[i].score < 1:
             arm = 2.2 * unit
             for s in (-1, 1):
                 ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
@@ -147,9 +148,9 @@ class _Chart:
     """The town from above.
 
     Attributes:
-        picture: Of it; not to be drawn into.
+        picture: The picture; it must not be drawn into.
         corner: World coordinates of its upper left corner.
-        pixel_m: Its pixels' size.
+        pixel_m: The size of its pixels.
     """
 
     picture: Image.Image
@@ -157,13 +158,13 @@ class _Chart:
     pixel_m: float
 
     def pixels(self, points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
-        """Where points (n, 2) of the world are in the picture."""
+        """Give the places in the picture of points (n, 2) of the world."""
         return [(float(x), float(y)) for x, y in (points - self.corner) / self.pixel_m]
 
 
 @cache
 def _chart(width: int) -> _Chart:
-    """The benchmark's town without its outskirts."""
+    """Draw the benchmark's town without its outskirts."""
     of = camera(LAYOUT)
     texel = of.ground.texel_m * 2**_MAP_LEVEL
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
@@ -174,8 +175,8 @@ def _chart(width: int) -> _Chart:
     return _Chart(shown, of.ground.origin + low * texel, texel * whole.width / width)
 
 
-def _plan(of: Camera) -> npt.NDArray[np.uint8]:
-    """The ground with the buildings' roofs and the trees."""
+def _plan(of: TownCamera) -> npt.NDArray[np.uint8]:
+    """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
     draw = ImageDraw.Draw(picture)
     texel = of.ground.texel_m * 2**_MAP_LEVEL
@@ -204,19 +205,4 @@ def _dot(
     colour: tuple[int, int, int],
 ) -> None:
     x, y = place
-    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=_INK)
-
-
-def _bar(text: str, width: int) -> Image.Image:
-    bar = Image.new("RGB", (width, _BAR), "white")
-    ImageDraw.Draw(bar).text((8, 4), text, fill=_INK, font=ImageFont.load_default(15))
-    return bar
-
-
-def _stacked(parts: list[Image.Image]) -> Frame:
-    whole = Image.new("RGB", (parts[0].width, sum(part.height for part in parts)), "white")
-    top = 0
-    for part in parts:
-        whole.paste(part, (0, top))
-        top += part.height
-    return np.asarray(whole)
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=INK)

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym import agents
-from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
+from sada_gym.application import Frame, Scored, validate_seeds, validate_world
+from sada_gym.envs.episodes.acting import Rollout, play
+from sada_gym.envs.episodes.application import EpisodesApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.course import benchmark_starts
-from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending, OnStep, Races, Rollout, record
+from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending, Races, Start
 from sada_gym.envs.uav.world.templates import template
-from sada_gym.envs.uav.world.track import Tracks, line
+from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.parameters import Mu
 
 LOCKSTEP = 64
 """The most races that are flown at a time."""
 
 
-class UAVApplication(Application):
+class UAVApplication(EpisodesApplication[Races]):
     """A frozen pilot flies a racing drone through eight gates.
 
     ## Description
@@ -97,48 +99,24 @@ class UAVApplication(Application):
     ) -> None:
         self.template, self.anchors = template(anchors), int(anchors)
         self.parameters = self.template.parameters
-        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
-        self._pilot = as_pilot(self.agent)
-        self._agent_id = agent_id
+        super().__init__(agent, agent_id)
 
     @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"anchors": self.anchors}
 
-    @property
-    def fingerprint(self) -> str | None:
-        """SHA-256 over the pilot's weights, or over its `agent_id` and how it is used."""
-        pilot, use = self._pilot, getattr(self._pilot, "use", None)
-        return agents.identity(pilot.fingerprint, self.agent, self._agent_id, use)
+    def _as_agent(self, given: Any) -> Pilot:
+        return as_pilot(given)
 
-    def tracks(self, mu: Mu) -> Tracks:
-        """The tracks of mu, (n, d)."""
-        return Tracks(self.template.displaced(mu))
-
-    def races(self, mu: Mu, seeds: Sequence[int]) -> Races:
-        """Drones at the starts of the tracks of mu, n of them; close them after use."""
-        return Races(benchmark_starts(self.tracks(mu), seeds))
-
-    def fly(self, races: Races, on_step: OnStep | None = None) -> None:
-        """Let the pilot fly all races to their ends; `on_step` is called before every decision."""
-        _fly(self._pilot, races, on_step)
-
-    def rollout(self, mu: npt.ArrayLike, seed: int) -> Rollout:
-        """Fly the race in the world of one mu, (d,), and keep every decision."""
-        row, seed = validate_world(self.parameters, mu, seed)
-        races = self.races(row, [seed])
-        try:
-            name = f"{self.anchors} anchors"
-            way = line(self.template.displaced(row)[0])
-            return record(races, self.fly, name=name, line=way)
-        finally:
-            races.close()
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Races:
+        """Begin the races in the worlds of mu, n of them; close them after use."""
+        return Races(benchmark_starts(self.template.tracks(mu), seeds))
 
     def reference_score(
         self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
     ) -> npt.NDArray[np.float64]:
-        """The privileged pilot's scores: where it passes, a failure is the agent's own.
+        """Score the privileged pilot: where it passes, a failure is the agent's own.
 
         Args:
             mu: (n, d), values in [-1, 1].
@@ -152,24 +130,18 @@ class UAVApplication(Application):
         """
         batch = self.parameters.validate(mu)
         checked = [0] * len(batch) if seeds is None else validate_seeds(seeds, len(batch))
-        scores = np.empty(len(batch))
-        for rows, races in self._batches(batch, checked):
-            _fly(PrivilegedPilot(), races)
-            scores[rows] = races.score
-        return scores
+        scores = [races.score for _, races in self._flown(PrivilegedPilot(), batch, checked)]
+        return np.concatenate([np.empty(0), *scores])
 
     def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_]:
-        """On which tracks the privileged pilot is not fooled, (n,); arguments as `evaluate`."""
+        """Say on which tracks the privileged pilot is not fooled, (n,); arguments as `evaluate`."""
         passed: npt.NDArray[np.bool_] = self.reference_score(mu, seeds) > self.fooling_threshold
         return passed
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scores, extras = np.empty(len(mu)), []
-        for rows, races in self._batches(mu, seeds):
-            self.fly(races)
-            scores[rows] = races.score
-            tracks = self.tracks(mu[rows])
-            kept = self.template.kept(mu[rows])
+        scores, extras = [], []
+        for tracks, races in self._flown(self.acting, mu, seeds):
+            scores.append(races.score)
             sharpest, closest = tracks.sharpest_turn_deg(), tracks.closest_m()
             for i in range(len(races)):
                 ended = races.endings[i]
@@ -182,45 +154,35 @@ class UAVApplication(Application):
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(sharpest[i]),
                         "closest_m": float(closest[i]),
-                        "kept": float(kept[i]),
+                        "kept": float(tracks.kept[i]),
                     }
                 )
-        return Scored(scores, extras)
+        return Scored(np.concatenate(scores), extras)
 
-    def _batches(self, mu: Mu, seeds: Sequence[int]) -> Iterator[tuple[slice, Races]]:
+    def _flown(self, pilot: Pilot, mu: Mu, seeds: Sequence[int]) -> Iterator[tuple[Tracks, Races]]:
+        """Fly the races of mu to their ends, `LOCKSTEP` at a time."""
         for start in range(0, len(mu), LOCKSTEP):
-            rows = slice(start, min(start + LOCKSTEP, len(mu)))
-            races = self.races(mu[rows], seeds[rows])
-            try:
-                yield rows, races
-            finally:
-                races.close()
+            rows = slice(start, start + LOCKSTEP)
+            tracks = self.template.tracks(mu[rows])
+            with closing(Races(benchmark_starts(tracks, seeds[rows]))) as races:
+                play(pilot, races)
+                yield tracks, races
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The camera's image where the pilot first misses, beside a map of the race."""
+        """Draw the camera's image where the pilot first misses, beside a map of the race."""
         from sada_gym.envs.uav.pictures import summary
 
-        return summary(self.rollout(mu, seed))
+        return summary(self.rollouts(mu, seed)[0])
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The camera's image at the start."""
+        """Draw the camera's image at the start."""
         from sada_gym.envs.uav.pictures import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
-        (start,) = benchmark_starts(self.tracks(row), [seed])
+        (start,) = benchmark_starts(self.template.tracks(row), [seed])
         return observation(start, start.state)
 
-    def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """The whole race: the camera's image beside a map."""
+    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
         from sada_gym.envs.uav.pictures import frames
 
-        rollout = self.rollout(mu, seed)
-        return frames(rollout), rollout.score
-
-
-def _fly(pilot: Pilot, races: Races, on_step: OnStep | None = None) -> None:
-    pilot.start(len(races))
-    while len(which := races.under_way()):
-        if on_step is not None:
-            on_step(races)
-        races.step(which, pilot.act(races, which))
+        return frames(rollouts[0])

@@ -15,9 +15,9 @@ from sada_gym.envs.uav.world.track import GATES, Tracks, along
 from sada_gym.errors import UserError
 
 START_SHIFT_M = 0.3
-"""How far, along x and along y, a seed moves the drone from the start at most."""
+"""A seed moves the drone from the start by at most this, along x and along y."""
 START_TURN_DEG = 5.0
-"""How far it turns the drone at most."""
+"""A seed turns the drone by at most this."""
 
 _BOUNDS = {"spread": 1.0, "shift_m": 1.0, "turned_deg": 45.0, "speed_m_s": TOP_SPEED_M_S}
 
@@ -30,10 +30,10 @@ class Course:
 
     Attributes:
         anchors: The numbers of anchor points that occur.
-        spread: Every number of mu is at most this far from 0.
-        shift_m: How far from the track's line, along x and along y, a drone starts at most.
-        turned_deg: How far it is turned at most.
-        speed_m_s: How fast it starts at most, to where it heads.
+        spread: The greatest distance from 0 of each number of mu.
+        shift_m: The greatest distance from the track's line, along x and along y.
+        turned_deg: The greatest angle by which a drone is turned.
+        speed_m_s: The greatest speed at which it starts, to where it heads.
     """
 
     anchors: tuple[int, ...] = tuple(TEMPLATES)
@@ -57,24 +57,27 @@ class Course:
         """Draw one race."""
         chosen = template(int(self.anchors[rng.integers(len(self.anchors))]))
         mu = rng.uniform(-self.spread, self.spread, (1, len(chosen.parameters)))
-        anchors = chosen.displaced(mu)
+        track = chosen.tracks(mu)
+        anchors = track.anchors[0]
         first = int(rng.integers(GATES))
-        (place,), _ = along(anchors[0], np.array([(first + 0.5) / GATES]))
+        (place,), _ = along(anchors, np.array([(first + 0.5) / GATES]))
         x, y = place[:2] + rng.uniform(-self.shift_m, self.shift_m, 2)
         turned = np.deg2rad(rng.uniform(-self.turned_deg, self.turned_deg))
         heading, speed = float(place[3] + turned), float(rng.uniform(0, self.speed_m_s))
         return Start(
-            gates=np.roll(Tracks(anchors).gates[0], -first, axis=0),
+            gates=np.roll(track.gates[0], -first, axis=0),
             place=(float(x), float(y), float(place[2]), heading),
             seed=int(rng.integers(2**31)),
             velocity=(speed * float(np.cos(heading)), speed * float(np.sin(heading)), 0.0),
+            anchors=anchors,
         )
 
 
 def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
-    """The benchmark's races on some tracks: at rest near the start, as the seeds say."""
+    """Make the benchmark's starts on some tracks: at rest near the start, moved by the seeds."""
     starts = []
-    for gates, (x, y, z, heading), seed in zip(tracks.gates, tracks.starts, seeds, strict=True):
+    laid = zip(tracks.gates, tracks.starts, tracks.anchors, seeds, strict=True)
+    for gates, (x, y, z, heading), anchors, seed in laid:
         draw = np.random.default_rng(seed).uniform(-1, 1, 3).tolist()
         place = (
             float(x) + START_SHIFT_M * draw[0],
@@ -82,5 +85,5 @@ def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
             float(z),
             float(heading) + float(np.deg2rad(START_TURN_DEG)) * draw[2],
         )
-        starts.append(Start(gates, place, seed))
+        starts.append(Start(gates, place, seed, anchors=anchors))
     return starts

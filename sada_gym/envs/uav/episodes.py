@@ -9,15 +9,18 @@ the missed one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
-from sada_gym.envs.uav.camera.pinhole import Pictures, camera
+from sada_gym.agents.tile import Batch
+from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
+from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.world.drone import (
     GRAVITY_M_S2,
     MASS_KG,
@@ -27,28 +30,31 @@ from sada_gym.envs.uav.world.drone import (
     upright,
 )
 from sada_gym.envs.uav.world.guidance import waypoints
-from sada_gym.envs.uav.world.physics import SLOTS, World
+from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
 from sada_gym.envs.uav.world.referee import (
-    felt,
     frames_near,
     judge,
     lost_ones,
+    observed_gates,
+    observed_motion,
     orders,
-    seen,
 )
 from sada_gym.errors import UserError
 
 POLICY_HZ = 20
 REPLAY_HZ = 10
-"""Frames of a replay a second: one for every second decision."""
+"""The frames of a replay in a second: one for every second decision."""
 GATE_LIMIT_S = 10.0
 GATES_AHEAD = 2
 """The number of gates in an observation."""
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Observation = dict[str, npt.NDArray[Any]]
-"""`gates` (n, 10) and `motion` (n, 9), float32 in [-1, 1]."""
+OBSERVATION_SPACE = spaces.Dict(
+    {
+        "gates": spaces.Box(-1.0, 1.0, (5 * GATES_AHEAD,), np.float32),
+        "motion": spaces.Box(-1.0, 1.0, (9,), np.float32),
+    }
+)
+ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (4,), np.float32)
 
 _SUBSTEPS = SIMULATION_HZ // POLICY_HZ
 _GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
@@ -70,9 +76,10 @@ class Start:
     Attributes:
         gates: (g, 4) x, y, z and heading of each.
         place: x, y, z and heading of the drone.
-        seed: Fixes light and background.
-        velocity: The drone's, in the world, in m/s.
+        seed: The number that fixes light and background.
+        velocity: The drone's velocity in the world, in m/s.
         first: The first gate to pass; those before it count as passed.
+        anchors: (k, 2) the track's anchor points, for pictures.
     """
 
     gates: Array
@@ -80,6 +87,7 @@ class Start:
     seed: int = 0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     first: int = 0
+    anchors: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def state(self) -> Array:
@@ -89,43 +97,41 @@ class Start:
         return state
 
 
-class Races:
+class Races(Episodes[Start]):
     """Drones that race in lockstep, each as if it were alone.
 
     Args:
-        starts: One a race; all have the same number of gates.
+        starts: How each race begins; all have the same number of gates.
 
     Attributes:
-        starts: How each race began.
         gates: (n, g, 4) x, y, z and heading.
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
         endings: (n, g) int8, of `Ending`.
         touched: (n, g) bool, where a drone touched anything on its way to a gate.
-        steps: (n,) int64, decisions taken.
-        time_s: (n,) flown.
+        time_s: (n,) the time flown.
     """
 
+    task = "SADA-RacingTask-v0"
+    observation_space = OBSERVATION_SPACE
+    action_space = ACTION_SPACE
+    finite_only = False
+
     def __init__(self, starts: Sequence[Start]) -> None:
+        super().__init__(starts)
         count, gates = len(starts), len(starts[0].gates)
-        self.starts: list[Start] = [*starts]
         self.gates = np.empty((count, gates, 4))
         self.states = np.empty((count, 13))
         self.next_gate = np.zeros(count, np.intp)
         self.endings = np.zeros((count, gates), np.int8)
         self.touched = np.zeros((count, gates), np.bool_)
-        self.steps = np.zeros(count, np.int64)
         self.time_s = np.zeros(count)
         self._since = np.zeros(count, np.int64)
         self._headings = np.empty(count)
         self._rotors = np.empty((count, 4))
-        self._worlds = [World() for _ in range(-(-count // SLOTS))]
+        self._worlds = [BulletWorld() for _ in range(-(-count // SLOTS))]
         for i, start in enumerate(starts):
             self.begin(i, start)
-
-    def __len__(self) -> int:
-        """Number of races."""
-        return len(self.starts)
 
     @property
     def score(self) -> Array:
@@ -155,39 +161,43 @@ class Races:
         self._worlds[world].place(slot, state)
 
     def under_way(self) -> Indices:
-        """Which races are not over."""
+        """Give the races that are not over."""
         return np.flatnonzero(self.next_gate < self.gates.shape[1])
 
+    def moment(self) -> Batch:
+        """Give states, what became of each gate, and the time flown."""
+        return {"states": self.states, "endings": self.endings, "time_s": self.time_s}
+
     def waypoints(self, which: Indices, ahead: int = 0) -> Array:
-        """The true waypoints of some drones, (n, 4): see `guidance`.
+        """Give the true waypoints of some drones, (n, 4): see `guidance`.
 
         Args:
-            which: (n,) those.
+            which: (n,) indices of these drones.
             ahead: 0 for the next gate, 1 for the one after it; after the last comes the first.
         """
         gate = (self.next_gate[which] + ahead) % self.gates.shape[1]
         return waypoints(self.gates[which, gate], self.states[which])
 
-    def observe(self, which: Indices) -> Observation:
-        """Observations of some of the pilots, see `RacingTaskEnv`."""
-        ahead = [seen(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
+    def observe(self, which: Indices) -> Batch:
+        """Give the observations of some pilots, see `RacingTaskEnv`."""
+        ahead = [observed_gates(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
         return {
             "gates": np.concatenate(ahead, axis=1),
-            "motion": felt(self.states[which]),
+            "motion": observed_motion(self.states[which]),
         }
 
     def render(self, which: Indices) -> Pictures:
-        """Images of some of the drones' cameras."""
+        """Draw what some of the drones' cameras see."""
         seeds = [self.starts[i].seed for i in which.tolist()]
         return camera().draw(self.gates[which], self.states[which], seeds)
 
-    def step(self, which: Indices, actions: Array) -> None:
+    def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some drones fly for a decision's time.
 
         Args:
-            which: (n,) those; their races must not be over.
-            actions: (n, 4) in [-1, 1], see `guidance.steer`; a drone whose action is not finite is
-                lost.
+            which: (n,) indices of these drones; their races must not be over.
+            actions: (n, 4), clipped to [-1, 1], see `guidance.steer`. A drone whose action is not
+                finite is lost.
 
         Raises:
             UserError: If the actions are of another shape.
@@ -224,7 +234,7 @@ class Races:
             if here.any():
                 self._fly_in(world, which[here], actions[here])
 
-    def _fly_in(self, world: World, which: Indices, actions: Array) -> None:
+    def _fly_in(self, world: BulletWorld, which: Indices, actions: Array) -> None:
         slots = (which % SLOTS).tolist()
         states, gates = self.states[which], self.gates[which]
         near = frames_near(gates, states)
@@ -250,9 +260,9 @@ class Races:
         """Set back the drones that are lost or late."""
         lost = lost_ones(self.states[which])
         late = self._since[which] >= _GATE_LIMIT
-        for i, astray in zip(which[lost | late].tolist(), lost[lost | late], strict=True):
+        for i, is_lost in zip(which[lost | late].tolist(), lost[lost | late], strict=True):
             if self.next_gate[i] < self.gates.shape[1]:
-                self._miss(i, Ending.LOST if astray else Ending.LATE)
+                self._miss(i, Ending.LOST if is_lost else Ending.LATE)
 
     def _miss(self, i: int, how: Ending) -> None:
         """Set a drone back where it came from; the race goes on without the gate it missed."""
@@ -262,58 +272,3 @@ class Races:
         passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
         last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
         self.place(i, upright(last[:3], last[3]))
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """A race as it was flown, decision by decision.
-
-    Attributes:
-        name: Of the track.
-        line: (m, 2) the track's line.
-        start: How the race began.
-        states: (k, 13) of the drone before every decision, and at the end.
-        endings: (k, g) what had become of each gate by then.
-        times_s: (k,).
-    """
-
-    name: str
-    line: Array
-    start: Start
-    states: Array
-    endings: npt.NDArray[np.int8]
-    times_s: Array
-
-    @property
-    def score(self) -> float:
-        """The share of gates passed."""
-        return float((self.endings[-1] == Ending.PASSED).mean())
-
-
-OnStep = Callable[[Races], None]
-"""What is called before every decision."""
-
-
-def record(
-    races: Races, run: Callable[[Races, OnStep], None], *, name: str, line: Array
-) -> Rollout:
-    """Let a drone fly its race to the end, and keep every decision.
-
-    Args:
-        races: One race.
-        run: Lets it fly, and calls what it is given before every decision.
-        name: Of the track.
-        line: (m, 2) the track's line.
-    """
-    states, endings, times = [], [], []
-
-    def keep(races: Races) -> None:
-        states.append(races.states[0].copy())
-        endings.append(races.endings[0].copy())
-        times.append(float(races.time_s[0]))
-
-    run(races, keep)
-    keep(races)
-    return Rollout(
-        name, line, races.starts[0], np.array(states), np.array(endings), np.array(times)
-    )

@@ -9,24 +9,25 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym.application import Frame
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Rollout, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Start
 from sada_gym.envs.uav.world.drone import headings
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.world.track import line
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
-_BAR = 26
 _MARGIN_M = 5.0
 _FINER = 2
 _SEEN_FROM_M, _IN_VIEW_DEG = 4.0, 30.0
-"""Where a drone had best be when its picture is taken: so far from a gate, and the camera so near
-to facing it."""
+"""A drone's picture is best taken at this distance from a gate, and with the gate within this angle
+from the camera's axis."""
 
 Colour = tuple[int, int, int]
 _FIELD: Colour = (226, 236, 214)
 _LINE: Colour = (190, 203, 174)
 _FLOWN: Colour = (37, 99, 235)
-_INK: Colour = (31, 41, 51)
 _PASSED: Colour = (22, 163, 74)
 _MISSED: Colour = (220, 38, 38)
 _AHEAD: Colour = (107, 114, 128)
@@ -34,47 +35,47 @@ _AHEAD: Colour = (107, 114, 128)
 Array = npt.NDArray[np.float64]
 
 
-def summary(rollout: Rollout) -> Frame:
-    """The camera's picture where the first gate is missed (or half-way), beside the track."""
+def summary(rollout: Rollout[Start]) -> Frame:
+    """Draw the camera's picture where the first gate is missed (or half-way), beside the track."""
     step, moment = summary_moment(rollout)
-    passed = int((rollout.endings[-1] == Ending.PASSED).sum())
-    pair = _pair(rollout, step, rollout.endings[-1], flown_ways(rollout, len(rollout.states)))
+    passed = int((rollout["endings"][-1] == Ending.PASSED).sum())
+    pair = _pair(rollout, step, rollout["endings"][-1], flown_ways(rollout, len(rollout["states"])))
     text = (
-        f"{rollout.name}: {passed} of {len(rollout.start.gates)} gates passed in "
-        f"{rollout.times_s[-1]:.1f} s   {moment}"
+        f"{_track(rollout)}: {passed} of {len(rollout.start.gates)} gates passed in "
+        f"{rollout['time_s'][-1]:.1f} s   {moment}"
     )
-    return np.asarray(_under(pair, text))
+    return stacked([pair, caption(text, pair.width)])
 
 
-def frames(rollout: Rollout) -> list[Frame]:
-    """`REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
+def frames(rollout: Rollout[Start]) -> list[Frame]:
+    """Draw `REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
     drawn: list[Frame] = []
-    last = len(rollout.states) - 1
+    last = len(rollout["states"]) - 1
     for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:
-        state, endings = rollout.states[step], rollout.endings[step]
+        state, endings = rollout["states"][step], rollout["endings"][step]
         passed = int((endings == Ending.PASSED).sum())
         missed = int((endings > Ending.PASSED).sum())
         ahead = len(endings) - passed - missed
         goal = f"to gate {passed + missed + 1}" if ahead else "over"
         text = (
-            f"{rollout.name}   {rollout.times_s[step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} "
-            f"m/s   {passed} passed   {missed} missed   {goal}"
+            f"{_track(rollout)}   {rollout['time_s'][step]:4.1f} s   "
+            f"{np.linalg.norm(state[7:10]):4.1f} m/s   {passed} passed   {missed} missed   {goal}"
         )
         pair = _pair(rollout, step, endings, flown_ways(rollout, step + 1))
-        drawn.append(np.asarray(_under(pair, text)))
+        drawn.append(stacked([pair, caption(text, pair.width)]))
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
 
-def summary_moment(rollout: Rollout) -> tuple[int, str]:
-    """The decision that the summary shows, and what to say of it."""
-    missed = rollout.endings > Ending.PASSED
+def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
+    """Choose the decision that the summary shows, and say which it is."""
+    missed = rollout["endings"] > Ending.PASSED
     if not missed.any():
-        return len(rollout.states) // 2, "seen: half-way"
+        return len(rollout["states"]) // 2, "seen: half-way"
     late = int(missed.any(axis=1).argmax())
     gate = int(missed[late].argmax())
-    since = int((rollout.endings[:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
+    since = int((rollout["endings"][:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
     since = min(since, late - 1)  # both may have ended between two decisions
-    flown = rollout.states[since:late]
+    flown = rollout["states"][since:late]
     centre, heading = rollout.start.gates[gate, :3], rollout.start.gates[gate, 3]
     to_gate = centre - flown[:, :3]
     before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
@@ -87,24 +88,28 @@ def summary_moment(rollout: Rollout) -> tuple[int, str]:
     return step, f"seen: on the way to gate {gate + 1}"
 
 
-def flown_ways(rollout: Rollout, until: int) -> tuple[Array, ...]:
-    """The ways flown, apart where the drone was set back."""
-    missed = (rollout.endings[:until] > Ending.PASSED).sum(axis=1)
+def flown_ways(rollout: Rollout[Start], until: int) -> tuple[Array, ...]:
+    """Give the ways flown, cut where the drone was set back."""
+    missed = (rollout["endings"][:until] > Ending.PASSED).sum(axis=1)
     cuts = np.flatnonzero(np.diff(missed)) + 1
-    return tuple(np.split(rollout.states[:until, :2], cuts))
+    return tuple(np.split(rollout["states"][:until, :2], cuts))
 
 
 def _pair(
-    rollout: Rollout, step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
+    rollout: Rollout[Start], step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
 ) -> Image.Image:
-    state = rollout.states[step]
+    state = rollout["states"][step]
     drone = np.array([*state[:2], headings(state[None])[0]])
-    plan = Plan(rollout.start.gates, rollout.line).picture(endings, ways, drone)
-    return _beside(Image.fromarray(observation(rollout.start, state)), plan)
+    plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(endings, ways, drone)
+    return beside(Image.fromarray(observation(rollout.start, state)), plan)
+
+
+def _track(rollout: Rollout[Start]) -> str:
+    return f"{len(rollout.start.anchors)} anchors"
 
 
 def observation(start: Start, state: Array) -> Frame:
-    """What the drone's camera sees, large, from a state (13,)."""
+    """Draw what the drone's camera sees, large, from a state (13,)."""
     of = camera(VIEW_ROWS, VIEW_COLUMNS)
     frame: Frame
     (frame,) = of.draw(start.gates[None], state[None], [start.seed])
@@ -118,7 +123,7 @@ class Plan:
     Attributes:
         gates: (g, 4) x, y, z and heading.
         line: (m, 2) the track's line.
-        size: Pixels of the picture's side.
+        size: The number of pixels of the picture's side.
     """
 
     gates: Array
@@ -131,12 +136,12 @@ class Plan:
         flown: tuple[Array, ...] = (),
         drone: Array | None = None,
     ) -> Image.Image:
-        """Draw it.
+        """Draw the track.
 
         Args:
             endings: (g,) of `Ending`; by default all gates are ahead.
-            flown: Ways, (k, 2) each.
-            drone: x, y and heading.
+            flown: The ways flown, (k, 2) each.
+            drone: The drone's x, y and heading.
         """
         side = self.size * _FINER
         picture = Image.new("RGB", (side, side), _FIELD)
@@ -172,10 +177,10 @@ class Plan:
             (x + float(s * np.cos(a)), y - float(s * np.sin(a)))
             for s, a in zip(size, turned, strict=True)
         ]
-        draw.polygon(corners, fill=_INK, outline="white")
+        draw.polygon(corners, fill=INK, outline="white")
 
     def _pixels(self, points: Array) -> list[tuple[float, float]]:
-        """Places in the picture of places in m, (k, 2)."""
+        """Give the places in the picture of places in m, (k, 2)."""
         all_points = np.vstack([self.gates[:, :2], self.line])
         low, high = all_points.min(axis=0) - _MARGIN_M, all_points.max(axis=0) + _MARGIN_M
         side = self.size * _FINER
@@ -184,19 +189,3 @@ class Plan:
         return [
             (float(np.clip(side / 2 + x, -side, 2 * side)), float(side / 2 - y)) for x, y in off
         ]
-
-
-def _under(picture: Image.Image, text: str) -> Image.Image:
-    """A picture with a line of text below it."""
-    whole = Image.new("RGB", (picture.width, picture.height + _BAR), "white")
-    whole.paste(picture, (0, 0))
-    font = ImageFont.load_default(15)
-    ImageDraw.Draw(whole).text((8, picture.height + 4), text, fill=_INK, font=font)
-    return whole
-
-
-def _beside(left: Image.Image, right: Image.Image) -> Image.Image:
-    pair = Image.new("RGB", (left.width + right.width, left.height), "white")
-    pair.paste(left, (0, 0))
-    pair.paste(right, (left.width, 0))
-    return pair

@@ -1,4 +1,4 @@
-"""The model card of a detector: how it was trained, what it scores, its file's SHA-256."""
+"""The model card of a detector says how it was trained, what it scores and its file's SHA-256."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from studies.training.common import ModelCard
 from studies.training.detection.evaluate import Figures, table
-from studies.training.detection.recipe import Recipe
+from studies.training.detection.recipe import DetectorRecipe
 
 
 def write_card(
     path: Path,
     *,
     name: str,
-    recipe: Recipe,
+    recipe: DetectorRecipe,
     seed: int,
     minutes: float,
     weights: Path,

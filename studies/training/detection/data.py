@@ -1,4 +1,4 @@
-"""Labelled renders: what the detectors are trained and measured on."""
+"""Labelled renders, on which the detectors are trained and measured."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def training_frames(
         empty_share: Empty places, as a share of all frames with an object.
         image_size: Pixels a side.
         seed: Fixes the set.
-        renderer: By default the process's TinyRenderer.
+        renderer: What draws the frames, by default the process's TinyRenderer.
     """
 
     def mixed(shape: Shape | None, rng: np.random.Generator) -> Scene:

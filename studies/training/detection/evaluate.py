@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from sada_gym import agents
 from sada_gym.envs.detection.agent.network import Detector, iou
+from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from studies.training.detection.data import LabelledFrames, validation_frames
 from studies.training.detection.prior import photograph
+from studies.training.measuring import evaluate_uniform, parse_agent
 
 BINS = 10
 
@@ -122,12 +123,9 @@ def _confidence(detections: Detections, frames: LabelledFrames) -> tuple[float, 
 
 
 def _fooling_rate(model: Detector, name: str, samples: int, seed: int) -> float:
-    from sada_gym.envs.detection.application import DetectionApplication
-
     application = DetectionApplication(name, agent=model)
     rng = np.random.default_rng([seed, CLASSES.index(name)])
-    mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
-    outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
+    _, _, outcomes = evaluate_uniform(application, samples, rng)
     return float(outcomes.fooled.mean())
 
 
@@ -148,17 +146,10 @@ def table(figures: Figures) -> str:
 def main() -> None:
     """Measure a detector and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("agent", help="a shipped detector's name or a safetensors file")
-    parser.add_argument("--seed", type=int, default=1_000)
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--samples", type=int, default=1_000)
-    arguments = parser.parse_args()
-    figures = measure(
-        agents.load(arguments.agent, "SADA-Detection"),
-        seed=arguments.seed,
-        frames=arguments.frames,
-        samples=arguments.samples,
-    )
+    options, detector = parse_agent(parser, "SADA-Detection")
+    figures = measure(detector, seed=options.seed, frames=options.frames, samples=options.samples)
     print(table(figures))
     print(f"calibration error on the prior: {figures.calibration_error:.3f}")
 

@@ -18,9 +18,12 @@ import colorsys
 
 import numpy as np
 
+from sada_gym.envs.detection.application import DetectionApplication
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.envs.detection.shapes.model import Shape
+
+_RANGES = {p.name: (p.low, p.high) for p in DetectionApplication.parameters.parameters}
 
 # weight, hue, spread of hue, saturation from, to, value from, to
 PAINTS = (
@@ -55,15 +58,19 @@ def photograph(shape: Shape | None, rng: np.random.Generator) -> Scene:
 
 
 def survey(shape: Shape | None, rng: np.random.Generator) -> Scene:
-    """Draw a scene from everywhere: uniform over the eight parameters, nearly centred."""
+    """Draw a scene from everywhere: uniform over the benchmark's parameters, nearly centred."""
+
+    def draw(name: str) -> float:
+        return rng.uniform(*_RANGES[name])
+
     return Scene(
         shape=shape,
-        colour=(rng.uniform(), rng.uniform(), rng.uniform()),
-        camera_distance=rng.uniform(8.0, 14.5),
-        camera_azimuth_deg=rng.uniform(-180.0, 180.0),
-        camera_pitch_deg=rng.uniform(0.0, 51.6),
-        light_azimuth_deg=rng.uniform(-180.0, 180.0),
-        light_pitch_deg=rng.uniform(3.0, 90.0),
+        colour=(draw("colour_red"), draw("colour_green"), draw("colour_blue")),
+        camera_distance=draw("camera_distance"),
+        camera_azimuth_deg=draw("camera_azimuth_deg"),
+        camera_pitch_deg=draw("camera_pitch_deg"),
+        light_azimuth_deg=draw("light_azimuth_deg"),
+        light_pitch_deg=draw("light_pitch_deg"),
         backdrop=random_backdrop(rng),
         aim=_aim(rng),
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Recipe:
+class DetectorRecipe:
     """How a detector is trained.
 
     Attributes:
@@ -28,4 +28,7 @@ class Recipe:
     image_size: int = 128
 
 
-RECIPES = {"photographer": Recipe(survey_share=0.0), "surveyor": Recipe(survey_share=0.1)}
+RECIPES = {
+    "photographer": DetectorRecipe(survey_share=0.0),
+    "surveyor": DetectorRecipe(survey_share=0.1),
+}

@@ -22,10 +22,10 @@ from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from studies.training.detection.card import write_card
 from studies.training.detection.data import LabelledFrames, batches, training_frames
 from studies.training.detection.evaluate import measure
-from studies.training.detection.recipe import RECIPES, Recipe
+from studies.training.detection.recipe import RECIPES, DetectorRecipe
 
 
-def train(recipe: Recipe, seed: int, *, checkpoint: Path | None = None) -> Detector:
+def train(recipe: DetectorRecipe, seed: int, *, checkpoint: Path | None = None) -> Detector:
     """Train a detector from scratch.
 
     Args:

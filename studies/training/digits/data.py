@@ -1,4 +1,4 @@
-"""What the classifier learns from: the training digits, mildly changed anew in each epoch."""
+"""The classifier learns from the training digits, mildly changed anew in each epoch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.digits.images import TEST_EVERY, LabelledImages, all_digits, turns
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
-from studies.training.digits.recipe import Recipe
+from studies.training.digits.recipe import ClassifierRecipe
 
 
 def training_images(*, validation: bool = False) -> tuple[LabelledImages, LabelledImages]:
@@ -27,7 +27,7 @@ def training_images(*, validation: bool = False) -> tuple[LabelledImages, Labell
 
 
 def batches(
-    data: LabelledImages, recipe: Recipe, rng: np.random.Generator
+    data: LabelledImages, recipe: ClassifierRecipe, rng: np.random.Generator
 ) -> Iterator[tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]]:
     """One epoch: shuffled, changed images (b, 8, 8) and their labels (b,)."""
     strokes = Strokes(data.images)
@@ -37,7 +37,7 @@ def batches(
         yield warp(strokes, rows, _mild(recipe, len(rows), rng)), data.labels[rows]
 
 
-def _mild(recipe: Recipe, count: int, rng: np.random.Generator) -> Warps:
+def _mild(recipe: ClassifierRecipe, count: int, rng: np.random.Generator) -> Warps:
     def within(width: float) -> npt.NDArray[np.float64]:
         return rng.uniform(-width, width, count)
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Recipe:
+class ClassifierRecipe:
     """How a classifier is trained.
 
     Attributes:
         epochs: Passes over the training images.
         batch: Images a step.
         rate: Highest learning rate of the one-cycle schedule (AdamW).
-        weight_decay: Of AdamW.
+        weight_decay: The weight decay of AdamW.
         rotation_deg: Training images are turned by up to this much.
-        scale: And enlarged or shrunk by up to this share.
-        shift_px: And moved to the side by up to this much.
+        scale: Training images are enlarged or shrunk by up to this share.
+        shift_px: Training images are moved to the side by up to this much.
     """
 
     epochs: int = 100
@@ -28,4 +28,4 @@ class Recipe:
     shift_px: float = 0.4
 
 
-RECIPES = {"cnn": Recipe()}
+RECIPES = {"cnn": ClassifierRecipe()}

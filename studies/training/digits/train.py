@@ -2,7 +2,7 @@
 
 It learns from the training digits for a fixed number of epochs and keeps the last weights: nothing
 is chosen by a score. Two more are trained with the next seeds, to show by how much they differ. The
-first is written with a model card to --out; its SHA-256 stands in `sada_gym/agents/__init__.py`.
+first is written with a model card to --out; `sada_gym/envs/digits/catalogue.py` has its SHA-256.
 
 --validation trains without the validation images, measures on them, and writes nothing: by that
 the hyper-parameters were chosen.
@@ -25,12 +25,12 @@ from sada_gym.envs.digits.images import LabelledImages
 from studies.training.common import ModelCard
 from studies.training.digits.data import batches, training_images
 from studies.training.digits.evaluate import SAMPLES, accuracy, measure, table
-from studies.training.digits.recipe import RECIPES, Recipe
+from studies.training.digits.recipe import RECIPES, ClassifierRecipe
 
 TRAININGS = 3
 
 
-def train(recipe: Recipe, data: LabelledImages, *, seed: int) -> DigitNetwork:
+def train(recipe: ClassifierRecipe, data: LabelledImages, *, seed: int) -> DigitNetwork:
     """Train a classifier from scratch, in one thread: more would give other last bits.
 
     Args:
@@ -57,7 +57,7 @@ def train(recipe: Recipe, data: LabelledImages, *, seed: int) -> DigitNetwork:
     return network.eval().requires_grad_(False)
 
 
-def validate(recipe: Recipe, seeds: range) -> None:
+def validate(recipe: ClassifierRecipe, seeds: range) -> None:
     """Print the accuracy on the validation images of trainings without them."""
     train_part, validation_part = training_images(validation=True)
     for seed in seeds:
@@ -67,7 +67,7 @@ def validate(recipe: Recipe, seeds: range) -> None:
 
 
 def write_card(
-    weights: Path, recipe: Recipe, seed: int, seconds: float, figures: str, images: int
+    weights: Path, recipe: ClassifierRecipe, seed: int, seconds: float, figures: str, images: int
 ) -> None:
     """Write a model card: how the classifier was trained, its file's SHA-256, what it scores."""
     name = weights.stem

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym import agents
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import Drives, Ending, Start
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, TASKS
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, ROUTES
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
-from sada_gym.measures.rates import wilson_interval
+from studies.training.measuring import evaluate_uniform, parse_agent, rate
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,8 @@ class TaskFigures:
     Attributes:
         runs: Drives at the default camera in the training weathers.
         arrived: How many of them arrived.
-        unseen_arrived: How many did in the two weathers that training never saw.
-        unseen_runs: Of so many.
+        unseen_runs: Drives in the two weathers that training never saw.
+        unseen_arrived: How many of them arrived.
         samples: Uniform mu.
         fooled: How many of them fooled the driver.
         mean_score: Their mean Q.
@@ -53,18 +52,17 @@ def measure(
     Args:
         driver: The model.
         seed: Fixes starts, mu and rain.
-        starts: Of each route in each weather: the task's own, and others up to 0.3 m and 3 degrees
-            beside it.
+        starts: How many starts each route has in each weather: the task's own, and others up to
+            0.3 m and 3 degrees beside it.
         samples: Uniform mu.
     """
     figures = {}
-    for task in TASKS:
+    for task in ROUTES:
         application = DrivingApplication(task, agent=driver)
         rng = np.random.default_rng(seed)
         known = _arrivals(application, range(TRAINING_WEATHERS), starts, rng)
         unseen = _arrivals(application, range(TRAINING_WEATHERS, len(NAMES)), starts, rng)
-        mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
-        outcomes = application.evaluate(mu, rng.integers(2**31, size=samples).tolist())
+        _, _, outcomes = evaluate_uniform(application, samples, rng)
         figures[task] = TaskFigures(
             runs=known.size,
             arrived=int(known.sum()),
@@ -85,11 +83,9 @@ def table(figures: dict[str, TaskFigures]) -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     for task, f in figures.items():
-        low, high = wilson_interval(f.fooled, f.samples)
         lines.append(
             f"| {task} | {f.arrived} of {f.runs} | {f.unseen_arrived} of {f.unseen_runs} "
-            f"| {f.mean_score:.2f} | {100 * f.fooled / f.samples:.1f} % "
-            f"({100 * low:.1f} to {100 * high:.1f}) |"
+            f"| {f.mean_score:.2f} | {rate(f.fooled, f.samples)} |"
         )
     return "\n".join(lines)
 
@@ -113,21 +109,15 @@ def _arrivals(
                     )
                 )
     together = Drives(camera(LAYOUT), drives)
-    application.drive(together)
+    application.play(together)
     arrived: npt.NDArray[np.bool_] = together.ending == Ending.ARRIVED
     return arrived
 
 
 def main() -> None:
     """Print the table of a driver."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "driver",
-        help=f"{', '.join(agents.names('SADA-Driving'))}, or a safetensors file",
-    )
-    parser.add_argument("--seed", type=int, default=1_000)
-    arguments = parser.parse_args()
-    print(table(measure(agents.load(arguments.driver, "SADA-Driving"), seed=arguments.seed)))
+    options, driver = parse_agent(argparse.ArgumentParser(description=__doc__), "SADA-Driving")
+    print(table(measure(driver, seed=options.seed)))
 
 
 if __name__ == "__main__":

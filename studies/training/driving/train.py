@@ -2,12 +2,11 @@
 
 The last weights are kept (nothing is chosen by a score), measured on the benchmark's tasks, and
 written with a model card to --out. With --steps it is a trial: nothing is measured, and no card is
-written. The shipped drivers' names and SHA-256 stand in `sada_gym/agents/__init__.py`.
+written. The shipped drivers' names and SHA-256 stand in `sada_gym/envs/driving/catalogue.py`.
 """
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from stable_baselines3 import PPO
@@ -15,7 +14,7 @@ from stable_baselines3 import PPO
 from sada_gym.determinism import one_thread
 from sada_gym.envs.driving.agent.weights import save
 from sada_gym.envs.driving.course import Course
-from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, parse_options
+from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
 from studies.training.driving.evaluate import measure, table
 from studies.training.driving.imitation import imitate
 from studies.training.driving.recipe import RECIPES
@@ -58,18 +57,15 @@ the five routes at the default camera in each weather from ten starts, the task'
 
 def main() -> None:
     """Train, measure, write."""
-    options = parse_options(__doc__, RECIPES, "cars")
-    started = time.process_time()
-    model = train(options.recipe, seed=options.seed)
-    minutes = (time.process_time() - started) / 60
-    options.out.mkdir(parents=True, exist_ok=True)
-    save(model, options.weights)
-    if options.trial:
-        print(f"a trial's weights: {options.weights}")
-        return
-    figures = table(measure(model, seed=options.seed + 1_000))
-    print(figures)
-    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+    run_script(
+        __doc__,
+        RECIPES,
+        "cars",
+        train=train,
+        save=save,
+        measure=lambda driver, seed: table(measure(driver, seed=seed)),
+        write_card=write_card,
+    )
 
 
 if __name__ == "__main__":

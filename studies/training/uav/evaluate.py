@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sada_gym import agents
+from sada_gym.application import Outcomes
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
-from sada_gym.measures.rates import wilson_interval
+from studies.training.measuring import evaluate_uniform, parse_agent, rate
 from studies.training.uav.recipe import MILD
 
 if TYPE_CHECKING:
@@ -68,20 +67,15 @@ def measure(
         application = UAVApplication(anchors, agent=pilot)
         rng = np.random.default_rng(seed)
 
-        def passed(width: float, count: int) -> tuple[int, int]:
-            mu = rng.uniform(-width, width, (count, len(application.parameters)))  # noqa: B023
-            seeds = rng.integers(2**31, size=count).tolist()  # noqa: B023
-            score = application.evaluate(mu, seeds).score  # noqa: B023
-            return count * GATES, round(float(score.sum()) * GATES)
-
-        template, on_mild = passed(0.0, starts), passed(MILD.spread, mild)
-        mu = rng.uniform(-1, 1, (samples, len(application.parameters)))
-        worlds = rng.integers(2**31, size=samples).tolist()
-        outcomes = application.evaluate(mu, worlds)
-        reference = application.reference_score(mu, worlds)
+        _, _, template = evaluate_uniform(application, starts, rng, spread=0.0)
+        _, _, on_mild = evaluate_uniform(application, mild, rng, spread=MILD.spread)
+        mu, seeds, outcomes = evaluate_uniform(application, samples, rng)
+        reference = application.reference_score(mu, seeds)
         figures[anchors] = TrackFigures(
-            *template,
-            *on_mild,
+            template_gates=starts * GATES,
+            template_passed=_passed(template),
+            mild_gates=mild * GATES,
+            mild_passed=_passed(on_mild),
             samples=samples,
             fooled=int(outcomes.fooled.sum()),
             mean_score=float(outcomes.score.mean()),
@@ -99,14 +93,17 @@ def table(figures: dict[int, TrackFigures]) -> str:
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for anchors, f in figures.items():
-        low, high = wilson_interval(f.fooled, f.samples)
         lines.append(
             f"| {anchors} | {_share(f.template_passed, f.template_gates)} "
             f"| {_share(f.mild_passed, f.mild_gates)} | {f.mean_score:.2f} "
-            f"| {100 * f.fooled / f.samples:.1f} % ({100 * low:.1f} to {100 * high:.1f}) "
+            f"| {rate(f.fooled, f.samples)} "
             f"| {100 * f.reference_passed:.1f} % | {100 * f.feasible / f.samples:.1f} % |"
         )
     return "\n".join(lines)
+
+
+def _passed(outcomes: Outcomes) -> int:
+    return round(float(outcomes.score.sum()) * GATES)
 
 
 def _share(part: int, whole: int) -> str:
@@ -115,16 +112,8 @@ def _share(part: int, whole: int) -> str:
 
 def main() -> None:
     """Print the table of a pilot."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pilot", help="a shipped pilot's name, or a file of weights")
-    parser.add_argument("--seed", type=int, default=1_000)
-    arguments = parser.parse_args()
-    named = arguments.pilot
-    try:
-        pilot = agents.load(Path(named) if named.endswith(".safetensors") else named, "SADA-UAV")
-    except ValueError as error:
-        parser.error(str(error))
-    print(table(measure(pilot, seed=arguments.seed)))
+    options, pilot = parse_agent(argparse.ArgumentParser(description=__doc__), "SADA-UAV")
+    print(table(measure(pilot, seed=options.seed)))
 
 
 if __name__ == "__main__":

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
+from sada_gym.agents.tile import Batch
 from sada_gym.envs.uav.agent.drone_frame import in_drone, motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import Ending, Observation, Races
+from sada_gym.envs.uav.episodes import Ending, Races
 from studies.training.common import Imitation
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters
@@ -60,7 +61,7 @@ def gather(
     push = np.zeros((drones, 4))
     astray = 0
     for _ in range(settings.steps // drones):
-        observation: Observation = {"image": races.render(everyone), "motion": motion(races.states)}
+        observation: Batch = {"image": races.render(everyone), "motion": motion(races.states)}
         examples.add(observation, in_drone(races.states, races.waypoints(everyone)))
         actions = expert.act(races, everyone)
         if not by_expert.all():

@@ -1,12 +1,12 @@
 """Train a pilot: `python -m studies.training.uav.train waypoint-pid --seed 0 --out DIR`.
 
 The last weights are kept (nothing is chosen by a score), measured, and written with a model card to
---out. The shipped pilots' names and SHA-256 stand in `sada_gym/agents/__init__.py`.
+--out. With --steps it is a trial: nothing is measured, and no card is written. The shipped pilots'
+names and SHA-256 stand in `sada_gym/envs/uav/catalogue.py`.
 """
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from stable_baselines3 import PPO
@@ -16,7 +16,7 @@ from sada_gym.envs.uav.agent.network import WaypointNetwork
 from sada_gym.envs.uav.agent.weights import save
 from sada_gym.envs.uav.course import Course
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
-from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, parse_options
+from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
 from studies.training.uav.evaluate import measure, table
 from studies.training.uav.imitation import imitate
 from studies.training.uav.recipe import MILD, RECIPES
@@ -46,12 +46,10 @@ def write_card(
 ) -> None:
     """Write a model card: how the pilot was trained, its file's SHA-256, what it scores."""
     name = weights.stem
-    trial = "" if recipe == RECIPES[name] else f" --steps {recipe.steps}"
-    script = f"python -m studies.training.uav.train {name}"
     ModelCard(
         name=name,
         description=_DESCRIPTIONS[type(recipe)],
-        command=f"{script} --seed {seed}{trial} --out DIR",
+        command=f"python -m studies.training.uav.train {name} --seed {seed} --out DIR",
         training=f"{minutes:.1f} minutes of one core, flights included",
         recipe=recipe,
         measured=f"""Measured by
@@ -64,15 +62,15 @@ uniform mu, fooled where Q <= 0.7, beside the privileged pilot on the same track
 
 def main() -> None:
     """Train, measure, write."""
-    options = parse_options(__doc__, RECIPES, "drones")
-    started = time.process_time()
-    pilot = train(options.recipe, seed=options.seed)
-    minutes = (time.process_time() - started) / 60
-    options.out.mkdir(parents=True, exist_ok=True)
-    save(pilot, options.weights)
-    figures = table(measure(pilot, seed=options.seed + 1_000))
-    print(figures)
-    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+    run_script(
+        __doc__,
+        RECIPES,
+        "drones",
+        train=train,
+        save=save,
+        measure=lambda pilot, seed: table(measure(pilot, seed=seed)),
+        write_card=write_card,
+    )
 
 
 if __name__ == "__main__":

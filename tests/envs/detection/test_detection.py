@@ -14,7 +14,7 @@ import sada_gym  # noqa: F401
 from sada_gym.envs.checks import MAX_TILE
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector
-from sada_gym.envs.detection.detector import TILE
+from sada_gym.envs.detection.detector import DETECTOR_TILE
 from sada_gym.envs.detection.shapes import CLASSES
 from sada_gym.oracle import Oracle
 
@@ -92,6 +92,7 @@ def test_the_number_of_threads_does_not_matter():
         torch.set_num_threads(threads)
 
 
+@pytest.mark.slow  # test_registry.py compares with one other process
 def test_one_and_two_workers_agree():
     scores = []
     for workers in (1, 2):
@@ -224,7 +225,7 @@ def test_the_shipped_architecture_keeps_its_tile(tmp_path):
     save_file(CAR.agent.state_dict(), file)
     for agent in ("photographer", file, CAR.agent):
         application = DetectionApplication("car", agent=agent)
-        assert application.tile == TILE
+        assert application.tile == DETECTOR_TILE
         assert application.settings == {
             "object_class": "car",
             "label": 7,

@@ -12,7 +12,7 @@ from sada_gym import agents
 from sada_gym.envs.checks import MAX_TILE
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.application import NAMES
-from sada_gym.envs.digits.classifier import TILE, Classifier
+from sada_gym.envs.digits.classifier import CLASSIFIER_TILE, ClassifierAgent
 from sada_gym.envs.digits.images import test_images as shipped_images
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
 from sada_gym.evaluation.store import EvaluationStore
@@ -354,8 +354,8 @@ def test_bad_keywords_are_refused(keywords, message):
 def test_tiles():
     images = shipped_images().images[:40]
     network = agents.load("cnn", "SADA-Digits")
-    assert Classifier(network).tile == TILE
-    alone = np.concatenate([Classifier(network).probabilities(image[None]) for image in images])
-    np.testing.assert_array_equal(Classifier(network).probabilities(images), alone)
-    one = Classifier(network, tile=1).probabilities(images)
+    assert ClassifierAgent(network).tile == CLASSIFIER_TILE
+    alone = np.concatenate([ClassifierAgent(network).act(image[None]) for image in images])
+    np.testing.assert_array_equal(ClassifierAgent(network).act(images), alone)
+    one = ClassifierAgent(network, tile=1).act(images)
     np.testing.assert_allclose(one, alone, atol=1e-4)

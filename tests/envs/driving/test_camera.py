@@ -106,7 +106,7 @@ def test_a_ray_meets_a_wall_at_its_distance_and_place():
     centre, axis, half = objects[i, 1:3], objects[i, 3:5], objects[i, 5]
     start = centre + (half + 1.0) * axis
     hits = np.zeros((MOST_HITS, 4))
-    count = cast(*start, *-axis, 50.0, of.world, hits)
+    count = cast(*start, *-axis, 50.0, of.town, hits)
     assert count >= 1
     assert hits[0].tolist() == pytest.approx([1.0, i, 0.0, 1.0], abs=1e-9)
 
@@ -119,7 +119,7 @@ def test_hits_come_nearest_first_and_each_object_once():
     for _ in range(200):
         x, y = rng.uniform([0, 0], [330, 240])
         angle = rng.uniform(0, 2 * np.pi)
-        count = cast(x, y, np.cos(angle), np.sin(angle), 160.0, of.world, hits)
+        count = cast(x, y, np.cos(angle), np.sin(angle), 160.0, of.town, hits)
         assert (np.diff(hits[:count, 0]) >= 0).all()
         assert len(set(hits[:count, 1])) == count
         most = max(most, count)

@@ -18,14 +18,15 @@ from stable_baselines3.common.vec_env import (
 
 import sada_gym  # noqa: F401 - registers
 from sada_gym import agents
-from sada_gym.agents.policy import TILE
-from sada_gym.envs.driving.agent.driver import Driver
+from sada_gym.agents.policy import POLICY_TILE
+from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.network import new_model
+from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.episodes import Drives
-from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE, DrivingTaskEnv
+from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, Drives
+from sada_gym.envs.driving.task import DrivingTaskEnv
 from sada_gym.sb3 import SB3VecEnv
 
 SMALL = {
@@ -58,19 +59,19 @@ class Recorder:
     def predict(self, observation, *, deterministic):
         assert deterministic
         self.shown.append({key: value.copy() for key, value in observation.items()})
-        return np.tile(np.array(self.action, np.float32), (TILE, 1)), None
+        return np.tile(np.array(self.action, np.float32), (POLICY_TILE, 1)), None
 
 
 def recorded(recorder):
     """A driver, and what it is, which forgets what it was shown when the driver was made."""
-    driver = Driver(recorder)
+    driver = as_driver(recorder)
     recorder.shown = []
     return driver, recorder
 
 
 def test_an_action_does_not_depend_on_who_else_drives(model):
     drives = cars(40)
-    driver = Driver(model)
+    driver = as_driver(model)
     driver.start(40)
     together = driver.act(drives, np.arange(40))
     shuffled = np.random.default_rng(1).permutation(40)
@@ -84,7 +85,7 @@ def test_so_it_is_where_narrow_layers_give_other_bits_in_another_place(widths):
     model = PPO(
         "MultiInputPolicy", DrivingTaskEnv(), **{**SMALL, "policy_kwargs": {"net_arch": widths}}
     )
-    drives, driver = cars(40), Driver(model)
+    drives, driver = cars(40), as_driver(model)
     driver.start(40)
     together = driver.act(drives, np.arange(40))
     shuffled = np.random.default_rng(1).permutation(40)
@@ -95,7 +96,7 @@ def test_a_model_sees_full_tiles_only():
     driver, recorder = recorded(Recorder())
     driver.start(20)
     assert driver.act(cars(20), np.arange(20)).shape == (20, 2)
-    assert [len(shown["image"]) for shown in recorder.shown] == [TILE, TILE]
+    assert [len(shown["image"]) for shown in recorder.shown] == [POLICY_TILE, POLICY_TILE]
 
 
 def test_frames_are_stacked_as_in_training():
@@ -106,7 +107,7 @@ def test_frames_are_stacked_as_in_training():
     rng = np.random.default_rng(4)
     env = DrivingTaskEnv()
     env.reset(seed=4)
-    drives = env._episodes.drives
+    drives = env.task.episodes
     driver.start(1)
     for _ in range(4):
         action = np.array([[rng.uniform(-0.2, 0.2), 0.7]], np.float32)
@@ -181,7 +182,7 @@ def test_a_driver_sees_what_its_wrappers_showed_it_in_training(wrappers):
     theirs = [env.reset()]
     alone = DrivingTaskEnv()
     alone.reset(seed=4)
-    drives, (driver, _) = alone._episodes.drives, recorded(model)
+    drives, (driver, _) = alone.task.episodes, recorded(model)
     driver.start(1)
     for _ in range(5):
         action = driver.act(drives, np.zeros(1, np.intp))
@@ -196,9 +197,9 @@ def test_a_driver_sees_what_its_wrappers_showed_it_in_training(wrappers):
 def test_the_statistics_of_training_are_part_of_a_drivers_fingerprint():
     env = normalised(DummyVecEnv([DrivingTaskEnv]))
     model = PPO("MultiInputPolicy", env, **SMALL)
-    before = Driver(model).fingerprint
+    before = as_driver(model).fingerprint
     env.obs_rms["speed"].mean = env.obs_rms["speed"].mean + 1
-    assert Driver(model).fingerprint != before
+    assert as_driver(model).fingerprint != before
 
 
 def test_a_wrapper_that_is_not_known_is_refused():
@@ -211,7 +212,7 @@ def test_a_wrapper_that_is_not_known_is_refused():
 
     model = PPO("MultiInputPolicy", Dark(DummyVecEnv([DrivingTaskEnv])), **SMALL)
     with pytest.raises(ValueError, match="got the wrapper Dark, whose work can't be repeated"):
-        Driver(model)
+        as_driver(model)
 
 
 class DarkPicture(gym.ObservationWrapper):
@@ -241,7 +242,7 @@ class OtherWay(gym.ActionWrapper):
 def test_gymnasiums_wrappers_of_what_is_seen_or_done_are_refused(make, name):
     model = PPO("MultiInputPolicy", make(), **SMALL)
     with pytest.raises(ValueError, match=f"{name}, whose work can't be repeated"):
-        Driver(model)
+        as_driver(model)
 
 
 def test_a_model_with_a_memory_is_refused():
@@ -250,7 +251,7 @@ def test_a_model_with_a_memory_is_refused():
             return super().predict(observation, deterministic=deterministic)[0], np.zeros(1)
 
     with pytest.raises(ValueError, match="without a memory of its own, got Remembering"):
-        Driver(Remembering())
+        as_driver(Remembering())
 
 
 def test_a_driver_trained_on_another_picture_is_refused_by_what_it_was_trained_on():
@@ -265,7 +266,7 @@ def test_a_driver_trained_on_another_picture_is_refused_by_what_it_was_trained_o
 
     model = PPO("MultiInputPolicy", DummyVecEnv([Small]), **SMALL)
     with pytest.raises(ValueError, match=r"got observations Dict.*\(40, 90, 3\)"):
-        Driver(model)
+        as_driver(model)
 
 
 def test_normalised_observations_without_their_statistics_are_refused(tmp_path):
@@ -273,7 +274,7 @@ def test_normalised_observations_without_their_statistics_are_refused(tmp_path):
     PPO("MultiInputPolicy", env, **SMALL).save(tmp_path / "driver.zip")
     bare = PPO.load(tmp_path / "driver.zip", device="cpu")
     with pytest.raises(ValueError, match=r"statistics of the VecNormalize.*Load it as PPO.load"):
-        Driver(bare)
+        as_driver(bare)
 
 
 def test_a_plain_sb3_model_drives(tmp_path):
@@ -289,11 +290,11 @@ def test_a_plain_sb3_model_drives(tmp_path):
 def test_a_driver_of_another_task_is_named_with_both_spaces():
     other = Recorder(spaces.Box(0, 1, (7,), np.float32))
     with pytest.raises(ValueError, match=r"observations Dict\(.*got observations Box\(.*\(7,\)"):
-        Driver(other)
+        as_driver(other)
     other = Recorder()
     other.action_space = spaces.Discrete(3)
     with pytest.raises(ValueError, match=r"and actions Discrete\(3\). Train it on SADA-Driving"):
-        Driver(other)
+        as_driver(other)
 
 
 @pytest.mark.parametrize("given", [np.nan, np.inf, -np.inf])
@@ -314,7 +315,7 @@ def test_nan_in_the_weights_of_a_real_policy_names_step_and_route():
 
 def test_actions_of_another_shape_are_refused():
     recorder = Recorder(action=(0.0, 0.0, 0.0))
-    driver = Driver(recorder)
+    driver = as_driver(recorder)
     driver.start(1)
     with pytest.raises(
         ValueError, match=r"actions of shape \(16, 2\) from Recorder, got \(16, 3\)"
@@ -323,11 +324,11 @@ def test_actions_of_another_shape_are_refused():
 
 
 def test_another_driver_has_another_fingerprint(model):
-    assert Driver(model).fingerprint == Driver(new_model(0)).fingerprint
-    assert Driver(model).fingerprint != Driver(new_model(1)).fingerprint
-    assert Driver(Recorder()).fingerprint is None
+    assert as_driver(model).fingerprint == as_driver(new_model(0)).fingerprint
+    assert as_driver(model).fingerprint != as_driver(new_model(1)).fingerprint
+    assert as_driver(Recorder()).fingerprint is None
     own = Constant("MultiInputPolicy", DrivingTaskEnv(), **SMALL)
-    assert Driver(own).fingerprint is None  # its weights do not tell what its predict does
+    assert as_driver(own).fingerprint is None  # its weights do not tell what its predict does
 
 
 def test_each_command_has_a_head_of_its_own(model):
@@ -357,3 +358,13 @@ def test_agents_of_two_applications_may_share_a_name():
     assert files == ["uav/agent/ppo.safetensors", "driving/agent/ppo.safetensors"]
     with pytest.raises(ValueError, match=r"an agent's name among photographer, .*, got 'ppo'"):
         agents.card("ppo", "SADA-Detection")
+
+
+def test_an_agent_of_ones_own_drives():
+    application = DrivingApplication("straight", agent=PrivilegedDriver())
+    assert application.evaluate([[0.0, 0.0, -1.0]], [0]).score[0] == 1.0
+    assert application.fingerprint == PrivilegedDriver.fingerprint
+    with pytest.raises(
+        ValueError, match="Expected an SB3 model trained on SADA-DrivingTask-v0, or"
+    ):
+        DrivingApplication("straight", agent=None)

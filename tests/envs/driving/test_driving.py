@@ -4,8 +4,8 @@ import pytest
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Start
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, task_routes
+from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
 MU = [[-0.2, 0.0, -0.9], [0.0, 1.0, -0.5], [1.0, 0.8, 0.0], [-1.0, -0.4, 0.3], [0.6, 0.2, 0.7]]
@@ -31,7 +31,7 @@ def test_golden_drives(task, scores):
 
 
 def test_golden_frames():
-    route = task_routes("navigation")[0]
+    route = benchmark_routes("navigation")[0]
     drives = Drives(camera(LAYOUT), [Start(route, Mount(), w, 5) for w in range(len(NAMES))])
     drives.states[:, :3] = [*route.points[60], route.heading[60]]
     means = [
@@ -56,14 +56,16 @@ def test_an_info_says_how_each_route_ended(application):
 
 def test_the_weather_is_one_of_six_by_equal_parts_of_the_axis(application):
     places = np.linspace(-1, 1, 13, dtype=np.float32)[:-1] + 0.01
-    found = [application.world(np.array([0, 0, place], np.float32))[1] for place in places]
+    found = [
+        application.camera_and_weather(np.array([0, 0, place], np.float32))[1] for place in places
+    ]
     assert found == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
-    assert application.world(np.array([0, 0, 1], np.float32))[1] == 5
+    assert application.camera_and_weather(np.array([0, 0, 1], np.float32))[1] == 5
 
 
 def test_the_seed_is_the_rains(application):
     def seen(weather, seed):
-        drives = application.drives(np.array([[0, 0, weather]], np.float32), [seed])
+        drives = application.episodes(np.array([[0, 0, weather]], np.float32), [seed])
         return drives.render(np.zeros(1, np.intp))
 
     for weather, differs in zip(np.linspace(-0.9, 0.9, 6), (0, 0, 1, 0, 0, 1), strict=True):
@@ -72,13 +74,13 @@ def test_the_seed_is_the_rains(application):
 
 def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
     counts = []
-    drive = DrivingApplication.drive
+    play = DrivingApplication.play
 
     def counted(self, drives, on_step=None):
         counts.append(len(drives))
-        drive(self, drives, on_step)
+        play(self, drives, on_step)
 
-    monkeypatch.setattr(DrivingApplication, "drive", counted)
+    monkeypatch.setattr(DrivingApplication, "play", counted)
     dry, wet = MU[0], [0.0, 0.0, 0.9]
     worlds = [(dry, 1), (wet, 1), (dry, 2), (wet, 2)]
     outcomes = application.evaluate(*zip(*worlds, strict=True))
@@ -91,17 +93,18 @@ def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
 
 
 def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
-    rollout = application.rollout(MU[2], 7)
+    rollouts = application.rollouts(MU[2], 7)
     info = application.evaluate([MU[2]], [7]).infos[0]
-    assert [ending.name.lower() for ending in rollout.endings] == info["endings"]
+    endings = [Ending(rollout["ending"][-1]) for rollout in rollouts]
+    assert [ending.name.lower() for ending in endings] == info["endings"]
     frames, score = application.replay(MU[2], 7)
-    assert score == rollout.score == info["score"]
+    assert score == np.mean([rollout.score for rollout in rollouts]) == info["score"]
     assert AdversaryEnv(application).metadata["render_fps"] == POLICY_HZ
     assert AdversaryVectorEnv(application).metadata["render_fps"] == POLICY_HZ
-    steps = sum(len(states) for states in rollout.states)
-    assert len(frames) == steps + 4 * len(rollout.states)  # a second's stay at each end
+    steps = sum(len(rollout["states"]) for rollout in rollouts)
+    assert len(frames) == steps + 4 * len(rollouts)  # a second's stay at each end
     assert len({frame.shape for frame in frames}) == 1
-    first, last = frames[0].astype(int), frames[len(rollout.states[0]) - 1].astype(int)
+    first, last = frames[0].astype(int), frames[len(rollouts[0]["states"]) - 1].astype(int)
     red = (last[..., 0] > 200) & (last[..., 1] < 60) & (last[..., 2] < 60)
     assert red.sum() > 20  # the cross where it left its lane
     assert (np.abs(first - last).max(axis=2) > 30).mean() > 0.2

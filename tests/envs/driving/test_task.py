@@ -13,7 +13,7 @@ def test_good_driving_is_rewarded_and_leaving_the_lane_is_not():
     env.reset(seed=1)
     rewards, over = [], False
     while not over:
-        drives = env._episodes.drives
+        drives = env.task.episodes
         action = PrivilegedDriver().act(drives, np.zeros(1, np.intp))[0]
         _, reward, over, _, info = env.step(action.astype(np.float32))
         rewards.append(reward)
@@ -38,7 +38,7 @@ def test_who_stands_still_is_too_late():
         assert not terminated
         assert reward == 0.0
         steps += 1
-    length = env._episodes.drives.starts[0].route.length_m
+    length = env.task.episodes.starts[0].route.length_m
     assert steps == int(np.ceil(length / (10 / 3.6) * 5))
     assert info["progress_m"] == 0.0
 

@@ -6,7 +6,7 @@ import pytest
 from highway_env.road.lane import LineType, SineLane
 from highway_env.utils import wrap_to_pi
 
-from sada_gym.envs.driving.world.benchmark_routes import TASKS, task_routes
+from sada_gym.envs.driving.world.benchmark_routes import ROUTES, benchmark_routes
 from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, make_route, random_route
 from sada_gym.envs.driving.world.town import local_coordinates, town
 
@@ -118,21 +118,22 @@ def test_random_routes_never_turn_back_and_differ():
 def test_tasks_are_what_their_names_say():
     turns = {
         task: [
-            [COMMANDS[c] for c in sorted({*route.command.tolist()})] for route in task_routes(task)
+            [COMMANDS[c] for c in sorted({*route.command.tolist()})]
+            for route in benchmark_routes(task)
         ]
-        for task in TASKS
+        for task in ROUTES
     }
     assert turns["straight"] == [["follow", "straight"]] * 5
     told = Counter(tuple(commands) for commands in turns["one_curve"])
     assert told == {("follow", "left"): 2, ("follow", "right"): 2, ("follow",): 1}
-    ways = [route.command for route in task_routes("navigation")]
+    ways = [route.command for route in benchmark_routes("navigation")]
     begun = Counter(
         COMMANDS[b] for way in ways for a, b in pairwise(way.tolist()) if b != a and b != 0
     )
     assert begun == {"left": 6, "right": 7, "straight": 2}
-    assert all(len(routes) == 5 for routes in map(task_routes, TASKS))
+    assert all(len(routes) == 5 for routes in map(benchmark_routes, ROUTES))
 
 
 def test_an_unknown_task_lists_the_known_ones():
     with pytest.raises(ValueError, match="among straight, one_curve, navigation, got 'parking'"):
-        task_routes("parking")
+        benchmark_routes("parking")

@@ -13,7 +13,7 @@ from sada_gym.envs.uav.world.drone import (
     upright,
 )
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
-from sada_gym.envs.uav.world.physics import SLOTS, World
+from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
 
 DT = 1 / SIMULATION_HZ
 GATE = np.array([[5.0, 0.0, CENTRE_HEIGHT_M, 0.0]])
@@ -22,7 +22,7 @@ NEAR, FAR = [0, -1, -1, -1], [-1, -1, -1, -1]
 
 @pytest.fixture
 def world():
-    world = World()
+    world = BulletWorld()
     yield world
     world.close()
 
@@ -132,10 +132,10 @@ def test_the_ground_is_solid(world):
 
 
 def test_drones_at_the_same_place_do_not_meet():
-    world = World()
+    world = BulletWorld()
     apart = Flight(world, [0], [upright((0, 0, 3), 0.0)]).fly([6, 2, 0, 1], 1.0)
     world.close()
-    world = World()
+    world = BulletWorld()
     together = Flight(world, range(SLOTS), [upright((0, 0, 3), 0.0)] * SLOTS)
     np.testing.assert_array_equal(together.fly([6, 2, 0, 1], 1.0), np.repeat(apart, SLOTS, axis=0))
     world.close()
@@ -146,7 +146,7 @@ def test_a_crash_is_the_same_in_any_slot_beside_any_others(slot):
     start = upright((2, 1.25, 1.8), 0.2)
 
     def crash(slots, states):
-        world = World()
+        world = BulletWorld()
         flight = Flight(world, slots, states)
         for other in slots:
             world.surround(other, GATE, NEAR)
@@ -165,7 +165,7 @@ def test_a_crash_is_the_same_in_any_slot_beside_any_others(slot):
 
 def test_a_world_after_another_is_as_the_first():
     def crash():
-        world = World()
+        world = BulletWorld()
         flight = Flight(world, [2], [upright((2, 1.25, 1.8), 0.2)])
         world.surround(2, GATE, NEAR)
         flight.fly([9, 0, -0.5, 0], 1.5)
@@ -180,7 +180,7 @@ def test_a_world_after_another_is_as_the_first():
 def test_closing_twice_is_fine_and_pickling_is_not():
     import pickle
 
-    world = World()
+    world = BulletWorld()
     with pytest.raises(TypeError, match="no pickling of a PyBullet world"):
         pickle.dumps(world)
     world.close()

@@ -10,7 +10,7 @@ from sada_gym import agents
 from sada_gym.envs.uav.agent import weights
 from sada_gym.envs.uav.agent.drone_frame import in_drone, in_level, motion
 from sada_gym.envs.uav.agent.network import new_network
-from sada_gym.envs.uav.agent.pilot import TILE, WaypointPilot
+from sada_gym.envs.uav.agent.pilot import WAYPOINT_TILE, WaypointPilot
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.track import GATES
 
@@ -61,7 +61,7 @@ def test_answers_are_where_the_gate_is(poses, gates):
 def test_a_waypoint_does_not_depend_on_the_others_in_the_batch(network, poses, gates):
     pilot, seeds = WaypointPilot(network), np.arange(50)
     together = pilot.waypoints(gates, poses, seeds)
-    for rows in ([0], [7], list(range(3, 3 + TILE)), [49, 2, 17], list(range(49, -1, -1))):
+    for rows in ([0], [7], list(range(3, 3 + WAYPOINT_TILE)), [49, 2, 17], list(range(49, -1, -1))):
         some = pilot.waypoints(gates[rows], poses[rows], seeds[rows])
         np.testing.assert_array_equal(some, together[rows])
 

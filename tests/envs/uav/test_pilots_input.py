@@ -6,12 +6,11 @@ import torch
 from torch import nn
 
 from sada_gym import agents
-from sada_gym.agents.policy import TILE
+from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.episodes import POLICY_HZ
-from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE, POLICY_HZ
 from sada_gym.envs.uav.world.track import GATES
 
 
@@ -21,7 +20,7 @@ class Own:
     observation_space, action_space = OBSERVATION_SPACE, ACTION_SPACE
 
     def predict(self, observation, *, deterministic):
-        return np.zeros((TILE, 4), np.float32), None
+        return np.zeros((POLICY_TILE, 4), np.float32), None
 
 
 def race(agent, mu):
@@ -99,7 +98,7 @@ def test_a_drone_that_is_told_nothing_costs_the_others_nothing():
 def test_a_model_that_gives_no_finite_number_misses_every_gate(given):
     class Endless(Own):
         def predict(self, observation, *, deterministic):
-            return np.tile(np.array([0.5, given, 0.0, 0.0], np.float32), (TILE, 1)), None
+            return np.tile(np.array([0.5, given, 0.0, 0.0], np.float32), (POLICY_TILE, 1)), None
 
     assert_all_lost(UAVApplication(3, agent=Endless()))
 

@@ -7,7 +7,7 @@ from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, Ending, Races, S
 from sada_gym.envs.uav.world.drone import upright
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.world.templates import TEMPLATES
-from sada_gym.envs.uav.world.track import GATES, Tracks
+from sada_gym.envs.uav.world.track import GATES
 
 H = CENTRE_HEIGHT_M
 ROW = np.array([[8.0 * k, 0.0, H, 0.0] for k in range(1, 5)])
@@ -166,8 +166,8 @@ def test_a_drone_that_is_lost_leaves_the_others_alone():
 
 
 def test_after_a_miss_the_race_goes_on_to_the_gate_after():
-    anchors = TEMPLATES[3].displaced(np.zeros((1, 6)))
-    races = Races(benchmark_starts(Tracks(anchors), [0]))
+    tracks = TEMPLATES[3].tracks(np.zeros((1, 6)))
+    races = Races(benchmark_starts(tracks, [0]))
     pilot = PrivilegedPilot(8.0)
     while len(which := races.under_way()):
         asleep = races.next_gate[0] == 4
@@ -198,9 +198,8 @@ def starts(count):
     for i in range(count):
         anchors = (3, 4, 5)[i % 3]
         mu = rng.uniform(-1, 1, (1, 2 * anchors))
-        made += benchmark_starts(
-            Tracks(TEMPLATES[anchors].displaced(mu)), [int(rng.integers(2**31))]
-        )
+        tracks = TEMPLATES[anchors].tracks(mu)
+        made += benchmark_starts(tracks, [int(rng.integers(2**31))])
     return made
 
 
@@ -243,7 +242,7 @@ def test_gates_before_the_first_count_as_passed():
 
 
 def test_seeds_move_the_start_a_little_and_fix_the_look():
-    tracks = Tracks(TEMPLATES[4].displaced(np.zeros((50, 8))))
+    tracks = TEMPLATES[4].tracks(np.zeros((50, 8)))
     made = benchmark_starts(tracks, range(50))
     off = np.array([start.place for start in made]) - tracks.starts
     assert np.abs(off[:, :2]).max() <= 0.3

@@ -8,12 +8,12 @@ from sada_gym.envs.uav.camera.pinhole import (
     ROWS,
     TILT_DEG,
     UP_M,
-    Camera,
+    DroneCamera,
     camera,
 )
 from sada_gym.envs.uav.world.gates import BARS, CENTRE_HEIGHT_M, OPENING_WIDTH_M
 
-FINE = Camera(240, 320)
+FINE = DroneCamera(240, 320)
 EYE = np.array([FORWARD_M, 0.0, UP_M])
 
 

@@ -14,7 +14,7 @@ from sada_gym.envs.uav.pictures import (
     summary,
     summary_moment,
 )
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.world.track import GATES, line
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
 BLIND = (3, 6)
@@ -39,7 +39,7 @@ def painted(picture, colour):
 @pytest.fixture(scope="module")
 def flown():
     """A race that passes all gates."""
-    return UAVApplication(4, agent=PrivilegedPilot(8.0)).rollout(MU, 5)
+    return UAVApplication(4, agent=PrivilegedPilot(8.0)).rollouts(MU, 5)[0]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def application():
 
 @pytest.fixture(scope="module")
 def failed(application):
-    return application.rollout(MU, 5)
+    return application.rollouts(MU, 5)[0]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def replay(application):
 def test_a_rollout_scores_as_the_evaluation_does(application, failed):
     outcome = application.evaluate(MU[None], [5])
     assert failed.score == outcome.score[0] == 1 - len(BLIND) / GATES
-    assert failed.times_s[-1] == outcome.infos[0]["time_s"]
+    assert failed["time_s"][-1] == outcome.infos[0]["time_s"]
 
 
 def test_a_flown_race_is_green(flown):
@@ -72,7 +72,7 @@ def test_a_flown_race_is_green(flown):
 def test_a_replay_shows_every_decision(failed, replay):
     frames, score = replay
     assert score == failed.score
-    assert len(frames) == -(-(len(failed.states) - 1) // 2) + REPLAY_HZ  # the end stays a second
+    assert len(frames) == -(-(len(failed["states"]) - 1) // 2) + REPLAY_HZ  # the end stays a second
     assert UAVApplication.render_fps == REPLAY_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
     assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
@@ -88,8 +88,8 @@ def test_frames_have_one_even_shape(flown, failed, replay):
 def test_the_summary_looks_before_the_first_gate_missed(application, failed):
     step, text = summary_moment(failed)
     assert text == f"seen: on the way to gate {BLIND[0] + 1}"
-    assert failed.endings[step, BLIND[0]] == Ending.AHEAD
-    assert failed.endings[step, BLIND[0] - 1] == Ending.PASSED
+    assert failed["endings"][step, BLIND[0]] == Ending.AHEAD
+    assert failed["endings"][step, BLIND[0] - 1] == Ending.PASSED
     assert painted(summary(failed), RED) > 50
     np.testing.assert_array_equal(application.render(MU, 5), summary(failed))
 
@@ -97,14 +97,17 @@ def test_the_summary_looks_before_the_first_gate_missed(application, failed):
 def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed):
     step, _ = summary_moment(failed)
     x, y, _, heading = failed.start.gates[BLIND[0]]
-    since = np.flatnonzero(failed.endings[:, BLIND[0] - 1] == Ending.PASSED)[0]
-    beyond = failed.states[[step]].copy()
+    since = np.flatnonzero(failed["endings"][:, BLIND[0] - 1] == Ending.PASSED)[0]
+    beyond = failed["states"][[step]].copy()
     beyond[0, :2] = x + 2 * np.cos(heading), y + 2 * np.sin(heading)
     late = step + 40
-    states = np.concatenate([failed.states[: step + 1], np.repeat(beyond, 40, axis=0)])
-    endings = np.concatenate([failed.endings[: step + 1], np.repeat(failed.endings[[step]], 40, 0)])
+    states = np.concatenate([failed["states"][: step + 1], np.repeat(beyond, 40, axis=0)])
+    endings = np.concatenate(
+        [failed["endings"][: step + 1], np.repeat(failed["endings"][[step]], 40, 0)]
+    )
     endings[late, BLIND[0]] = Ending.LATE
-    rollout = replace(failed, states=states, endings=endings, times_s=np.arange(late + 1.0))
+    moments = {"states": states, "endings": endings, "time_s": np.arange(late + 1.0)}
+    rollout = replace(failed, moments=moments)
     shown, _ = summary_moment(rollout)
     assert since <= shown <= step
 
@@ -112,20 +115,21 @@ def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed)
 def test_two_gates_may_end_between_two_decisions(failed):
     endings = np.zeros((3, GATES), np.int8)
     endings[2, :2] = Ending.PASSED, Ending.LOST
-    rollout = replace(failed, states=failed.states[:3], endings=endings, times_s=failed.times_s[:3])
+    moments = {key: value[:3] for key, value in failed.moments.items()}
+    rollout = replace(failed, moments={**moments, "endings": endings})
     assert summary_moment(rollout) == (1, "seen: on the way to gate 2")
 
 
 def test_the_way_is_cut_where_the_drone_was_set_back(failed):
-    ways = flown_ways(failed, len(failed.states))
+    ways = flown_ways(failed, len(failed["states"]))
     assert len(ways) == 1 + len(BLIND)
-    assert sum(len(way) for way in ways) == len(failed.states)
+    assert sum(len(way) for way in ways) == len(failed["states"])
     for way in ways:
         assert np.hypot(*np.diff(way, axis=0).T).max() < 1
 
 
 def test_a_plan_holds_its_gates(flown):
-    plan = Plan(flown.start.gates, flown.line)
+    plan = Plan(flown.start.gates, line(flown.start.anchors))
     for x, y in plan._pixels(flown.start.gates[:, :2]):
         assert 0 < x < 2 * VIEW_ROWS
         assert 0 < y < 2 * VIEW_ROWS

@@ -6,8 +6,9 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
+from sada_gym.agents.policy import Policy
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
-from sada_gym.envs.uav.agent.pilot import TaskPilot, WaypointPilot, as_pilot
+from sada_gym.envs.uav.agent.pilot import WaypointPilot, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.task import RacingTaskVectorEnv
@@ -26,7 +27,7 @@ def race(agent, mu, seeds=None):
 
 def test_what_flies_an_agent(model):
     assert isinstance(as_pilot(new_network(0)), WaypointPilot)
-    assert isinstance(as_pilot(model), TaskPilot)
+    assert isinstance(as_pilot(model), Policy)
     reference = PrivilegedPilot()
     assert as_pilot(reference) is reference
 
@@ -101,8 +102,8 @@ def test_fingerprints_tell_weights_apart(model):
 
 def test_answers_of_another_shape_are_refused(model):
     class Narrow(WaypointNetwork):
-        def forward(self, pictures, felt):
-            return super().forward(pictures, felt)[:, :5]
+        def forward(self, light, motion):
+            return super().forward(light, motion)[:, :5]
 
     class Lame(PrivilegedPilot):
         def act(self, races, which):

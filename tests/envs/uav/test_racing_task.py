@@ -13,7 +13,7 @@ def test_good_flying_is_rewarded_and_standing_still_is_not():
     env.reset(seed=1)
     worth, over = 0.0, False
     while not over:
-        action = PrivilegedPilot().act(env._episodes.races, np.zeros(1, np.intp))[0]
+        action = PrivilegedPilot().act(env.task.episodes, np.zeros(1, np.intp))[0]
         _, reward, over, truncated, info = env.step(action.astype(np.float32))
         worth += reward
         assert not truncated
@@ -39,7 +39,7 @@ def test_who_flies_out_of_the_world_is_lost():
         _, reward, terminated, truncated, _ = env.step(np.array([0.0, 0.0, 1.0, 0.0], np.float32))
         assert not truncated
     assert reward < -4
-    assert Ending.LOST in env._episodes.races.endings[0]
+    assert Ending.LOST in env.task.episodes.endings[0]
 
 
 @pytest.mark.parametrize(

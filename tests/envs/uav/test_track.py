@@ -17,7 +17,7 @@ COUNTS = tuple(TEMPLATES)
 
 
 def tracks(anchors, mu):
-    return Tracks(TEMPLATES[anchors].displaced(mu))
+    return TEMPLATES[anchors].tracks(mu)
 
 
 def uniform(anchors, count, seed=0):
@@ -26,9 +26,8 @@ def uniform(anchors, count, seed=0):
 
 @pytest.mark.parametrize("anchors", COUNTS)
 def test_gates_stand_at_equal_arc_length_and_face_along_the_track(anchors):
-    points = TEMPLATES[anchors].displaced(uniform(anchors, 1))
-    flown = Tracks(points)
-    fine, length = along(points[0], np.linspace(0, 1, 60_001))
+    flown = TEMPLATES[anchors].tracks(uniform(anchors, 1))
+    fine, length = along(flown.anchors[0], np.linspace(0, 1, 60_001))
     step = np.hypot(*np.diff(fine[:, :2], axis=0).T)
     assert flown.length_m[0] == pytest.approx(step.sum(), rel=1e-4)
     assert length == flown.length_m[0]
@@ -124,7 +123,7 @@ def worst(chosen, what, *, tries, starts, seed):
     mu[::2] = np.sign(mu[::2])
 
     def distance(at):
-        return getattr(Tracks(chosen.displaced(np.clip(at, -1, 1)[None])), what)()[0]
+        return getattr(chosen.tracks(np.clip(at, -1, 1)[None]), what)()[0]
 
     found = np.array([distance(at) for at in mu])
     least = found.min()
@@ -147,15 +146,17 @@ def test_a_search_finds_no_invalid_track(anchors):
 @pytest.mark.parametrize("anchors", COUNTS)
 def test_few_tracks_are_drawn_back_and_no_further_than_they_must(anchors):
     chosen, mu = template(anchors), uniform(anchors, 1_000, seed=4)
-    kept = chosen.kept(mu)
+    laid = chosen.tracks(mu)
+    kept = laid.kept
     assert 0.02 < (kept < 1).mean() < 0.07
     home = np.array(chosen.anchors)
     for row in np.flatnonzero(kept < 1)[:5]:
         move = chosen.range_m * mu[row].astype(np.float32).astype(float).reshape(-1, 2)
         assert not buildable(Tracks((home + move)[None]))[0]
-        np.testing.assert_array_equal(
-            chosen.displaced(mu[row : row + 1])[0], home + kept[row] * move
-        )
+        alone = Tracks((home + kept[row] * move)[None])
+        assert buildable(alone)[0]
+        for name in ("anchors", "gates", "starts", "length_m"):
+            np.testing.assert_array_equal(getattr(laid, name)[row], getattr(alone, name)[0])
         assert not buildable(Tracks((home + (kept[row] + 0.05) * move)[None]))[0]
 
 
@@ -164,7 +165,7 @@ def test_few_tracks_are_drawn_back_and_no_further_than_they_must(anchors):
 def test_the_range_is_the_widest_at_which_few_are_drawn_back(anchors):
     def share(range_m):
         wide = Template(TEMPLATES[anchors].anchors, range_m)
-        return (wide.kept(uniform(anchors, 10_000, seed=7)) < 1).mean()
+        return (wide.tracks(uniform(anchors, 10_000, seed=7)).kept < 1).mean()
 
     chosen = TEMPLATES[anchors].range_m
     assert share(chosen) <= 0.05 < share(chosen + 0.5)
@@ -187,10 +188,10 @@ def test_turns_are_those_of_the_headings():
 
 @pytest.mark.parametrize("anchors", COUNTS)
 def test_turns_count_loops(anchors):
-    points = TEMPLATES[anchors].displaced(uniform(anchors, 300))
-    turns = Tracks(points).turns_deg()
+    laid = TEMPLATES[anchors].tracks(uniform(anchors, 300))
+    turns = laid.turns_deg()
     share = np.linspace(0, 1, 16 * 1_000 + 1)
-    for anchor, turned in zip(points, turns, strict=True):
+    for anchor, turned in zip(laid.anchors, turns, strict=True):
         fine = np.rad2deg(np.unwrap(along(anchor, share)[0][:, 3]))
         np.testing.assert_allclose(turned, np.diff(fine[[1_000, *range(2_000, 16_001, 2_000)]]))
     assert (np.abs(turns).max() > 200) == (anchors > 3)
@@ -198,7 +199,7 @@ def test_turns_count_loops(anchors):
 
 def test_mu_moves_the_anchors_by_the_range():
     chosen = template(4)
-    moved = chosen.displaced([[0, 0, 1, 0, 0, -0.5, 0, 0]])[0] - chosen.anchors
+    moved = chosen.tracks([[0, 0, 1, 0, 0, -0.5, 0, 0]]).anchors[0] - chosen.anchors
     expected = np.zeros((4, 2))
     expected[1, 0], expected[2, 1] = chosen.range_m, -chosen.range_m / 2
     np.testing.assert_allclose(moved, expected)

@@ -10,10 +10,10 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from sada_gym.envs.uav.agent.speechless import Speechless
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.episodes import Ending
-from sada_gym.envs.uav.task import ACTION_SPACE, OBSERVATION_SPACE
-from sada_gym.envs.uav.world.track import GATES
+from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE, Ending
+from sada_gym.envs.uav.world.track import GATES, Tracks
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_outcomes
 
@@ -135,9 +135,9 @@ def test_a_pilot_that_diverges_misses_what_is_left():
 
 def test_on_step_is_called_before_every_decision():
     flown = application(3)
-    races = flown.races(np.zeros((2, 6), np.float32), [0, 1])
+    races = flown.episodes(np.zeros((2, 6), np.float32), [0, 1])
     seen = []
-    flown.fly(races, lambda races: seen.append(races.states.copy()))
+    flown.play(races, lambda races: seen.append(races.states.copy()))
     assert len(seen) == races.steps.max()
     assert (races.endings == Ending.PASSED).all()
     races.close()
@@ -241,3 +241,16 @@ def test_the_shipped_pilots_fly_the_undisturbed_tracks(name):
         outcomes = flown.evaluate(np.zeros((4, 2 * anchors)), range(4))
         assert outcomes.score.mean() > 0.95
         assert flown.agent_name == name
+
+
+def test_tracks_are_built_once_a_batch(monkeypatch):
+    built = []
+
+    class Counted(Tracks):
+        def __init__(self, anchors):
+            built.append(len(anchors))
+            super().__init__(anchors)
+
+    monkeypatch.setattr("sada_gym.envs.uav.world.templates.Tracks", Counted)
+    UAVApplication(3, agent=Speechless()).evaluate(np.zeros((5, 6)), range(5))
+    assert built == [5]

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.detection.backdrop import Triple, linear
+from sada_gym.envs.detection.backdrop import linear
+from sada_gym.envs.pixels import Triple
 
 Array = npt.NDArray[Any]
 
@@ -26,7 +27,7 @@ MATERIALS = np.array(
 )
 
 
-class Camera(NamedTuple):
+class KernelCamera(NamedTuple):
     """A pinhole camera; `step` is a pixel's width at distance 1."""
 
     eye: Triple

@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.compiled import inlined, kernel
-from sada_gym.envs.detection.backdrop import Triple
-from sada_gym.envs.detection.renderers.gbuffer import Array, Camera, GBuffer, Lamp, Place
+from sada_gym.envs.detection.renderers.gbuffer import Array, GBuffer, KernelCamera, Lamp, Place
+from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic
 
 SUPERSAMPLING = 2
 """Sub-pixels per pixel and axis on the object."""
@@ -23,28 +22,6 @@ SUPERSAMPLING = 2
 SUN = (1.3, 1.22, 1.08)
 FAR_AWAY = 120.0
 TONE_STEPS = 4096
-TONE_WHITE = 3.0
-
-
-def tone_table() -> npt.NDArray[np.uint8]:
-    """Map linear light in [0, TONE_WHITE] to sRGB bytes: exponential shoulder, then gamma 2.2."""
-    mapped = 1 - np.exp(-1.5 * np.linspace(0, TONE_WHITE, TONE_STEPS))
-    level: npt.NDArray[np.float64] = 255 * (mapped / mapped[-1]) ** (1 / 2.2)
-    return np.round(level).astype(np.uint8)
-
-
-@inlined
-def _dot(a: Triple, b: Triple) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _blend(a: Triple, b: Triple, share: float) -> Triple:
-    return (
-        a[0] + share * (b[0] - a[0]),
-        a[1] + share * (b[1] - a[1]),
-        a[2] + share * (b[2] - a[2]),
-    )
 
 
 @inlined
@@ -55,7 +32,7 @@ def _square(value: float, times: int) -> float:
 
 
 @inlined
-def _ray(camera: Camera, x: float, y: float) -> Triple:
+def _ray(camera: KernelCamera, x: float, y: float) -> Triple:
     """Direction through image-plane point (right, up), at distance 1 along the viewing axis."""
     return (
         x * camera.right[0] + y * camera.up[0] - camera.back[0],
@@ -75,10 +52,10 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Share of the light that reaches a point: bilinear look-up in the light's depth view."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
     size = lamp.depth.shape[0]
-    along = _dot(lamp.back, p)
+    along = dot(lamp.back, p)
     scale = lamp.distance / ((lamp.distance - along) * lamp.half)
-    u = (scale * _dot(lamp.right, p) + 1) * 0.5 * size
-    v = (1 - scale * _dot(lamp.up, p)) * 0.5 * size - 1
+    u = (scale * dot(lamp.right, p) + 1) * 0.5 * size
+    v = (1 - scale * dot(lamp.up, p)) * 0.5 * size - 1
     if not (0 <= u < size - 1 and 0 <= v < size - 1):
         return 1.0
     i, j = int(u), int(v)
@@ -94,19 +71,7 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
 
 @inlined
 def _sky(height: float, place: Place) -> Triple:
-    return _blend(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
-
-
-@inlined
-def _noise(tile: Array, u: float, v: float) -> float:
-    size = tile.shape[0]  # a power of two: & wraps
-    fu, fv = math.floor(u), math.floor(v)
-    i, j = int(fu) & (size - 1), int(fv) & (size - 1)
-    i1, j1 = (i + 1) & (size - 1), (j + 1) & (size - 1)
-    du, dv = u - fu, v - fv
-    above: float = tile[j, i] * (1 - du) + tile[j, i1] * du
-    below: float = tile[j1, i] * (1 - du) + tile[j1, i1] * du
-    return above * (1 - dv) + below * dv
+    return mix(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
 
 
 @inlined
@@ -114,15 +79,15 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
     """Pattern of the ground at (x, y); lines thinner than a pixel's footprint fade."""
     u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
     v = place.turn[1] * x + place.turn[0] * y + place.shift[1]
-    fine = _noise(place.noise, u * 14.0, v * 14.0) * min(1.0, 0.05 / footprint)
-    shade = 1.0 + 0.22 * _noise(place.noise, u * 3.1, v * 3.1) + 0.3 * fine
+    fine = periodic(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 / footprint)
+    shade = 1.0 + 0.22 * periodic(place.noise, v * 3.1, u * 3.1) + 0.3 * fine
     line = 0.0
     if place.ground == 0:  # asphalt: a dashed marking every 9 units
         across = abs(u - 9.0 * math.floor(u / 9.0 + 0.5))
         if across < 0.09 and v - 3.0 * math.floor(v / 3.0) < 1.8:
             line = min(1.0, 0.18 / footprint)
     elif place.ground == 3:  # grass
-        shade += 0.35 * fine + 0.15 * _noise(place.noise, u * 0.9, v * 0.9)
+        shade += 0.35 * fine + 0.15 * periodic(place.noise, v * 0.9, u * 0.9)
     else:  # paving stones, brick in running bond, concrete slabs
         brick = place.ground == 2
         size = place.tile * (0.7 if brick else 1.0 if place.ground == 1 else 2.6)
@@ -132,10 +97,10 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
         iu = math.floor(cu)
         if cu - iu < 0.05 / size or cv - iv < (0.1 if brick else 0.05) / size:
             line = 0.65 * min(1.0, 0.05 / footprint)
-        shade *= 1.0 + 0.3 * _noise(place.noise, iu * 37.3, iv * 23.7)
+        shade *= 1.0 + 0.3 * periodic(place.noise, iv * 23.7, iu * 37.3)
     shade = max(0.2, shade)
     colour = (place.colour[0] * shade, place.colour[1] * shade, place.colour[2] * shade)
-    return _blend(colour, place.joint, line)
+    return mix(colour, place.joint, line)
 
 
 @inlined
@@ -228,7 +193,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
         if reach == FAR_AWAY:
             return _sky(ray[2], place)
         colour = _ground(eye, ray, reach, step, lamp, place)
-    return _blend(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
+    return mix(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
 
 
 @inlined
@@ -246,10 +211,10 @@ def _surface(
     normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
 ) -> Triple:
     """Light that a point of the object sends to the eye: Blinn-Phong and a mirrored place."""
-    facing = -_dot(normal, ray)
-    slope = sun * max(0.0, _dot(normal, toward))
+    facing = -dot(normal, ray)
+    slope = sun * max(0.0, dot(normal, toward))
     half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
-    peak = _square(max(0.0, _dot(normal, half)), int(row[5]))
+    peak = _square(max(0.0, dot(normal, half)), int(row[5]))
     peak *= (2.0 ** row[5] + 8.0) / 8.0 * slope
     mirrored = ray[2] + 2 * facing * normal[2]
     upward = 0.5 + 0.5 * normal[2]
@@ -294,7 +259,7 @@ def _glare(toward: float) -> float:
 
 @inlined
 def _object(
-    camera: Camera,
+    camera: KernelCamera,
     x: float,
     y: float,
     g: GBuffer,
@@ -311,7 +276,7 @@ def _object(
     point = (eye[0] + depth * ray[0], eye[1] + depth * ray[1], eye[2] + depth * ray[2])
     ray = _unit(ray)
     normal = _normal(g.code[j, i, 0], g.code[j, i, 1])
-    if _dot(normal, ray) > 0:  # the back of an open surface
+    if dot(normal, ray) > 0:  # the back of an open surface
         normal = (-normal[0], -normal[1], -normal[2])
     point = (
         point[0] + 0.06 * normal[0],
@@ -321,7 +286,7 @@ def _object(
     sun = _sunlit(point, 0.05, lamp)
     row = materials[min(g.code[j, i, 2], materials.shape[0] - 1)]
     colour = _surface(normal, ray, sun, row, lamp.toward, place)
-    veil = _glare(_dot(ray, lamp.toward))
+    veil = _glare(dot(ray, lamp.toward))
     return (colour[0] + veil * SUN[0], colour[1] + veil * SUN[1], colour[2] + veil * SUN[2])
 
 
@@ -329,7 +294,7 @@ def _object(
 def compose(
     image: Array,
     coverage: Array,
-    camera: Camera,
+    camera: KernelCamera,
     lamp: Lamp,
     place: Place,
     g: GBuffer,
@@ -346,7 +311,7 @@ def compose(
         place: The surroundings.
         g: The object.
         materials: (7, 6), see `painted`.
-        tone: (TONE_STEPS,), see `tone_table`.
+        tone: (TONE_STEPS,), of `tone_table`.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     rows, columns = g.depth.shape[0] // SUPERSAMPLING, g.depth.shape[1] // SUPERSAMPLING
@@ -369,7 +334,7 @@ def compose(
                 x, y = (i + 0.5 + shift_x) * camera.step, (shift_y - j - 0.5) * camera.step
                 ray = _unit(_ray(camera, x, y))
                 light = _background(camera.eye, ray, camera.step, lamp, place)
-                veil = _glare(_dot(ray, lamp.toward))
+                veil = _glare(dot(ray, lamp.toward))
                 share = samples - covered
                 red += share * (light[0] + veil * SUN[0])
                 green += share * (light[1] + veil * SUN[1])

@@ -13,18 +13,18 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.envs.detection.backdrop import Backdrop, Triple
+from sada_gym.envs.detection.backdrop import Backdrop
 from sada_gym.envs.detection.renderers.base import DEFAULT, Renderer, Rendering
 from sada_gym.envs.detection.renderers.encoding import Mesh, code_texture, encode
 from sada_gym.envs.detection.renderers.gbuffer import (
-    Camera,
     GBuffer,
+    KernelCamera,
     Lamp,
     Place,
     noise_tile,
     painted,
 )
-from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, compose, tone_table
+from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, TONE_STEPS, compose
 from sada_gym.envs.detection.scene import (
     Pinhole,
     Scene,
@@ -34,6 +34,7 @@ from sada_gym.envs.detection.scene import (
     light_of,
 )
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.envs.pixels import Triple, tone_table
 from sada_gym.errors import UserError
 
 NEAR, FAR = 2.0, 32.0
@@ -76,7 +77,7 @@ class TinyRenderer(Renderer):
         self._bodies: list[int] = []
         self._lock = threading.Lock()
         self._noise = noise_tile()
-        self._tone = tone_table()
+        self._tone = tone_table(TONE_STEPS, exposure=1.5)
 
     @property
     def identity(self) -> str:
@@ -279,10 +280,10 @@ class TinyRenderer(Renderer):
             return int(self._bullet.loadTexture(str(path), physicsClientId=self._client))
 
 
-def _kernel_camera(camera: Pinhole, image_size: int) -> Camera:
+def _kernel_camera(camera: Pinhole, image_size: int) -> KernelCamera:
     right, up, back = map(_triple, camera.axes)
     step = 2 * camera.tangent / image_size
-    return Camera(_triple(camera.eye), right, up, back, step, camera.offset)
+    return KernelCamera(_triple(camera.eye), right, up, back, step, camera.offset)
 
 
 def _lamp(centre: Matrix, toward: Matrix, axes: Matrix, depth: Matrix) -> Lamp:

@@ -1,4 +1,4 @@
-"""From parts to a `Shape`: creased normals, outward winding, centred, grounded and scaled."""
+"""Joins parts to a `Shape`: its normals, outward faces, its place on the ground, its scale."""
 
 from __future__ import annotations
 

@@ -22,12 +22,12 @@ from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
 _LOG_NOISE = -2.0
-"""Of the actions that a reinforcement learner begins with: 0.14; with SB3's own, 1, no car stays in
-its lane long enough to learn from it."""
+"""The logarithm of the noise on actions with which reinforcement begins. The noise is 0.14; with
+SB3's own, 1, no car stays in its lane long enough to learn from it."""
 
 
 class ConditionalExtractor(BaseFeaturesExtractor):
-    """Features of `image` (3, rows, columns) in [0, 1], `speed` (1,) and `command` (4,) one-hot.
+    """Makes features of the image, the speed and the command, which is one-hot.
 
     Args:
         observation_space: The driving task's, its image transposed as SB3 does.
@@ -86,8 +86,8 @@ def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
     """Make an untrained driver: a PPO with this network.
 
     Args:
-        seed: Fixes the weights.
+        seed: The number that fixes the weights.
         env: What it will be trained on; by default one task.
-        **options: Others of PPO.
+        **options: Further options of PPO.
     """
     return new_ppo(DriverPolicy, env or DrivingTaskEnv(), seed, **options)

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.driving.episodes import POLICY_HZ, Drives
-from sada_gym.envs.driving.world.route import SPACING_M, Route
+from sada_gym.envs.driving.world.route import CRUISE_M_S, SPACING_M, Route
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, MAX_ACCELERATION_M_S2, MAX_STEERING_RAD
 
-CRUISE_M_S = 8.0
 SIDEWAYS_M_S2 = 2.5
-"""Acceleration in a curve that it allows itself."""
+"""The sideways acceleration that it allows itself in a curve."""
 BRAKING_M_S2 = 2.5
+"""The deceleration with which it slows down before a curve."""
 
 Array = npt.NDArray[np.float64]
 
@@ -23,11 +23,16 @@ Array = npt.NDArray[np.float64]
 class PrivilegedDriver:
     """Drives cars along their routes (pure pursuit, Coulter 1992)."""
 
+    fingerprint = "privileged driver"
+
     def __init__(self) -> None:
         self._profiles: dict[int, tuple[Route, Array]] = {}
 
+    def start(self, count: int) -> None:
+        """Begin new drives; nothing is remembered of others."""
+
     def act(self, drives: Drives, which: npt.NDArray[np.intp]) -> Array:
-        """Choose actions (n, 2) for some of the cars."""
+        """Choose actions (n, 2) for some cars."""
         actions = np.empty((len(which), 2))
         for row, i in enumerate(which):
             route = drives.starts[i].route
@@ -56,7 +61,7 @@ class PrivilegedDriver:
 
 
 def speed_profile(route: Route) -> Array:
-    """How fast to be at each point: slow enough for the curves ahead."""
+    """Say how fast to be at each point: slow enough for the curves ahead."""
     curvature = np.abs(np.gradient(route.heading, SPACING_M))
     speed = np.minimum(CRUISE_M_S, np.sqrt(SIDEWAYS_M_S2 / np.maximum(curvature, 1e-6)))
     for i in range(len(speed) - 2, -1, -1):
@@ -65,7 +70,7 @@ def speed_profile(route: Route) -> Array:
 
 
 def _beyond(route: Route, along_m: float) -> Array:
-    """The route's point at a distance; past its end, straight on."""
+    """Give the route's point at a distance; past its end, the way goes straight on."""
     end = SPACING_M * (len(route.points) - 1)
     index = int(np.clip(along_m / SPACING_M, 0, len(route.points) - 1))
     past = max(0.0, along_m - end)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.driving.task import ACTION_SPACE, OBSERVATION_SPACE
+from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE
 
 
 class Swerving:

@@ -9,7 +9,7 @@ from stable_baselines3 import PPO
 
 from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
 from sada_gym.envs.driving.agent.network import BRANCH_FEATURES, ConditionalExtractor, new_model
-from sada_gym.envs.driving.task import OBSERVATION_SPACE
+from sada_gym.envs.driving.episodes import OBSERVATION_SPACE
 
 _MEND = (
     "Write such a file in the repository by python -m studies.training.driving.train, or, for a "

@@ -1,4 +1,4 @@
-"""Which upright objects a horizontal ray meets, by a walk over a grid; what the sun reaches."""
+"""Walks over a grid: the upright objects that a horizontal ray meets, and what the sun reaches."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.pixel_world import Array, World
+from sada_gym.envs.driving.camera.arrays import Array, TownArrays
 
 REACH_M = 160.0
-"""How far upright objects are seen."""
+"""Upright objects are seen up to this distance."""
 MOST_HITS = 8
 
 
 @uncounted
-def cast(x: float, y: float, dx: float, dy: float, reach: float, world: World, hits: Array) -> int:
+def cast(
+    x: float, y: float, dx: float, dy: float, reach: float, town: TownArrays, hits: Array
+) -> int:
     """Find the upright objects that a horizontal ray meets, nearest first.
 
     `hits` (MOST_HITS, 4) takes for each: the distance, the object, where along a wall or how far
     beside a trunk it passes, and the angle's cosine between the wall's normal and north (x).
     Returns their number.
     """
-    objects, first, items, cell = world.objects, world.first, world.items, world.cell_m
-    rows, columns = world.cells[0], world.cells[1]
-    px, py = (x - world.origin[0]) / cell, (y - world.origin[1]) / cell
+    objects, first, items, cell = town.objects, town.first, town.items, town.cell_m
+    rows, columns = town.cells[0], town.cells[1]
+    px, py = (x - town.origin[0]) / cell, (y - town.origin[1]) / cell
     column, row = math.floor(px), math.floor(py)
     step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     per_x = abs(1.0 / dx) if abs(dx) > 1e-12 else 1e30
@@ -96,28 +98,28 @@ def cast(x: float, y: float, dx: float, dy: float, reach: float, world: World, h
 
 @kernel
 def sunlit(
-    shade: npt.NDArray[np.uint8], sun_x: float, sun_y: float, sun_z: float, world: World
+    shade: npt.NDArray[np.uint8], sun_x: float, sun_y: float, sun_z: float, town: TownArrays
 ) -> None:
     """Mark where the sun reaches the ground: 255, or 0 in a shadow."""
     flat = math.hypot(sun_x, sun_y)
     rise = sun_z / flat
     hits = np.empty((MOST_HITS, 4))
     for row in range(shade.shape[0]):
-        y = world.origin[1] + (row + 0.5) * world.shade_texel_m
+        y = town.origin[1] + (row + 0.5) * town.shade_texel_m
         for column in range(shade.shape[1]):
-            x = world.origin[0] + (column + 0.5) * world.shade_texel_m
-            met = cast(x, y, sun_x / flat, sun_y / flat, 25.0 / rise, world, hits)
+            x = town.origin[0] + (column + 0.5) * town.shade_texel_m
+            met = cast(x, y, sun_x / flat, sun_y / flat, 25.0 / rise, town, hits)
             light = 255
             for k in range(met):
                 i = int(hits[k, 1])
                 z = hits[k, 0] * rise
-                if world.objects[i, 0] == 0.0:
-                    if z < world.objects[i, 7]:
+                if town.objects[i, 0] == 0.0:
+                    if z < town.objects[i, 7]:
                         light = 0
                 else:
-                    tall = 1.25 * world.objects[i, 5]
-                    up = (z - world.objects[i, 7] + tall) / tall
-                    across = hits[k, 2] / world.objects[i, 5]
+                    tall = 1.25 * town.objects[i, 5]
+                    up = (z - town.objects[i, 7] + tall) / tall
+                    across = hits[k, 2] / town.objects[i, 5]
                     if across * across + up * up < 0.9:
                         light = min(light, 70)
             shade[row, column] = light

@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel, uncounted
+from sada_gym.envs.driving.camera.arrays import Array, Light, TownArrays, light_of
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
-from sada_gym.envs.driving.camera.pixel_world import TONE_WHITE, Array, Light, World, light_of, mix
 from sada_gym.envs.driving.camera.rain import draw_rain
 from sada_gym.envs.driving.camera.sky import sky_colour
 from sada_gym.envs.driving.camera.surface import ground_colour, mirrored_share
 from sada_gym.envs.driving.camera.uprights import first_upright
+from sada_gym.envs.pixels import TONE_WHITE, mix
 
 
 @uncounted
@@ -32,7 +33,7 @@ def _draw(
     height: float,
     pixel: float,
     half_angle: float,
-    world: World,
+    town: TownArrays,
     shade: npt.NDArray[np.uint8],
     light: Light,
     hits: Array,
@@ -40,18 +41,18 @@ def _draw(
     counts: npt.NDArray[np.int64],
 ) -> None:
     # looked up once: taking an array out of the tuple costs as much as a texel
-    texels, offset, shape, texel_m = world.texels, world.offset, world.shape, world.texel_m
-    objects, clouds, tone = world.objects, world.clouds, world.tone
-    shade_texel_m = world.shade_texel_m
-    left, top = world.origin[0], world.origin[1]
+    texels, offset, shape, texel_m = town.texels, town.offset, town.shape, town.texel_m
+    objects, clouds, tone = town.objects, town.clouds, town.tone
+    shade_texel_m = town.shade_texel_m
+    left, top = town.origin[0], town.origin[1]
     rows, columns = picture.shape[0], picture.shape[1]
     planes = counts.shape[0]
     for a in range(planes):
         angle = heading + half_angle * (2.0 * (a + 0.5) / planes - 1.0)
-        counts[a] = cast(x, y, math.cos(angle), math.sin(angle), REACH_M, world, hits[a])
+        counts[a] = cast(x, y, math.cos(angle), math.sin(angle), REACH_M, town, hits[a])
     # is the sun in sight? then it dazzles
     sun_flat = math.hypot(light.sun_x, light.sun_y)
-    met = cast(x, y, light.sun_x / sun_flat, light.sun_y / sun_flat, REACH_M, world, sun_hits)
+    met = cast(x, y, light.sun_x / sun_flat, light.sun_y / sun_flat, REACH_M, town, sun_hits)
     dazzle = 1.0 - light.cover
     for k in range(met):
         if objects[int(sun_hits[k, 1]), 7] > height + sun_hits[k, 0] * light.sun_z / sun_flat:
@@ -136,7 +137,7 @@ def draw_all(
     pixel: float,
     half_angle: float,
     planes: int,
-    world: World,
+    town: TownArrays,
     shades: npt.NDArray[np.uint8],
     shade_of: npt.NDArray[np.int64],
     keys: npt.NDArray[np.uint64],
@@ -164,7 +165,7 @@ def draw_all(
             height,
             pixel,
             half_angle,
-            world,
+            town,
             shades[shade_of[i]],
             light,
             hits,

@@ -15,10 +15,11 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, Town, local_coordinates
+from sada_gym.envs.pixels import Triple
 
 TEXEL_M = 0.15
 LEVELS = 7
-"""Of the mip map: each halves the resolution."""
+"""The number of levels of the mip map. Each level halves the resolution of the one before."""
 
 _MARGIN_M = 45.0
 _SHOULDER_M = 0.35
@@ -34,7 +35,6 @@ _GRASS = (0.075, 0.135, 0.035)
 _DRY_GRASS = (0.17, 0.15, 0.06)
 
 Array = npt.NDArray[np.float32]
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Ground:
         offset: (levels,) where each level begins in `texels`.
         shape: (levels, 2) rows and columns of each.
         origin: (2,) world coordinates of the first texel's outer corner, in m.
-        texel_m: The finest level's texels.
+        texel_m: The side of the finest level's texels.
         kerb_distance: (rows, columns) of the finest level, distance from the asphalt in m.
     """
 
@@ -99,7 +99,7 @@ class _Canvas:
     def around(
         self, lane: AbstractLane, half_width: float
     ) -> tuple[slice, slice, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """The window that holds a lane, and each texel's lane coordinates."""
+        """Give the window that holds a lane, and each texel's lane coordinates."""
         path = np.array([lane.position(s, 0.0) for s in np.linspace(0, lane.length, 16)])
         low = np.floor((path.min(axis=0) - half_width - 1 - self.origin) / TEXEL_M).astype(int)
         high = np.ceil((path.max(axis=0) + half_width + 1 - self.origin) / TEXEL_M).astype(int)
@@ -192,24 +192,24 @@ def _blend(texels: Array, colour: Triple, share: Array) -> None:
 
 
 def _below(distance: Array, limit: float) -> Array:
-    """How much of a texel lies where the distance is below a limit."""
+    """Give the share of a texel that lies where the distance is below a limit."""
     share: Array = np.clip(0.5 + (limit - distance) / TEXEL_M, 0, 1).astype(np.float32)
     return share
 
 
 def _stroke(distance: npt.NDArray[np.float64], half_width: float) -> npt.NDArray[np.float64]:
-    """How much of a texel a line covers."""
+    """Give the share of a texel that a line covers."""
     return np.clip(0.5 + (half_width - np.abs(distance)) / TEXEL_M, 0, 1)
 
 
 def _dashes(along: npt.NDArray[np.float64], *, on: float, period: float) -> npt.NDArray[np.float64]:
-    """How much of a texel is dash: the first `on` m of every period."""
+    """Give the share of a texel that is dash: the first `on` m of every period."""
     phase = np.mod(along, period)
     return np.clip(0.5 + (np.minimum(phase, on - phase)) / TEXEL_M, 0, 1)
 
 
 def _noise(shape: tuple[int, int], size_m: float, rng: np.random.Generator) -> Array:
-    """Smooth noise with features of a size, about -1 to 1."""
+    """Make smooth noise with features of a size, about -1 to 1."""
     step = max(1, int(size_m / TEXEL_M / 2))
     coarse = rng.normal(size=(shape[0] // step + 2, shape[1] // step + 2)).astype(np.float32)
     smooth = gaussian_filter(coarse, 0.8)
@@ -219,7 +219,7 @@ def _noise(shape: tuple[int, int], size_m: float, rng: np.random.Generator) -> A
 
 
 def _puddles(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """How much water stands, 0.35 to 1: a film, and puddles in hollows."""
+    """Say how much water stands, from 0.35 to 1: a film, and puddles in hollows."""
     hollow = _noise(shape, 5.0, rng) + 0.5 * _noise(shape, 1.5, rng)
     standing: Array = np.clip(2.2 * hollow - 0.5, 0, 1)
     return 0.35 + 0.65 * standing

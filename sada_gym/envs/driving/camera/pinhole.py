@@ -9,23 +9,24 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
+from sada_gym.envs.driving.camera.arrays import TownArrays
 from sada_gym.envs.driving.camera.casting import sunlit
 from sada_gym.envs.driving.camera.drawing import draw_all
 from sada_gym.envs.driving.camera.ground import Ground, paint
-from sada_gym.envs.driving.camera.pixel_world import World, tone_table
 from sada_gym.envs.driving.camera.scenery import CELL_M, Scenery, furnish
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import WEATHERS
+from sada_gym.envs.pixels import pixel_size, ranked, tone_table
 
 FIELD_OF_VIEW_DEG = 100.0
 FORWARD_M = 2.0
-"""From the car's middle to the camera."""
+"""The distance from the car's middle to the camera."""
 HALF_ANGLE_DEG = 62.0
-"""Of the fan of vertical planes: a little more than the picture's corners need."""
+"""Half the angle of the fan of vertical planes: a little more than the picture's corners need."""
 
 _SHADE_LEVEL = 2
 _NEAR_M = 10.0
-"""Cameras that stand so close are drawn one after another, which is faster."""
+"""Cameras that stand within this distance are drawn one after another, which is faster."""
 
 Pictures = npt.NDArray[np.uint8]
 
@@ -35,8 +36,8 @@ class Mount:
     """How a camera is mounted.
 
     Attributes:
-        height_m: Above the ground.
-        pitch_deg: Of its axis; negative looks down.
+        height_m: The camera's height above the ground.
+        pitch_deg: The pitch of its axis; a negative one looks down.
     """
 
     height_m: float = 1.4
@@ -47,19 +48,19 @@ class Lens:
     """The directions of a picture's pixels.
 
     Args:
-        rows: Of the picture.
-        columns: Of the picture.
+        rows: The number of the picture's rows.
+        columns: The number of the picture's columns.
     """
 
     def __init__(self, rows: int, columns: int) -> None:
         self.rows, self.columns = rows, columns
-        self.pixel = 2 * np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2) / columns
+        self.pixel = pixel_size(FIELD_OF_VIEW_DEG, columns)
         self.planes = 2 * columns + 56
         self._right = self.pixel * (np.arange(columns) + 0.5 - columns / 2)
         self._down = self.pixel * (np.arange(rows) + 0.5 - rows / 2)
 
     def rays(self, pitch_deg: float) -> npt.NDArray[np.float32]:
-        """(rows, columns, 4): forward, right, slope and the vertical plane of each pixel."""
+        """Give forward, right, slope and the vertical plane of each pixel, (rows, columns, 4)."""
         pitch = np.deg2rad(pitch_deg)
         forward = (np.cos(pitch) + self._down * np.sin(pitch))[:, None]
         up = (np.sin(pitch) - self._down * np.cos(pitch))[:, None]
@@ -70,7 +71,7 @@ class Lens:
         return np.stack(parts, axis=-1).astype(np.float32)
 
 
-class Camera:
+class TownCamera:
     """Draws a town.
 
     Args:
@@ -81,7 +82,7 @@ class Camera:
         place = town(layout_name)
         self.ground = paint(place)
         self.scenery = furnish(place, self.ground)
-        self.world = _world(self.ground, self.scenery)
+        self.town = _town_arrays(self.ground, self.scenery)
         suns = [tuple(weather.numbers[:3]) for weather in WEATHERS]
         different = list(dict.fromkeys(suns))
         self._shades = np.stack([self._shade(sun) for sun in different])
@@ -122,7 +123,7 @@ class Camera:
             lens.pixel,
             np.deg2rad(HALF_ANGLE_DEG),
             lens.planes,
-            self.world,
+            self.town,
             self._shades,
             self._shade_of[weathers],
             keys,
@@ -130,7 +131,7 @@ class Camera:
         return pictures
 
     def plan(self, level: int) -> Pictures:
-        """The ground from above, at a level of the mip map: (rows, columns, 3)."""
+        """Give the ground from above, at a level of the mip map: (rows, columns, 3)."""
         rows, columns = self.ground.shape[level]
         first = self.ground.offset[level]
         texels = self.ground.texels[first : first + rows * columns]
@@ -138,18 +139,18 @@ class Camera:
 
     def _shade(self, sun: tuple[float, float, float]) -> npt.NDArray[np.uint8]:
         shade = np.empty(tuple(self.ground.shape[_SHADE_LEVEL]), np.uint8)
-        sunlit(shade, *sun, self.world)
+        sunlit(shade, *sun, self.town)
         soft: npt.NDArray[np.uint8] = gaussian_filter(shade, 0.6)
         return soft
 
 
 @cache
-def camera(layout_name: str) -> Camera:
+def camera(layout_name: str) -> TownCamera:
     """Build a town's camera once a process."""
-    return Camera(layout_name)
+    return TownCamera(layout_name)
 
 
-def _world(ground: Ground, scenery: Scenery) -> World:
+def _town_arrays(ground: Ground, scenery: Scenery) -> TownArrays:
     clouds = gaussian_filter(np.random.default_rng(1).normal(size=(256, 256)), 2.0, mode="wrap")
     clouds += (
         0.35
@@ -157,8 +158,7 @@ def _world(ground: Ground, scenery: Scenery) -> World:
         * clouds.std()
         / 0.4
     )
-    ranks = clouds.ravel().argsort().argsort().reshape(clouds.shape)
-    return World(
+    return TownArrays(
         texels=ground.texels,
         offset=ground.offset,
         shape=ground.shape,
@@ -169,7 +169,7 @@ def _world(ground: Ground, scenery: Scenery) -> World:
         cells=scenery.cells,
         cell_m=CELL_M,
         origin=ground.origin,
-        clouds=(ranks / ranks.size).astype(np.float32),
-        tone=tone_table(),
+        clouds=ranked(clouds).astype(np.float32),
+        tone=tone_table(2048, exposure=1.3),
         shade_texel_m=ground.texel_m * 2**_SHADE_LEVEL,
     )

@@ -5,22 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.compiled import inlined, kernel
-from sada_gym.envs.driving.camera.pixel_world import Light, clip
-
-
-@inlined
-def _hash(state: np.uint64) -> np.uint64:
-    """One step of splitmix64 (Steele, Lea & Flood 2014)."""
-    state = state + np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return state ^ (state >> np.uint64(31))
-
-
-@inlined
-def _uniform(state: np.uint64) -> float:
-    return float(state >> np.uint64(11)) / 9007199254740992.0
+from sada_gym.compiled import kernel
+from sada_gym.envs.driving.camera.arrays import Light
+from sada_gym.envs.pixels import clip, splitmix, uniform
 
 
 @kernel
@@ -29,14 +16,14 @@ def draw_rain(picture: npt.NDArray[np.uint8], rain: float, light: Light, key: np
     rows, columns = picture.shape[0], picture.shape[1]
     brightness = 255.0 * clip(0.55 * (light.ambient[0] + light.ambient[1] + light.ambient[2]))
     thick = max(1, columns // 220)
-    state = _hash(key)
+    state = splitmix(key)
     for _ in range(int(110 * rain)):
-        state = _hash(state)
-        u = _uniform(state) * columns
-        state = _hash(state)
-        v = (1.3 * _uniform(state) - 0.3) * rows
-        state = _hash(state)
-        near = _uniform(state)
+        state = splitmix(state)
+        u = uniform(state) * columns
+        state = splitmix(state)
+        v = (1.3 * uniform(state) - 0.3) * rows
+        state = splitmix(state)
+        near = uniform(state)
         length = int((0.05 + 0.22 * near * near) * rows) + 1
         share = 0.12 + 0.30 * near
         for k in range(length):

@@ -12,7 +12,7 @@ from sada_gym.envs.driving.camera.ground import Ground
 from sada_gym.envs.driving.world.town import Town
 
 CELL_M = 8.0
-"""Of the grid in which a ray looks for objects."""
+"""The side of a cell of the grid in which a ray looks for objects."""
 
 BUILDING, TREE = 0.0, 1.0
 

@@ -8,32 +8,19 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.pixel_world import Light, Triple, clip, mix
-
-
-@inlined
-def cloud_noise(clouds: npt.NDArray[np.float32], u: float, v: float) -> float:
-    """Periodic noise at (u, v) in texels, between the nearest four."""
-    last = clouds.shape[0] - 1  # the size is a power of two
-    i, j = math.floor(u), math.floor(v)
-    fu, fv = u - i, v - j
-    i, j = i & last, j & last
-    k, m = (i + 1) & last, (j + 1) & last
-    top = clouds[i, j] * (1 - fv) + clouds[i, m] * fv
-    bottom = clouds[k, j] * (1 - fv) + clouds[k, m] * fv
-    value: float = top * (1 - fu) + bottom * fu
-    return value
+from sada_gym.envs.driving.camera.arrays import Light
+from sada_gym.envs.pixels import Triple, clip, mix, periodic
 
 
 @inlined
 def sky_colour(
     clouds: npt.NDArray[np.float32], dx: float, dy: float, slope: float, light: Light
 ) -> Triple:
-    """The colour of the sky, and of the hills at its foot, in a direction."""
+    """Give the colour of the sky, and of the hills at its foot, in a direction."""
     rise = slope / math.sqrt(1 + slope * slope)
     colour = mix(light.horizon, light.zenith, clip(1.3 * math.sqrt(max(rise, 0.0))))
     flat = 1.0 / (max(slope, 0.0) + 0.07)
-    noise = cloud_noise(clouds, 9.0 * dx * flat + 40.0, 9.0 * dy * flat + 40.0)
+    noise = periodic(clouds, 9.0 * dx * flat + 40.0, 9.0 * dy * flat + 40.0)
     share = clip(3.0 * (noise - 1.0 + light.cover)) if light.cover < 1.0 else 1.0
     shade = 0.82 + 0.36 * noise if light.cover >= 1.0 else 1.0
     cloud = (light.cloud[0] * shade, light.cloud[1] * shade, light.cloud[2] * shade)
@@ -52,7 +39,7 @@ def sky_colour(
             colour[2] + power * light.sun[2],
         )
     # no hill is higher than 0.047: most of the sky need not ask
-    if slope < 0.047 and slope < 0.012 + 0.035 * cloud_noise(clouds, 20.0 * dx, 20.0 * dy):
+    if slope < 0.047 and slope < 0.012 + 0.035 * periodic(clouds, 20.0 * dx, 20.0 * dy):
         wood = (0.05 * light.ambient[0], 0.08 * light.ambient[1], 0.05 * light.ambient[2])
         colour = mix(wood, light.horizon, 1.0 - math.exp(-450.0 * light.haze))
     return colour

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.pixel_world import Light, Triple, clip
+from sada_gym.envs.driving.camera.arrays import Light
+from sada_gym.envs.pixels import Triple, clip
 
 
 @inlined
@@ -21,7 +22,7 @@ def _texel(
     y: float,
     size: float,
 ) -> tuple[float, float, float, float]:
-    """Albedo and water of the ground around a point, averaged over about a size."""
+    """Give albedo and water of the ground around a point, averaged over about a size."""
     level = 0
     texel = texel_m
     while texel < size and level < shape.shape[0] - 1:
@@ -63,7 +64,7 @@ def ground_colour(
     pixel: float,
     light: Light,
 ) -> tuple[Triple, float]:
-    """The ground's colour without mirroring, and how much water lies there."""
+    """Give the ground's colour without mirroring, and how much water lies there."""
     across = distance * pixel
     along = across * math.sqrt(1 + (distance / height) ** 2)
     samples = min(4, 1 + int(along / (2.0 * across + texel_m)))
@@ -91,7 +92,7 @@ def ground_colour(
 
 @inlined
 def mirrored_share(slope: float, water: float, light: Light) -> float:
-    """How much of the light is mirrored by a wet ground under a ray; drops roughen the water."""
+    """Say how much of the light a wet ground mirrors under a ray; drops roughen the water."""
     if light.wetness <= 0.0:
         return 0.0
     cosine = -slope / math.sqrt(1 + slope * slope)

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.pixel_world import Array, Light, Triple, clip, mix
-from sada_gym.envs.driving.camera.sky import cloud_noise
+from sada_gym.envs.driving.camera.arrays import Array, Light
+from sada_gym.envs.pixels import Triple, clip, mix, periodic
 
 
 @inlined
 def _facing(objects: Array, i: int, normal: float, light: Light) -> float:
-    """How squarely the sun shines on a wall."""
+    """Say how squarely the sun shines on a wall."""
     ax, ay = objects[i, 3], objects[i, 4]
     facing: float = 0.5 * normal * (-ay * light.sun_x + ax * light.sun_y)
     if abs(normal) < 1.5:
@@ -33,7 +33,7 @@ def _wall(
     pixel: float,
     light: Light,
 ) -> Triple:
-    """The colour of a building's front: storeys of windows that blur with distance."""
+    """Give the colour of a building's front: storeys of windows that blur with distance."""
     own, height = objects[i, 11], objects[i, 7]
     albedo = (objects[i, 8], objects[i, 9], objects[i, 10])
     pitch = 2.4 + 1.4 * own
@@ -69,13 +69,13 @@ def _leaves(
     trunk: bool,
     light: Light,
 ) -> Triple:
-    """The colour of a tree: its lit top, its dark foot, or its trunk."""
+    """Give the colour of a tree: its lit top, its dark foot, or its trunk."""
     if trunk:
         albedo = (0.09, 0.065, 0.045)
         lit = 0.25
     else:
         albedo = (objects[i, 8], objects[i, 9], objects[i, 10])
-        mottle = cloud_noise(clouds, 7.0 * where + 50.0 * objects[i, 11], 7.0 * z)
+        mottle = periodic(clouds, 7.0 * where + 50.0 * objects[i, 11], 7.0 * z)
         lit = clip(0.35 + 0.28 * (z - middle)) * (0.55 + 0.8 * mottle)
     return (
         albedo[0] * (0.8 * light.ambient[0] + light.sun[0] * lit),
@@ -97,7 +97,7 @@ def first_upright(
     pixel: float,
     light: Light,
 ) -> tuple[float, Triple]:
-    """The first object that a ray meets between two distances: (distance, colour); -1: none."""
+    """Find the first object that a ray meets between two distances: distance (or -1) and colour."""
     for k in range(count):
         distance = hits[k, 0]
         if distance <= beyond:
@@ -118,7 +118,7 @@ def first_upright(
         off = across * across + up * up
         edge = 1.15
         if 0.69 < off < edge:  # the crown is ragged there, and nowhere else
-            grain = cloud_noise(clouds, 5.0 * hits[k, 2] + 90.0 * objects[i, 11], 5.0 * z)
+            grain = periodic(clouds, 5.0 * hits[k, 2] + 90.0 * objects[i, 11], 5.0 * z)
             edge -= 0.45 * grain
         if off < edge:
             return distance, _leaves(objects, clouds, i, hits[k, 2], z, middle, False, light)

@@ -15,7 +15,7 @@ from sada_gym.errors import UserError
 
 LAYOUT = "benchmark"
 
-TASKS: dict[str, tuple[str, ...]] = {
+ROUTES: dict[str, tuple[str, ...]] = {
     "straight": ("A1 B1 C1", "D2 D1 D0", "C3 C2 C1", "C2 B2 A2", "C0 B0 A0"),
     "one_curve": ("A1 B1 B0", "C3 C2 B2", "C2 B2 B1", "E1 D1 D0", "D3 E3 E2"),
     "navigation": (
@@ -26,17 +26,18 @@ TASKS: dict[str, tuple[str, ...]] = {
         "D2 C2 C1 C0 B0",
     ),
 }
-"""The corners that each route comes from, passes and makes for."""
+"""The routes of each of the benchmark's tasks, as the corners that a route comes from, passes and
+makes for."""
 
 
 @cache
-def task_routes(task: str) -> tuple[Route, ...]:
-    """Make a task's five routes.
+def benchmark_routes(task: str) -> tuple[Route, ...]:
+    """Make the five routes of one of the benchmark's tasks.
 
     Raises:
         ValueError: If there is no task of that name.
     """
-    if task not in TASKS:
-        raise UserError(f"Expected a task among {', '.join(TASKS)}, got {task!r}.")
-    ways: list[tuple[Corner, ...]] = [tuple(way.split()) for way in TASKS[task]]
+    if task not in ROUTES:
+        raise UserError(f"Expected a task among {', '.join(ROUTES)}, got {task!r}.")
+    ways: list[tuple[Corner, ...]] = [tuple(way.split()) for way in ROUTES[task]]
     return tuple(make_route(town(LAYOUT), way) for way in ways)

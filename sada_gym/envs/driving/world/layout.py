@@ -18,8 +18,8 @@ class Layout:
     """The plan of a town.
 
     Attributes:
-        name: Its name.
-        corners: Where streets meet, (x, y) in m by name; y points to the right of x.
+        name: The town's name.
+        corners: The places where streets meet, (x, y) in m by name; y points to the right of x.
         streets: Pairs of corners that a two-way street joins.
     """
 
@@ -28,7 +28,7 @@ class Layout:
     streets: tuple[tuple[Corner, Corner], ...]
 
     def neighbours(self, corner: Corner) -> tuple[Corner, ...]:
-        """The corners that a street joins to this one."""
+        """Give the corners that a street joins to this one."""
         return tuple(b if a == corner else a for a, b in self.streets if corner in (a, b))
 
 

@@ -15,9 +15,11 @@ from sada_gym.errors import UserError
 
 COMMANDS: tuple[Manoeuvre, ...] = ("follow", "left", "right", "straight")
 SPACING_M = 0.5
-"""Between two points of a route."""
+"""The distance between two points of a route."""
 COMMAND_LEAD_M = 15.0
-"""How long before a junction its command begins."""
+"""A junction's command begins so far before it."""
+CRUISE_M_S = 8.0
+"""The speed at which a car should follow a route where nothing makes it slower."""
 SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
 """The time limit is what the route takes at 10 km/h, as in CARLA's benchmark."""
 
@@ -29,8 +31,9 @@ class Route:
     """A way along lanes of a town.
 
     Attributes:
-        corners: From which corner the first street comes, those passed, and the last one's aim.
-        points: (n, 2) the lanes' centres, every `SPACING_M`.
+        corners: The corner from which the first street comes, the corners passed, and the corner
+            to which the last street leads.
+        points: (n, 2) the middle of the lane, every `SPACING_M`.
         heading: (n,) the lanes' heading there, in rad, continuous.
         command: (n,) int8, index into `COMMANDS`.
     """
@@ -42,12 +45,12 @@ class Route:
 
     @property
     def length_m(self) -> float:
-        """Its length."""
+        """The route's length."""
         return SPACING_M * (len(self.points) - 1)
 
     @property
     def time_limit_s(self) -> float:
-        """How long a driver may take."""
+        """The time that a driver may take."""
         return self.length_m / SLOWEST_MEAN_SPEED_M_S
 
 
@@ -59,8 +62,8 @@ def make_route(
     Args:
         town: The town.
         corners: At least two, each joined to the next by a street.
-        start: Where it begins, as a share of the first street's lane.
-        goal: Where it ends, as a share of the last street's lane.
+        start: The share of the first street's lane at which the route begins.
+        goal: The share of the last street's lane at which the route ends.
 
     Raises:
         ValueError: If a street is missing.

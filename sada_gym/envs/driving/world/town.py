@@ -21,9 +21,9 @@ from sada_gym.errors import UserTypeError
 
 LANE_WIDTH_M = 3.5
 JUNCTION_SETBACK_M = 12.0
-"""From a corner where three or four streets meet to where their lanes end."""
+"""Where three or four streets meet, their lanes end so far from the corner."""
 BEND_SETBACK_M = 22.0
-"""The same where a street only turns."""
+"""Where a street only turns, its lanes end so far from the corner."""
 
 _STRAIGHT_BELOW = np.deg2rad(30.0)
 
@@ -36,7 +36,7 @@ class Passage:
     """The way through a corner.
 
     Attributes:
-        manoeuvre: What a driver is told there; `follow` where there is no choice.
+        manoeuvre: The driver's command there; `follow` where there is no choice.
         lanes: One to three lanes, end to end.
     """
 
@@ -74,16 +74,16 @@ class Town:
                         self._add_passage(before, corner, after)
 
     def is_junction(self, corner: Corner) -> bool:
-        """Whether a driver has a choice there."""
+        """Say whether a driver has a choice there."""
         return len(self.layout.neighbours(corner)) > 2
 
     def marked_lanes(self) -> list[AbstractLane]:
-        """Lanes with a middle and an edge line: those of streets and of bends."""
+        """Give the lanes with a middle and an edge line: those of streets and of bends."""
         bends = [p.lanes for p in self.passages.values() if p.manoeuvre == "follow"]
         return [*self.streets.values(), *(lane for lanes in bends for lane in lanes)]
 
     def guided_lanes(self) -> list[AbstractLane]:
-        """Lanes through junctions."""
+        """Give the lanes through junctions."""
         ways = [p.lanes for p in self.passages.values() if p.manoeuvre != "follow"]
         return [lane for lanes in ways for lane in lanes]
 
@@ -129,7 +129,7 @@ class Town:
         return "right" if turn > 0 else "left"
 
     def _opens_right(self, before: Corner, corner: Corner) -> bool:
-        """Whether a street leads off to the right."""
+        """Say whether a street leads off to the right."""
         arriving = self.streets[before, corner].heading
         ways = [self.streets[corner, c] for c in self.layout.neighbours(corner) if c != before]
         return any(wrap_to_pi(way.heading - arriving) > _STRAIGHT_BELOW for way in ways)
@@ -142,7 +142,7 @@ def town(layout_name: str) -> Town:
 
 
 def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
-    """Longitudinal and lateral lane coordinates of many points (..., 2), as highway-env's of one.
+    """Give longitudinal and lateral lane coordinates of points (..., 2), as highway-env has them.
 
     Raises:
         TypeError: If the lane is neither straight nor circular.
@@ -160,7 +160,7 @@ def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
 
 
 def _ends(a: Corner, b: Corner) -> tuple[str, str]:
-    """The network's nodes at the start and the end of the lane from a to b."""
+    """Name the network's nodes at the start and the end of the lane from a to b."""
     return f"{a}>{b}/start", f"{a}>{b}/end"
 
 

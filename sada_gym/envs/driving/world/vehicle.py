@@ -18,7 +18,7 @@ MAX_STEERING_RAD = math.pi / 4
 MAX_ACCELERATION_M_S2 = 5.0
 """These two are the ranges of highway-env's `ContinuousAction`."""
 MAX_SPEED_M_S = 40.0
-"""Beyond it highway-env's vehicles accelerate no more, and brake."""
+"""Above this speed highway-env's vehicles accelerate no more, and brake."""
 
 _BACK, _AHEAD = 6, 14
 
@@ -34,8 +34,8 @@ def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, step
         states: (n, 4) x, y, heading, speed; changed in place.
         steering: (n,) in rad, positive to the right.
         acceleration: (n,) in m/s^2.
-        dt_s: Of one step of integration.
-        steps: Their number.
+        dt_s: The time of one step of integration.
+        steps: The number of steps.
     """
     for i in range(states.shape[0]):
         x, y, heading, speed = states[i, 0], states[i, 1], states[i, 2], states[i, 3]
@@ -63,10 +63,10 @@ def locate(
     Args:
         states: (n, 4) of the cars.
         points: (k, 2) all routes' points behind one another.
-        heading: (k,) their heading.
-        first: (n,) where each car's route begins in them.
-        last: (n,) its last point.
-        at: (n,) the nearest point at the last look; changed in place.
+        heading: (k,) the heading at these points.
+        first: (n,) the index of the first point of each car's route.
+        last: (n,) the index of its last point.
+        at: (n,) the nearest point at the last call; changed in place.
 
     Returns:
         How far each car is past its nearest point, and how far to the right of it, in m.

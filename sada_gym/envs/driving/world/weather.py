@@ -11,9 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.pixels import Triple
 from sada_gym.errors import UserError
-
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -22,17 +21,17 @@ class Weather:
 
     Attributes:
         name: CARLA's name of the preset.
-        sun_elevation_deg: Of the sun above the horizon.
+        sun_elevation_deg: The height of the sun above the horizon.
         sun_azimuth_deg: The heading that looks into the sun.
-        sun: Its light on a surface that faces it.
-        ambient: Light from everywhere.
-        zenith: Colour of the sky overhead.
-        horizon: Colour of the sky low down, and of the haze.
-        cloud: Colour of clouds.
-        cloud_cover: Share of the sky that they fill.
-        haze_per_m: How fast things fade into the haze.
-        wetness: How much water lies on the road, from 0 to 1.
-        rain: How hard it rains, from 0 to 1.
+        sun: The sun's light on a surface that faces it.
+        ambient: The light from everywhere.
+        zenith: The colour of the sky overhead.
+        horizon: The colour of the sky low down, and of the haze.
+        cloud: The colour of clouds.
+        cloud_cover: The share of the sky that clouds fill.
+        haze_per_m: The rate at which things fade into the haze.
+        wetness: The amount of water on the road, from 0 to 1.
+        rain: The strength of the rain, from 0 to 1.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Weather:
 
     @property
     def numbers(self) -> npt.NDArray[np.float64]:
-        """All of them but the name, in order: (22,), the sun as a unit vector's three."""
+        """All attributes but the name, in order: (22,). The sun is a unit vector, three numbers."""
         elevation, azimuth = np.deg2rad([self.sun_elevation_deg, self.sun_azimuth_deg])
         direction = (
             np.cos(elevation) * np.cos(azimuth),
@@ -89,7 +88,7 @@ WEATHERS = (
         (0.24, 0.20, 0.26), (0.56, 0.36, 0.26), (0.30, 0.23, 0.25), 1.0, 0.0065, 0.85, 0.4,
     ),
 )  # fmt: skip
-"""In the order of the parameter's axis: the four of training, then the two unseen ones."""
+"""The weathers in the order of the parameter's axis: four of training, then two unseen ones."""
 
 TRAINING_WEATHERS = 4
 

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel
+from sada_gym.envs.uav.world.drone import rotation
 
 UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
-"""Of the drone's own motion."""
+"""The speed and the turning rate that the network is given as 1."""
 REACH_M = 10.0
 """The unit of the network's waypoints."""
 
@@ -18,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def motion(poses: Floats) -> npt.NDArray[np.float32]:
-    """Drones' motion, (n, 9): up, velocity in 10 m/s and turning in 5 rad/s, in their own frame.
+    """Give motion (n, 9) in drones' own frame: up, velocity in 10 m/s, turning in 5 rad/s.
 
     Args:
         poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
@@ -43,12 +44,9 @@ def in_drone(poses: Floats, waypoints: Floats) -> npt.NDArray[np.float32]:
 
 
 @kernel
-def _axes(q: Floats, axes: Floats) -> None:
-    """The drone's axes in the world, one a row, of a quaternion x, y, z, w."""
-    x, y, z, w = q
-    axes[0] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
-    axes[1] = 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
-    axes[2] = 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
+def _axes(q: Floats) -> Floats:
+    """Give the drone's axes in the world, one a row, of a quaternion x, y, z, w."""
+    return rotation(q[0], q[1], q[2], q[3]).T
 
 
 @kernel
@@ -59,9 +57,8 @@ def _along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
 
 @kernel
 def _to_motion(poses: Floats, motions: npt.NDArray[np.float32]) -> None:
-    axes = np.empty((3, 3))
     for i in range(len(poses)):
-        _axes(poses[i, 3:7], axes)
+        axes = _axes(poses[i, 3:7])
         speed, turn = poses[i, 7:10], poses[i, 10:13]
         for k in range(3):
             motions[i, k] = axes[k, 2]
@@ -71,7 +68,7 @@ def _to_motion(poses: Floats, motions: npt.NDArray[np.float32]) -> None:
 
 @kernel
 def _level(axes: Floats) -> None:
-    """The axes of the level frame, x to the drone's heading, in place of the drone's own."""
+    """Replace the drone's axes by those of the level frame, x to the drone's heading."""
     size = math.hypot(axes[0, 0], axes[0, 1])
     cos, sin = (axes[0, 0] / size, axes[0, 1] / size) if size > 0 else (1.0, 0.0)
     axes[0], axes[1], axes[2] = (cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)
@@ -79,9 +76,9 @@ def _level(axes: Floats) -> None:
 
 @kernel
 def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
-    own, level = np.empty((3, 3)), np.empty((3, 3))
+    level = np.empty((3, 3))
     for i in range(len(poses)):
-        _axes(poses[i, 3:7], own)
+        own = _axes(poses[i, 3:7])
         level[:] = own
         _level(level)
         x, y = 0.0, 0.0
@@ -97,9 +94,9 @@ def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
 
 @kernel
 def _to_drone(poses: Floats, waypoints: Floats, answers: npt.NDArray[np.float32]) -> None:
-    own, level = np.empty((3, 3)), np.empty((3, 3))
+    level = np.empty((3, 3))
     for i in range(len(poses)):
-        _axes(poses[i, 3:7], own)
+        own = _axes(poses[i, 3:7])
         level[:] = own
         _level(level)
         cos, sin = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])

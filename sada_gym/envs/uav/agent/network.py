@@ -16,15 +16,16 @@ from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
 
 _LOG_NOISE = -1.0
-"""Of the actions that PPO begins with: 0.37; with SB3's own, 1, few drones reach a gate."""
+"""The logarithm of the noise on actions with which PPO begins. The noise is 0.37; with SB3's own,
+1, few drones reach a gate."""
 MOTIONS = 9
-"""Numbers of the drone's own motion: which way is up, its velocity, its turning."""
+"""The length of the drone's own motion: which way is up, its velocity, its turning."""
 
 
 class WaypointNetwork(nn.Module):
-    """Four convolutions over the image, joined with the motion; all in the drone's own frame.
+    """Says where the next gate is: four convolutions over the image, joined with the motion.
 
-    The frame is x ahead, y to the left, z up, as the drone leans.
+    All is in the drone's own frame: x ahead, y to the left, z up, as the drone leans.
     """
 
     # where the class stood when the published results were made: fingerprints hold this name
@@ -41,7 +42,7 @@ class WaypointNetwork(nn.Module):
         )
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, 3, ROWS, COLUMNS)).shape[1]
-        # attributes are the weights' names in files: layers of the image and of the motion
+        # attributes are the weights' names in files: `seen` is of the image, `felt` of the motion
         self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
         self.felt = nn.Sequential(nn.Linear(MOTIONS, 32), nn.ReLU())
         self.head = nn.Sequential(nn.Linear(160, 64), nn.ReLU(), nn.Linear(64, 6))
@@ -91,9 +92,9 @@ def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
     """Make an untrained pilot that chooses actions, a PPO.
 
     Args:
-        seed: Fixes the weights.
+        seed: The number that fixes the weights.
         env: What it will be trained on; by default one task.
-        **options: Others of PPO.
+        **options: Further options of PPO.
     """
     return new_ppo(PilotPolicy, env or RacingTaskEnv(), seed, **options)
 

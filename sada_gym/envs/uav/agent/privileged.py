@@ -16,7 +16,7 @@ class PrivilegedPilot:
     """Flies drones through gates whose true poses it knows.
 
     Args:
-        speed_m_s: The guidance's.
+        speed_m_s: The speed of the guidance.
     """
 
     def __init__(self, speed_m_s: float = SPEED_M_S) -> None:
@@ -25,9 +25,9 @@ class PrivilegedPilot:
         self.fingerprint = f"reference at {speed_m_s:g} m/s"
 
     def start(self, count: int) -> None:
-        """Nothing is remembered."""
+        """Begin new races; nothing is remembered."""
 
     def act(self, races: Races, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
-        """Choose actions (n, 4) for some of the drones."""
+        """Choose actions (n, 4) for some drones."""
         actions: npt.NDArray[np.float64] = steer(races.waypoints(which), self._speed_m_s)
         return actions

@@ -15,21 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined, kernel
+from sada_gym.envs.pixels import Triple, dot, splitmix, uniform
 
 FINER = 2
-"""Samples of the depth buffer along either side of a pixel."""
+"""The number of samples of the depth buffer along either side of a pixel."""
 NEAR_M = 0.05
 FAR_M = 400.0
-"""What is farther is haze."""
+"""Everything that is farther is haze."""
 LIMIT_M = 1e6
-"""A camera beyond, or at no number at all, sees black."""
+"""A camera that is farther off, or at no finite place, sees black."""
 BLOCK_M = 0.5
-"""Of the gates' chequers."""
+"""The side of the gates' chequers."""
 
 _AROUND_M = 3.0
 """No part of a gate is farther from its middle."""
 
-Triple = tuple[float, float, float]
 Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 
@@ -47,13 +47,13 @@ _PAINT = np.array(
 
 
 class Field(NamedTuple):
-    """What lies around the gates.
+    """The surroundings of the gates.
 
     Attributes:
         texels: (m, 3) the levels of the ground's mip map, one after another, square and periodic.
-        first: (levels,) where each begins.
-        size: Texels of the finest level's side, a power of two.
-        scales: Of each level, texels in a metre.
+        first: (levels,) the index at which each begins.
+        size: The number of texels of the finest level's side, a power of two.
+        scales: (levels,) the number of texels in a metre.
         clouds: (k, k) how white, in [0, 1], periodic, k a power of two.
         hills: (k,) slopes of the horizon's hills, periodic.
     """
@@ -81,23 +81,8 @@ class View(NamedTuple):
 
 
 @inlined
-def _hashed(key: np.uint64) -> np.uint64:
-    """SplitMix64's mixing (Steele, Lea, Flood 2014)."""
-    key = key + np.uint64(0x9E3779B97F4A7C15)
-    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return key ^ (key >> np.uint64(31))
-
-
-@inlined
-def _uniform(look: np.uint64, number: int) -> float:
-    key = _hashed(look * np.uint64(16) + np.uint64(number))
-    return float(key >> np.uint64(11)) / 9007199254740992.0
-
-
-@inlined
-def _dot(a: Triple, b: Triple) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _uniform(seed: np.uint64, number: int) -> float:
+    return uniform(splitmix(seed * np.uint64(16) + np.uint64(number)))
 
 
 @inlined
@@ -114,18 +99,18 @@ def _turned(q: Array, x: float, y: float, z: float) -> Triple:
 
 
 @inlined
-def _view(pose: Array, mount: Array, look: np.uint64) -> View:
+def _view(pose: Array, mount: Array, seed: np.uint64) -> View:
     tilt, forward, up = mount[0], mount[1], mount[2]
     q = pose[3:7]
     ahead = _turned(q, math.cos(tilt), 0.0, math.sin(tilt))
     right = _turned(q, 0.0, -1.0, 0.0)
     down = _turned(q, math.sin(tilt), 0.0, -math.cos(tilt))
     off = _turned(q, forward, 0.0, up)
-    azimuth = 2 * math.pi * _uniform(look, 0)
-    elevation = math.radians(25 + 40 * _uniform(look, 1))
+    azimuth = 2 * math.pi * _uniform(seed, 0)
+    elevation = math.radians(25 + 40 * _uniform(seed, 1))
     flat = math.cos(elevation)
-    light = 0.9 + 0.2 * _uniform(look, 2)
-    contrast = 0.3 + 0.4 * _uniform(look, 3)
+    light = 0.9 + 0.2 * _uniform(seed, 2)
+    contrast = 0.3 + 0.4 * _uniform(seed, 3)
     return View(
         (pose[0] + off[0], pose[1] + off[1], max(pose[2] + off[2], 0.02)),
         ahead,
@@ -134,11 +119,11 @@ def _view(pose: Array, mount: Array, look: np.uint64) -> View:
         (flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)),
         light * (1 - contrast),
         light * contrast * 1.3,
-        0.06 * (2 * _uniform(look, 4) - 1),
+        0.06 * (2 * _uniform(seed, 4) - 1),
         (
-            1000 * _uniform(look, 5),
-            1000 * _uniform(look, 6),
-            _uniform(look, 7),
+            1000 * _uniform(seed, 5),
+            1000 * _uniform(seed, 6),
+            _uniform(seed, 7),
         ),
     )
 
@@ -223,17 +208,17 @@ def _fill(
     """Fill a convex polygon, (count, 3) depth, right and down, with chequers.
 
     Args:
-        corners: In the camera's frame.
-        count: Of them.
+        corners: The corners, in the camera's frame.
+        count: The number of corners.
         plane: Its product with (1, right / depth, down / depth) is 1 / depth.
         along: Its product with a point, less `start`, is the place along the chequers.
         start: See `along`.
-        paint: Row of `_PAINT`, the one below for every other block.
-        light: On the face, by channel.
-        grid: Samples for a unit of right / depth, and the middle's row and column.
-        depth: 1 / depth of what stands there.
-        colours: Of the samples.
-        edges: First and last row and column of what was written.
+        paint: The row of `_PAINT`; every other block has the row below.
+        light: The light on the face, by channel.
+        grid: The number of samples for a unit of right / depth, and the middle's row and column.
+        depth: 1 / depth of what was drawn there.
+        colours: The colours of the samples.
+        edges: The first and the last row and column that were written.
     """
     scale, middle_row, middle_column = grid
     rows, columns = depth.shape
@@ -277,7 +262,7 @@ def _fill(
 
 @kernel
 def _clipped(corners: Array, out: Array) -> int:
-    """Cut four corners, (4, 3), at the near plane; gives how many `out` (6, 3) holds then."""
+    """Cut four corners, (4, 3), at the near plane; give the number that `out` (6, 3) then holds."""
     count = 0
     for i in range(4):
         k = (i + 1) & 3
@@ -308,11 +293,11 @@ def _gate(
     corners: Array,
     cut: Array,
 ) -> None:
-    """Draw a gate: of each of its boxes the faces that look to the camera."""
+    """Draw those faces of a gate's boxes that look to the camera."""
     cos, sin = math.cos(gate[3]), math.sin(gate[3])
     rx, ry, rz = gate[0] - view.place[0], gate[1] - view.place[1], gate[2] - view.place[2]
     middle = (rx, ry, rz)
-    o = (_dot(middle, view.ahead), _dot(middle, view.right), _dot(middle, view.down))
+    o = (dot(middle, view.ahead), dot(middle, view.right), dot(middle, view.down))
     if o[0] < -_AROUND_M or o[0] > FAR_M:
         return
     wide, high = grid[2] / grid[0], grid[1] / grid[0]
@@ -322,8 +307,8 @@ def _gate(
         return
     axes = ((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0))
     seen = (
-        (_dot(axes[0], view.ahead), _dot(axes[0], view.right), _dot(axes[0], view.down)),
-        (_dot(axes[1], view.ahead), _dot(axes[1], view.right), _dot(axes[1], view.down)),
+        (dot(axes[0], view.ahead), dot(axes[0], view.right), dot(axes[0], view.down)),
+        (dot(axes[1], view.ahead), dot(axes[1], view.right), dot(axes[1], view.down)),
         (view.ahead[2], view.right[2], view.down[2]),
     )
     eye = (-(rx * cos + ry * sin), rx * sin - ry * cos, -rz)
@@ -348,13 +333,13 @@ def _gate(
             if count < 3:
                 continue
             n = seen[axis]
-            away = _dot(n, o) + level
+            away = dot(n, o) + level
             plane = (n[0] / away, n[1] / away, n[2] / away)
-            facing = max(sign * _dot(axes[axis], view.sun), 0.0)
+            facing = max(sign * dot(axes[axis], view.sun), 0.0)
             light = view.ambient + view.direct * (0.35 + 0.65 * facing)
             lit = (light * (1 + view.warmth), light, light * (1 - view.warmth))
             paint = 4 if axis != 0 else 0 if sign < 0 else 2
-            start = _dot(seen[long], o)
+            start = dot(seen[long], o)
             _fill(cut, count, plane, seen[long], start, paint, lit, grid, depth, colours, edges)
 
 
@@ -363,7 +348,7 @@ def draw_all(
     pictures: Bytes,
     gates: Array,
     poses: Array,
-    looks: npt.NDArray[np.uint64],
+    seeds: npt.NDArray[np.uint64],
     mount: Array,
     pixel: float,
     bars: Array,
@@ -373,15 +358,15 @@ def draw_all(
     """Draw n pictures (n, rows, columns, 3).
 
     Args:
-        pictures: Taken.
+        pictures: The pictures, which are overwritten.
         gates: (n, g, 4).
         poses: (n, at least 7).
-        looks: (n,) what fixes the light and the field's place.
-        mount: Tilt upwards in radians, metres forward and up from the drone's middle.
+        seeds: (n,) the numbers that fix the light and the field's place.
+        mount: The tilt upwards in radians, and the way forward and up from the drone's middle in m.
         pixel: A pixel's side at a depth of one.
         bars: See `gates.BARS`.
-        thick: Their depth.
-        field: What lies around.
+        thick: The bars' depth.
+        field: The surroundings.
     """
     rows, columns = pictures.shape[1], pictures.shape[2]
     depth = np.zeros((FINER * rows, FINER * columns), np.float32)
@@ -397,7 +382,7 @@ def draw_all(
         if not sound:
             picture[:] = 0
             continue
-        view = _view(poses[i], mount, looks[i])
+        view = _view(poses[i], mount, seeds[i])
         _background(picture, view, pixel, field)
         edges[0], edges[1], edges[2], edges[3] = FINER * rows, -1, FINER * columns, -1
         for k in range(gates.shape[1]):

@@ -9,37 +9,38 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from sada_gym.envs.pixels import pixel_size, ranked
 from sada_gym.envs.uav.camera import drawing
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
 
 ROWS, COLUMNS = 48, 64
-"""Of what the pilots see."""
+"""The size of the pictures that pilots see."""
 FIELD_OF_VIEW_DEG = 90.0
-"""From the left to the right."""
+"""The angle from the picture's left edge to its right edge."""
 TILT_DEG = 10.0
-"""Upwards, from the drone's own forward axis."""
+"""The camera points upwards from the drone's own forward axis by this angle."""
 FORWARD_M, UP_M = 0.1, 0.02
-"""From the drone's middle to the camera."""
+"""The way from the drone's middle to the camera."""
 
 _SIZE, _TEXEL_M, _STRIPE_M = 512, 0.125, 4.0
 
 Pictures = npt.NDArray[np.uint8]
 
 
-class Camera:
+class DroneCamera:
     """Draws what drones see.
 
-    A picture depends on its own gates, pose and look alone. The look fixes the sun, the light's
+    A picture depends on its own gates, pose and seed alone. The seed fixes the sun, the light's
     colour, and where field, clouds and hills lie; it changes no gate.
 
     Args:
-        rows: Of the pictures.
-        columns: Of the pictures; the field of view is the same.
+        rows: The number of the pictures' rows.
+        columns: The number of their columns; the field of view stays the same.
     """
 
     def __init__(self, rows: int = ROWS, columns: int = COLUMNS) -> None:
         self.rows, self.columns = rows, columns
-        self.pixel = 2 * float(np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)) / columns
+        self.pixel = pixel_size(FIELD_OF_VIEW_DEG, columns)
         self._mount = np.array([np.deg2rad(TILT_DEG), FORWARD_M, UP_M])
         self._field = field()
 
@@ -47,7 +48,7 @@ class Camera:
         self,
         gates: npt.NDArray[np.float64],
         poses: npt.NDArray[np.float64],
-        looks: npt.ArrayLike,
+        seeds: npt.ArrayLike,
     ) -> Pictures:
         """Draw what n drones see.
 
@@ -55,13 +56,13 @@ class Camera:
             gates: (n, g, 4): x, y, z of the openings' centres, and headings.
             poses: (n, 7) or more: position, quaternion x, y, z, w. Where one is no number, or
                 farther off than 1,000 km, the picture is black.
-            looks: (n,) integers.
+            seeds: (n,) integers.
 
         Returns:
             (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), self.rows, self.columns, 3), np.uint8)
-        keys = np.asarray(looks, np.int64).astype(np.uint64)
+        keys = np.asarray(seeds, np.int64).astype(np.uint64)
         drawing.draw_all(
             pictures, gates, poses, keys, self._mount, self.pixel, BARS, DEPTH_M, self._field
         )
@@ -70,9 +71,9 @@ class Camera:
     def project(
         self, pose: npt.NDArray[np.float64], points: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]:
-        """Where in the picture of a pose (7,) points (k, 3) are: (k, 2) columns and rows.
+        """Give the columns and rows (k, 2) of points (k, 3) in the picture of a pose (7,).
 
-        NaN where a point is behind the camera.
+        They are NaN where a point is behind the camera.
         """
         tilt, forward, up = self._mount
         turn = Rotation.from_quat(pose[3:7])
@@ -89,9 +90,9 @@ class Camera:
 
 
 @cache
-def camera(rows: int = ROWS, columns: int = COLUMNS) -> Camera:
+def camera(rows: int = ROWS, columns: int = COLUMNS) -> DroneCamera:
     """Build a camera once a process."""
-    return Camera(rows, columns)
+    return DroneCamera(rows, columns)
 
 
 @cache
@@ -115,7 +116,6 @@ def field() -> drawing.Field:
     texels = np.concatenate([level.reshape(-1, 3) for level in levels]).clip(0, 255)
     first = np.cumsum([0, *(level.size // 3 for level in levels[:-1])])
     clouds = noise(256, 9) + 0.6 * noise(256, 3)
-    ranks = clouds.ravel().argsort().argsort().reshape(clouds.shape)
     hills = gaussian_filter1d(rng.normal(size=1024), 24, mode="wrap")
     trees = gaussian_filter1d(rng.normal(size=1024), 1.5, mode="wrap")
     ridge = 0.045 + 0.02 * hills / hills.std() + 0.007 * trees / trees.std()
@@ -124,6 +124,6 @@ def field() -> drawing.Field:
         first=first,
         size=_SIZE,
         scales=1 / (_TEXEL_M * 2.0 ** np.arange(len(levels))),
-        clouds=(0.8 * (ranks / ranks.size - 0.55).clip(0, None) / 0.45).astype(np.float32),
+        clouds=(0.8 * (ranked(clouds) - 0.55).clip(0, None) / 0.45).astype(np.float32),
         hills=ridge.clip(0.005, None).astype(np.float32),
     )

@@ -19,10 +19,10 @@ from sada_gym.compiled import kernel
 SIMULATION_HZ = 240
 MASS_KG = 0.830
 INERTIA_KG_M2 = 3.113e-3
-"""About every axis."""
+"""The moment of inertia, the same about every axis."""
 THRUST_TO_WEIGHT = 4.17
 ARM_X_M, ARM_Y_M = 0.0850, 0.0675
-"""Where the rotors are, to the front and to the side."""
+"""The rotors' distances from the middle, to the front and to the side."""
 TORQUE_PER_THRUST_M = 0.127 * 0.05 / (2 * math.pi * 0.1)
 """A rotor's drag torque over its thrust: C_P / (2 pi C_T) times the diameter, of a propeller of
 five inches. `racer.urdf` has a quarter of it, which no such propeller has."""
@@ -30,30 +30,30 @@ GRAVITY_M_S2 = 9.81
 MAX_ROTOR_N = THRUST_TO_WEIGHT * MASS_KG * GRAVITY_M_S2 / 4
 ROTOR_LAG_S = 0.03
 DRAG_PER_S = 0.3
-"""Linear drag over mass, of the size that Faessler, Franchi and Scaramuzza (2018) measured."""
+"""Linear drag over mass, about as much as Faessler, Franchi and Scaramuzza (2018) measured."""
 MAX_TILT_RAD = math.radians(60.0)
 VELOCITY_GAIN_PER_S = 5.0
 ATTITUDE_GAIN_PER_S = 10.0
 RATE_GAIN_PER_S = 22.0
 MAX_CLIMB_M_S2, MAX_SINK_M_S2 = 10.0, 6.0
 _YAW_SHARE = 0.3
-"""Of a rotor's greatest thrust, that yaw may take: roll and pitch come first."""
+"""The share of a rotor's greatest thrust that yaw may take: roll and pitch come first."""
 
 Array = npt.NDArray[np.float64]
 _LAG = 1.0 - math.exp(-1.0 / (SIMULATION_HZ * ROTOR_LAG_S))
 _SIGNS = np.array([[1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
-"""Of each rotor: the sides it is on, x and y, and the sign of its drag torque."""
+"""Each rotor's row: the sides on which it is, x and y, and the sign of its drag torque."""
 
 
 @kernel
 def heading_of(x: float, y: float, z: float, w: float) -> float:
-    """The heading of an attitude: where the body's x axis points, seen from above."""
+    """Give the heading of an attitude: where the body's x axis points, seen from above."""
     return math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
 
 
 @kernel
 def rotation(x: float, y: float, z: float, w: float) -> Array:
-    """The matrix of a quaternion; its columns are the body's axes."""
+    """Give the matrix of a quaternion; its columns are the body's axes."""
     r = np.empty((3, 3))
     r[0, 0], r[0, 1], r[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
     r[1, 0], r[1, 1], r[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
@@ -63,14 +63,14 @@ def rotation(x: float, y: float, z: float, w: float) -> Array:
 
 @kernel
 def wanted_attitude(force: Array, heading: float) -> Array:
-    """The attitude whose z axis is along a force and whose x axis points to a heading.
+    """Give the attitude whose z axis is along a force and whose x axis points to a heading.
 
     The x axis lies exactly above the heading, however the body leans, so that a camera does not
     swing when the drone does.
 
     Args:
         force: (3,) with an upward part.
-        heading: In rad.
+        heading: The heading in rad.
     """
     size = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     z0, z1, z2 = force[0] / size, force[1] / size, force[2] / size
@@ -87,7 +87,7 @@ def wanted_attitude(force: Array, heading: float) -> Array:
 
 @kernel
 def _wanted_force(velocity: Array, wanted: Array) -> Array:
-    """The force over mass that brings the velocity to the wanted one, within the tilt allowed."""
+    """Give the force over mass that leads to the wanted velocity, within the tilt allowed."""
     force = np.empty(3)
     for k in range(3):
         force[k] = VELOCITY_GAIN_PER_S * (wanted[k] - velocity[k]) + DRAG_PER_S * velocity[k]
@@ -126,7 +126,7 @@ def _rotors(thrust: float, torque: Array) -> Array:
 def control(
     states: Array, commands: Array, headings: Array, rotors: Array, wrenches: Array
 ) -> None:
-    """One step of the flight controller and the rotors, of n drones.
+    """Take one step of the flight controller and the rotors of n drones.
 
     Args:
         states: (n, 13) position, quaternion xyzw, velocity and angular velocity, in the world.
@@ -168,7 +168,7 @@ def control(
 
 
 def upright(place: Sequence[float], heading: float) -> Array:
-    """The state (13,) of a drone at rest."""
+    """Give the state (13,) of a drone at rest."""
     state = np.zeros(13)
     state[:3] = place
     state[5:7] = math.sin(heading / 2), math.cos(heading / 2)
@@ -176,7 +176,7 @@ def upright(place: Sequence[float], heading: float) -> Array:
 
 
 def headings(states: Array) -> Array:
-    """The headings of drones (n, 13), (n,)."""
+    """Give the headings, (n,), of drones (n, 13)."""
     return _headings(np.ascontiguousarray(states))
 
 

@@ -16,7 +16,7 @@ BAR_M = 0.3
 DEPTH_M = 0.3
 """A bar's depth, along the direction of flight."""
 CENTRE_HEIGHT_M = 2.0
-"""Of the opening's centre above the ground, which is z = 0."""
+"""The height of the opening's centre above the ground, which is z = 0."""
 
 OUTER_WIDTH_M = OPENING_WIDTH_M + 2 * BAR_M
 TOP_M = CENTRE_HEIGHT_M + OPENING_HEIGHT_M / 2 + BAR_M

@@ -1,4 +1,4 @@
-"""Guidance: from a waypoint to what the flight controller is told.
+"""Guidance: from a waypoint to the command of the flight controller.
 
 A waypoint is the next gate as a pilot has it, in the drone's level frame (x to its heading, y left,
 z up): x, y, z of the opening's centre in m, and the heading in which to pass it in rad.
@@ -16,26 +16,26 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 
 TOP_SPEED_M_S = 16.0
-"""A command of 1, forward, to the left, or up."""
+"""The velocity that a command of 1 means, forward, to the left, or up."""
 TOP_TURN_RAD_S = 4.0
-"""A command of 1, to the left."""
+"""The turning rate that a command of 1 means, to the left."""
 SPEED_M_S = 11.5
 """The one speed of the guidance, chosen by `studies/racing_speeds.py`."""
 LEAD = 0.25
-"""It aims before the gate, at this share of the distance, so that it comes in along its axis."""
+"""A drone aims before the gate by this share of the distance, so as to come in along its axis."""
 TURN_GAIN_PER_S = 4.0
 CLIMB_GAIN_PER_S = 2.0
 LOOK_M = 1.5
-"""Nearer to the gate than that, it turns to the gate's heading and not to its centre."""
+"""A drone that is nearer to the gate turns to the gate's heading and not to its centre."""
 BACK_M = 3.0
-"""Past a gate that it has not passed, it flies back to a place so far before the gate."""
+"""A drone that flew beside a gate flies back to a place so far before the gate."""
 
 Array = npt.NDArray[np.float64]
 
 
 @kernel
 def waypoints(gates: Array, states: Array) -> Array:
-    """The true waypoints: gates (n, 4) as drones (n, 13) have them before them, (n, 4)."""
+    """Give the true waypoints, (n, 4): gates (n, 4) in the level frames of drones (n, 13)."""
     found = np.empty((len(states), 4))
     for i in range(len(states)):
         s = states[i]
@@ -55,7 +55,7 @@ def steer(waypoints: Array, speed_m_s: float) -> Array:
 
     Args:
         waypoints: (n, 4).
-        speed_m_s: Over the ground.
+        speed_m_s: The speed over the ground.
 
     Returns:
         Actions, (n, 4) in [-1, 1]: wanted velocity forward, to the left and up over

@@ -14,27 +14,27 @@ from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
 from sada_gym.errors import UserTypeError
 
 BODY_M = (0.24, 0.20, 0.06)
-"""The box that touches frames and ground."""
+"""The size of the box that touches frames and ground."""
 RESTITUTION, FRICTION = 0.6, 0.3
 
 SLOTS = 16
-"""Drones in one world. They share its coordinates and never meet: each has a filter bit."""
+"""The most drones in one world. They share coordinates and never meet: each has a filter bit."""
 FRAMES = 3
-"""Gates of each drone that are solid at a time: those that it could touch before it decides again.
-The others would touch nothing, and cost time."""
+"""The number of gates that are solid for each drone at a time: those that it could touch before it
+decides again. The others would touch nothing, and cost time."""
 REACH_M = 2.0
-"""Frames nearer than that, seen from above, are solid."""
+"""Frames that are nearer than this, seen from above, are solid."""
 
 Array = npt.NDArray[np.float64]
 Body = tuple[float, ...]
 
 _GROUND_BIT = 1 << SLOTS
 _IDLE: list[int] = []
-"""Clients that no world uses: to connect one takes as long as a race."""
+"""Clients that no world uses. They are kept, since connecting one takes as long as a race."""
 _MOST_IDLE = 4
 
 
-class World:
+class BulletWorld:
     """A PyBullet world with up to `SLOTS` drones, each among gates of its own.
 
     All drones fly at the same coordinates, and what is in one slot touches the ground and what else
@@ -108,7 +108,7 @@ class World:
         self._solid[slot] = (-1,) * FRAMES
 
     def fill(self, slot: int, state: Array) -> None:
-        """Put a drone in a state (13,) and its frames into a slot; what was there goes."""
+        """Put a drone in a state (13,) and its frames into a slot, and remove what was there."""
         self.clear(slot)
         bit = 1 << slot
         shell = self._body(self._shell, [0, 0, 9], [0, 0, 0, 1], bit, bit | _GROUND_BIT, MASS_KG)
@@ -172,8 +172,8 @@ class World:
         """Let forces and torques act on some drones for one step, and give their states.
 
         Args:
-            slots: (n,) those.
-            states: (n, 13) where they are.
+            slots: (n,) the slots of these drones.
+            states: (n, 13) of these drones.
             wrenches: (n, 6) force and torque in the world.
         """
         client, frame = self._client, pybullet.WORLD_FRAME
@@ -205,12 +205,12 @@ class World:
             self.close()
 
     def __getstate__(self) -> None:
-        """A world lives in the process that made it."""
+        """Refuse to pickle: a world lives in the process that made it."""
         raise UserTypeError(
             "Expected no pickling of a PyBullet world. Make the races anew instead."
         )
 
 
 def _stored(slot: int, number: int, bar: int) -> list[float]:
-    """Where a frame's bar waits that is not needed: below the ground, apart from all others."""
+    """Give the place where an unneeded bar waits: below the ground, apart from all others."""
     return [5.0 * slot, 5.0 * number, -20.0 - 10.0 * bar]

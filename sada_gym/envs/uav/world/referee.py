@@ -18,7 +18,7 @@ from sada_gym.envs.uav.world.physics import FRAMES, REACH_M
 from sada_gym.envs.uav.world.track import to_frame
 
 UNIT_M, UNIT_RAD_S = 20.0, 10.0
-"""What an observation's distances and turning rates are divided by."""
+"""The distance and the turning rate that are observed as 1."""
 WORLD_M, CEILING_M = 80.0, 15.0
 """A drone further from the middle, or higher, is lost."""
 FALLEN_M = 0.5
@@ -31,8 +31,8 @@ _TOUCH_M_S = 1e-6
 
 
 @kernel
-def seen(waypoints: Array) -> npt.NDArray[np.float32]:
-    """Waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
+def observed_gates(waypoints: Array) -> npt.NDArray[np.float32]:
+    """Give waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
     found = np.empty((len(waypoints), 5), np.float32)
     for i in range(len(waypoints)):
         for k in range(3):
@@ -42,8 +42,8 @@ def seen(waypoints: Array) -> npt.NDArray[np.float32]:
 
 
 @kernel
-def felt(states: Array) -> npt.NDArray[np.float32]:
-    """Velocity in the level frame, the world's up in the body's frame, and body rates."""
+def observed_motion(states: Array) -> npt.NDArray[np.float32]:
+    """Give velocity in the level frame, the world's up in the body's frame, and body rates."""
     found = np.empty((len(states), 9))
     for i in range(len(states)):
         s = states[i]
@@ -63,7 +63,7 @@ def felt(states: Array) -> npt.NDArray[np.float32]:
 
 @kernel
 def frames_near(gates: Array, states: Array) -> npt.NDArray[np.int64]:
-    """The frames that each drone could touch soon, the nearest first: (n, FRAMES), -1 for none."""
+    """Give the frames that a drone could touch soon, nearest first: (n, FRAMES), -1 for none."""
     near = np.full((len(states), FRAMES), -1)
     least = np.empty(FRAMES)
     for i in range(len(states)):
@@ -81,20 +81,20 @@ def frames_near(gates: Array, states: Array) -> npt.NDArray[np.int64]:
 
 
 @kernel
-def orders(told: Array, states: Array, headings: Array) -> tuple[Array, Array]:
-    """Commands of the flight controller from actions, and the headings that it starts from."""
-    commands, begun = np.empty((len(told), 4)), np.empty(len(told))
-    for i in range(len(told)):
+def orders(actions: Array, states: Array, headings: Array) -> tuple[Array, Array]:
+    """Turn actions into the flight controller's commands and the headings that it starts from."""
+    commands, begun = np.empty((len(actions), 4)), np.empty(len(actions))
+    for i in range(len(actions)):
         s = states[i]
         heading = heading_of(s[3], s[4], s[5], s[6])
-        forward, left = told[i, 0], told[i, 1]
+        forward, left = actions[i, 0], actions[i, 1]
         over = max(math.hypot(forward, left), 1.0)
         forward, left = forward / over * TOP_SPEED_M_S, left / over * TOP_SPEED_M_S
         cosine, sine = math.cos(heading), math.sin(heading)
         commands[i, 0] = forward * cosine - left * sine
         commands[i, 1] = forward * sine + left * cosine
-        commands[i, 2] = told[i, 2] * TOP_SPEED_M_S
-        commands[i, 3] = told[i, 3] * TOP_TURN_RAD_S
+        commands[i, 2] = actions[i, 2] * TOP_SPEED_M_S
+        commands[i, 3] = actions[i, 3] * TOP_TURN_RAD_S
         behind = (headings[i] - heading + math.pi) % (2 * math.pi) - math.pi
         begun[i] = heading + min(max(behind, -_MOST_WINDUP_RAD), _MOST_WINDUP_RAD)
     return commands, begun
@@ -142,7 +142,7 @@ def judge(
 
 @kernel
 def lost_ones(states: Array) -> npt.NDArray[np.bool_]:
-    """Which drones are on their backs, out of the world or no numbers."""
+    """Say which drones are on their backs, out of the world or no finite numbers."""
     lost = np.empty(len(states), np.bool_)
     for i in range(len(states)):
         s = states[i]

@@ -18,13 +18,11 @@ from sada_gym.errors import UserError
 from sada_gym.parameters import Parameter, ParameterSpace
 
 LEAST_SPACING_M = 0.9
-"""Between any two frames of a track."""
+"""The least distance between any two frames of a track."""
 LEAST_START_M = 0.8
-"""Between the start and any frame."""
+"""The least distance between the start and any frame."""
 
 _SHARES = np.linspace(0.95, 0.0, 20)
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class Template:
 
     Attributes:
         anchors: The anchor points in m, in the order of flight.
-        range_m: How far mu = 1 moves an anchor, along x and along y.
+        range_m: The distance by which mu = 1 moves an anchor, along x and along y.
     """
 
     anchors: tuple[tuple[float, float], ...]
@@ -50,31 +48,23 @@ class Template:
             )
         )
 
-    def displaced(self, mu: npt.ArrayLike) -> Array:
-        """The anchors (n, k, 2) of a batch of mu (n, 2 k)."""
-        kept = self.kept(mu)[:, None, None]
-        anchors: Array = np.array(self.anchors) + kept * self._moves(mu)
-        return anchors
-
-    def kept(self, mu: npt.ArrayLike) -> Array:
-        """How much of its displacement each track keeps, (n,): 1 where it can be built as it is."""
-        moves, home = self._moves(mu), np.array(self.anchors)
-        kept = np.ones(len(moves))
-        for i in np.flatnonzero(~buildable(Tracks(home + moves))).tolist():
-            kept[i] = next(
-                share
-                for share in _SHARES.tolist()
-                if buildable(Tracks((home + share * moves[i])[None]))[0]
-            )
-        return kept
-
-    def _moves(self, mu: npt.ArrayLike) -> Array:
+    def tracks(self, mu: npt.ArrayLike) -> Tracks:
+        """Lay the tracks of a batch of mu (n, 2 k); those that cannot be built are drawn back."""
         rows = np.asarray(mu, np.float32).astype(np.float64)
-        return self.range_m * rows.reshape(len(rows), len(self.anchors), 2)
+        moves = self.range_m * rows.reshape(len(rows), len(self.anchors), 2)
+        home = np.array(self.anchors)
+        tracks = Tracks(home + moves)
+        for i in np.flatnonzero(~buildable(tracks)).tolist():
+            for share in _SHARES.tolist():
+                drawn_back = Tracks((home + share * moves[i])[None])
+                if buildable(drawn_back)[0]:
+                    tracks.replace(i, drawn_back, kept=share)
+                    break
+        return tracks
 
 
 def buildable(tracks: Tracks) -> npt.NDArray[np.bool_]:
-    """Whether all frames of tracks keep apart from one another and from the start, (n,)."""
+    """Say whether all frames of tracks keep apart from one another and from the start, (n,)."""
     apart: npt.NDArray[np.bool_] = tracks.closest_m() >= LEAST_SPACING_M
     apart &= tracks.start_m() >= LEAST_START_M
     return apart
@@ -85,11 +75,11 @@ TEMPLATES = {
     4: Template(((-13.4, -11.2), (13.4, -11.2), (13.4, 11.2), (-13.4, 11.2)), 15.0),
     5: Template(((-9.2, -12.6), (9.2, -12.6), (14.8, 4.8), (0.0, 15.6), (-14.8, 4.8)), 13.0),
 }
-"""By the number of anchor points."""
+"""The templates by the number of anchor points."""
 
 
 def template(anchors: int) -> Template:
-    """The template with so many anchor points.
+    """Give the template with so many anchor points.
 
     Raises:
         ValueError: If there is none.

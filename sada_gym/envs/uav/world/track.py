@@ -13,12 +13,12 @@ from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
 
 GATES = 8
-"""On every track, one lap."""
+"""The number of gates of every track, of one lap."""
 DEGREE = 2
 _SAMPLES = 600
-"""Chords by which a lap is measured."""
+"""The number of chords by which a lap is measured."""
 _SHARES = np.append(0.5, np.arange(GATES) + 1.0) / GATES
-"""Where on the lap the start and the gates stand."""
+"""The shares of the lap at which the start and the gates stand."""
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +34,9 @@ class Tracks:
     Attributes:
         gates: (n, GATES, 4) x, y, z of the opening's centre, and the heading of flight.
         starts: (n, 4) x, y, z and heading: half a gate's spacing before the first gate.
-        length_m: (n,) of the lap.
+        length_m: (n,) the length of the lap.
+        kept: (n,) the share of mu's displacements that a template kept: less than 1 where a track
+            was drawn back.
     """
 
     def __init__(self, anchors: Array) -> None:
@@ -43,12 +45,19 @@ class Tracks:
         self.gates = np.empty((count, GATES, 4))
         self.starts = np.empty((count, 4))
         self.length_m = np.empty(count)
+        self.kept = np.ones(count)
         for i, points in enumerate(anchors):
             places, self.length_m[i] = along(points, _SHARES)
             self.starts[i], self.gates[i] = places[0], places[1:]
 
+    def replace(self, i: int, other: Tracks, *, kept: float) -> None:
+        """Lay the only track of another batch in place i."""
+        self.anchors[i], self.kept[i] = other.anchors[0], kept
+        self.gates[i], self.starts[i] = other.gates[0], other.starts[0]
+        self.length_m[i] = other.length_m[0]
+
     def turns_deg(self) -> Array:
-        """How far a track turns from the start, and from every gate, to the next: (n, GATES).
+        """Give the angles (n, GATES) by which tracks turn from the start and each gate to the next.
 
         Left is positive. A loop between two gates counts: a turn may be of more than 180.
         """
@@ -58,28 +67,28 @@ class Tracks:
         return np.rad2deg(turned)
 
     def sharpest_turn_deg(self) -> Array:
-        """The greatest turn of each track, to either side, (n,)."""
+        """Give the greatest turn of each track, to either side, (n,)."""
         sharpest: Array = np.abs(self.turns_deg()).max(axis=1)
         return sharpest
 
     def closest_m(self) -> Array:
-        """The smallest distance between two frames of a track, (n,); 0 where they overlap."""
+        """Give the smallest distance between two frames of a track, (n,); 0 where they overlap."""
         return np.array([_closest(gates) for gates in self.gates])
 
     def start_m(self) -> Array:
-        """The distance from the start to the nearest frame, (n,)."""
+        """Give the distance from the start to the nearest frame, (n,)."""
         return np.array(
             [_nearest(gates, start) for gates, start in zip(self.gates, self.starts, strict=True)]
         )
 
 
 def line(anchors: Array, count: int = 200) -> Array:
-    """The lap of one track, (count, 2) points from the start on."""
+    """Give the lap of one track, (count, 2) points from the start on."""
     return along(anchors, np.linspace(0, 1, count))[0][:, :2]
 
 
 def along(anchors: Array, share: Array) -> tuple[Array, float]:
-    """Places on one track.
+    """Give places on one track.
 
     Args:
         anchors: (k, 2).
@@ -96,7 +105,7 @@ def along(anchors: Array, share: Array) -> tuple[Array, float]:
 
 
 def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
-    """The spline's parameters at shares of a lap, and the lap's length in m."""
+    """Give the spline's parameters at shares of a lap, and the lap's length in m."""
     count = len(anchors)
     points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
     step = np.hypot(*np.diff(points, axis=0).T)
@@ -106,7 +115,7 @@ def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
 
 
 def _headings(anchors: Array, at: Array) -> Array:
-    """Headings at increasing parameters, without jumps of a whole turn."""
+    """Give headings at increasing parameters, without jumps of a whole turn."""
     # between two knots the tangent runs straight from one vector to another: less than half a turn
     every = np.union1d(at, np.arange(len(anchors) + 1))
     tangent = _spline(anchors).derivative()(every)
@@ -120,13 +129,13 @@ def _spline(anchors: Array) -> BSpline:
 
 
 def _knots(count: int) -> Array:
-    """Uniform ones, so that the lap's parameter runs from 0 to the number of anchors."""
+    """Give uniform knots, so that the lap's parameter runs from 0 to the number of anchors."""
     return np.arange(-DEGREE, count + DEGREE + 1, dtype=np.float64)
 
 
 @lru_cache
 def _basis(count: int) -> Array:
-    """What every anchor weighs in every sample of a lap."""
+    """Give the weight of every anchor in every sample of a lap."""
     parameter = np.linspace(0, count, _SAMPLES + 1)
     basis: Array = BSpline.design_matrix(parameter, _knots(count), DEGREE).toarray()
     return basis
@@ -134,7 +143,7 @@ def _basis(count: int) -> Array:
 
 @kernel
 def _corners(gate: Array) -> Array:
-    """The four corners of a frame, seen from above."""
+    """Give the four corners of a frame, seen from above."""
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
     corners = np.empty((4, 2))
     for k in range(4):
@@ -147,7 +156,7 @@ def _corners(gate: Array) -> Array:
 
 @kernel
 def to_frame(gate: Array, x: float, y: float) -> float:
-    """The distance of a point from a frame, seen from above; 0 inside of it."""
+    """Give the distance of a point from a frame, seen from above; 0 inside of it."""
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
     dx, dy = x - gate[0], y - gate[1]
     forward = max(abs(dx * cosine + dy * sine) - DEPTH_M / 2, 0.0)
@@ -157,7 +166,7 @@ def to_frame(gate: Array, x: float, y: float) -> float:
 
 @kernel
 def _cross(one: Array, other: Array) -> bool:
-    """Whether the middle lines of two frames cross."""
+    """Say whether the middle lines of two frames cross."""
     ax, ay = -math.sin(one[3]), math.cos(one[3])
     bx, by = -math.sin(other[3]), math.cos(other[3])
     dx, dy = other[0] - one[0], other[1] - one[1]

@@ -1,7 +1,4 @@
-"""What the pixel kernels are given: a town and a weather as numbers, and colours.
-
-Light is linear RGB.
-"""
+"""What the pixel kernels are given: a town and a weather as numbers."""
 
 from __future__ import annotations
 
@@ -11,15 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
+from sada_gym.envs.pixels import Triple
 
-TONE_STEPS = 2048
-TONE_WHITE = 3.0
-
-Triple = tuple[float, float, float]
 Array = npt.NDArray[np.float64]
 
 
-class World(NamedTuple):
+class TownArrays(NamedTuple):
     """A town for the kernels; see `Ground` and `Scenery`."""
 
     texels: npt.NDArray[np.uint8]
@@ -54,13 +48,6 @@ class Light(NamedTuple):
     rain: float
 
 
-def tone_table() -> npt.NDArray[np.uint8]:
-    """Map linear light in [0, TONE_WHITE] to bytes: exponential shoulder, then gamma 2.2."""
-    mapped = 1 - np.exp(-1.3 * np.linspace(0, TONE_WHITE, TONE_STEPS))
-    level: Array = 255 * (mapped / mapped[-1]) ** (1 / 2.2)
-    return np.round(level).astype(np.uint8)
-
-
 @inlined
 def light_of(numbers: Array) -> Light:
     """Read a weather out of its 22 numbers, see `Weather`."""
@@ -78,19 +65,3 @@ def light_of(numbers: Array) -> Light:
         numbers[20],
         numbers[21],
     )
-
-
-@inlined
-def mix(a: Triple, b: Triple, share: float) -> Triple:
-    """Mix two colours, `share` of them b."""
-    return (
-        a[0] + share * (b[0] - a[0]),
-        a[1] + share * (b[1] - a[1]),
-        a[2] + share * (b[2] - a[2]),
-    )
-
-
-@inlined
-def clip(value: float) -> float:
-    """Clip to [0, 1]."""
-    return min(max(value, 0.0), 1.0)

@@ -1,0 +1,72 @@
+"""What an application asks of a frozen agent: detector, classifier, driver and pilot alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.agents.identity import identity
+from sada_gym.errors import UserError
+
+Indices = npt.NDArray[np.intp]
+EpisodesT = TypeVar("EpisodesT", contravariant=True)
+ActionsT = TypeVar("ActionsT", covariant=True)
+
+
+@runtime_checkable
+class Agent(Protocol[EpisodesT, ActionsT]):
+    """Acts in many episodes in lockstep, in each as if it were alone.
+
+    In a closed loop the episodes are `Episodes` of the application, and an action is an array. For
+    a detector or a classifier an episode is one image, and an action is its answer.
+
+    An agent may also have `settings`, a dictionary that JSON can hold: how it is used, as far as an
+    action depends on it. Evaluation stores keep them with the name of an agent that has one.
+    """
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over what the agent's actions depend on, None where it is unknown."""
+
+    def start(self, count: int) -> None:
+        """Begin `count` new episodes."""
+
+    def act(self, episodes: EpisodesT, which: Indices) -> ActionsT:
+        """Choose the actions in some of the episodes, in the order of `which`."""
+        ...
+
+
+def known_as(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | None:
+    """What evaluation stores know an agent by: see `identity`.
+
+    Args:
+        agent: The agent.
+        given: The object that a user passed, which the agent calls.
+        agent_id: The name that its owner gave it, if any.
+    """
+    return identity(agent.fingerprint, given, agent_id, getattr(agent, "settings", None))
+
+
+def as_agent(given: Any, policy: Callable[[Any], Agent[Any, Any]], kinds: str) -> Agent[Any, Any]:
+    """Give the agent that an object means.
+
+    Args:
+        given: An agent as it is, or a model with `predict`.
+        policy: Makes an agent of a model.
+        kinds: What the application takes besides agents, for messages.
+
+    Raises:
+        UserError: If the object is neither; and what `policy` raises.
+    """
+    if isinstance(given, Agent):
+        return given
+    if hasattr(given, "predict"):
+        return policy(given)
+    lacking = [name for name in ("fingerprint", "start", "act") if not hasattr(given, name)]
+    raise UserError(
+        f"Expected {kinds}, or an object with fingerprint, start(count) and act(episodes, which), "
+        f"got {type(given).__name__}, which has no {' and no '.join(lacking)}. Add what is missing."
+    )

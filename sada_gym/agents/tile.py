@@ -1,0 +1,62 @@
+"""Tiles: a network always sees batches of one size, whatever the number of its inputs.
+
+A batch of another size would give other last bits, and a closed loop makes another episode of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.determinism import one_thread
+
+Batch = dict[str, npt.NDArray[Any]]
+"""Inputs of n agents, each key (n, ...)."""
+
+Answers = TypeVar("Answers")
+
+
+def tiled(
+    network: Callable[[Batch], Answers],
+    batch: Mapping[str, npt.NDArray[Any]],
+    size: int,
+    *,
+    blank: bool = False,
+) -> list[Answers]:
+    """Show a batch to a network, `size` rows at a time.
+
+    The last tile is filled up. Torch computes in one thread: more would give other last bits.
+
+    Args:
+        network: Takes a full tile and gives a sequence or an array of `size` answers.
+        batch: The inputs, each key (n, ...).
+        size: The rows of a tile.
+        blank: Fill the last tile with zeros. Otherwise it is filled with copies of its first row.
+
+    Returns:
+        The answers to each tile in turn, without those to the filling.
+    """
+    count = len(next(iter(batch.values())))
+    answers: list[Any] = []
+    with one_thread():
+        for start in range(0, count, size):
+            chosen = {key: value[start : start + size] for key, value in batch.items()}
+            rows = min(size, count - start)
+            filled = {
+                key: np.concatenate([value, _filling(value, size - rows, blank)])
+                for key, value in chosen.items()
+            }
+            found: Any = network(filled)
+            answers.append(found[:rows])
+    return answers
+
+
+def _filling(value: npt.NDArray[Any], rows: int, blank: bool) -> npt.NDArray[Any]:
+    # also where there are no rows: `concatenate` then lays a transposed picture out in the same
+    # order in memory as in other tiles, and convolutions give other last bits for another order
+    if blank:
+        return np.zeros((rows, *value.shape[1:]), value.dtype)
+    return np.repeat(value[:1], rows, axis=0)

@@ -1,0 +1,88 @@
+"""Episodes that go on in lockstep: what a simulator offers to agents, recorders and inner tasks."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from sada_gym.agents.tile import Batch
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Pictures = npt.NDArray[np.uint8]
+
+StartT = TypeVar("StartT")
+
+
+class Episodes(ABC, Generic[StartT]):
+    """Episodes of one simulator that go on in lockstep, each as if it were alone.
+
+    A subclass begins each episode in its `__init__`, and counts a step of `steps` wherever an agent
+    acted. What happens in one episode must not depend on the others, to the last bit.
+
+    Args:
+        starts: How each episode begins.
+
+    Attributes:
+        task: The id of the inner task that trains agents for these episodes, for messages.
+        observation_space: The space of one episode's observations.
+        action_space: The space of one episode's actions, within [-1, 1].
+        finite_only: Whether an action that is not finite is an error. Otherwise the episode itself
+            says what becomes of it.
+        starts: How each episode began.
+        steps: (n,) int64, the number of actions taken in each.
+    """
+
+    task: str
+    observation_space: spaces.Dict
+    action_space: spaces.Box[Any]
+    finite_only: bool = True
+
+    def __init__(self, starts: Sequence[StartT]) -> None:
+        self.starts = [*starts]
+        self.steps = np.zeros(len(starts), np.int64)
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.starts)
+
+    @abstractmethod
+    def begin(self, i: int, start: StartT) -> None:
+        """Begin another episode in place i."""
+
+    @abstractmethod
+    def under_way(self) -> Indices:
+        """Give the episodes that have not ended."""
+
+    @property
+    @abstractmethod
+    def score(self) -> Array:
+        """The score Q of each episode so far, (n,)."""
+
+    @abstractmethod
+    def observe(self, which: Indices) -> Batch:
+        """Give the observations of some episodes, each key (len(which), ...)."""
+
+    @abstractmethod
+    def render(self, which: Indices) -> Pictures:
+        """Draw frames of some episodes, (len(which), rows, columns, 3)."""
+
+    @abstractmethod
+    def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
+        """Take one action (k,) in each of some episodes: actions (len(which), k)."""
+
+    @abstractmethod
+    def moment(self) -> Batch:
+        """Give what a rollout keeps of this moment, each key (n, ...)."""
+
+    def where(self, i: int) -> str:
+        """Say in a few words where episode i is, for messages."""
+        return f"step {self.steps[i]}"
+
+    def close(self) -> None:
+        """Free what the episodes hold; doing it again is fine."""

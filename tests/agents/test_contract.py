@@ -1,0 +1,53 @@
+"""Detectors, classifiers, drivers and pilots keep one contract."""
+
+import pytest
+
+from sada_gym import agents
+from sada_gym.agents.contract import Agent, as_agent, known_as
+from sada_gym.envs.detection.detector import DetectorAgent
+from sada_gym.envs.digits.classifier import ClassifierAgent
+from sada_gym.envs.driving.agent.driver import as_driver
+from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
+from sada_gym.envs.uav.agent.pilot import as_pilot
+from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+
+MAKERS = {
+    "SADA-Detection": DetectorAgent,
+    "SADA-Digits": ClassifierAgent,
+    "SADA-Driving": as_driver,
+    "SADA-UAV": as_pilot,
+}
+
+
+@pytest.mark.parametrize("application", MAKERS)
+def test_shipped_agents_keep_it(application):
+    agent = MAKERS[application](agents.load(agents.names(application)[0], application))
+    assert isinstance(agent, Agent)
+    assert len(agent.fingerprint) == 64
+    assert agent.start(3) is None
+
+
+def test_what_keeps_it_is_taken_as_it_is():
+    for make, agent in ((as_driver, PrivilegedDriver()), (as_pilot, PrivilegedPilot())):
+        assert make(agent) is agent
+
+
+def test_what_does_not_is_told_what_it_lacks():
+    class Mute:
+        fingerprint = "mute"
+
+        def start(self, count):
+            pass
+
+    message = r"Expected a model, or an object with .*, got Mute, which has no act\. Add what is"
+    with pytest.raises(ValueError, match=message):
+        as_agent(Mute(), policy=None, kinds="a model")
+
+
+def test_a_name_stands_for_the_settings_as_well():
+    class Tuned(PrivilegedPilot):
+        settings = {"gain": 1.0}  # noqa: RUF012
+
+    tuned, plain = Tuned(), PrivilegedPilot()
+    assert known_as(tuned, "given", None) == known_as(plain, "given", None) == plain.fingerprint
+    assert known_as(tuned, "given", "mine") != known_as(plain, "given", "mine")
