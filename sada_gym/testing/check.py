@@ -120,10 +120,7 @@ def load_applications(path: str | Path) -> list[Application]:
     """
     module = import_file(path)
     members = list(vars(module).values())
-    found: list[Application] = []
-    for member in members:
-        if isinstance(member, Application) and not any(member is other for other in found):
-            found.append(member)
+    found = list({id(m): m for m in members if isinstance(m, Application)}.values())
     for member in members:
         if (
             inspect.isclass(member)

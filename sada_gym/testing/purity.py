@@ -58,7 +58,7 @@ def assert_pure(
         outcomes = application.evaluate(mu[order], [seeds[i] for i in order])
         compare_outcomes(reference, outcomes, how, [int(i) for i in order])
     if other_process:
-        _compare_with_another_process(application, mu, seeds, reference)
+        assert_same_in_another_process(application, n=n, seed=seed)
 
 
 def assert_same_in_another_process(application: Application, *, n: int = 70, seed: int = 0) -> None:
@@ -69,7 +69,9 @@ def assert_same_in_another_process(application: Application, *, n: int = 70, see
         ValueError: If the application can't be pickled.
     """
     mu, seeds = draw_worlds(application, n, seed)
-    _compare_with_another_process(application, mu, seeds, application.evaluate(mu, seeds))
+    here = application.evaluate(mu, seeds)
+    there = in_fresh_process(application.evaluate, mu, seeds, home=type(application))
+    compare_outcomes(here, there, "in another process")
 
 
 def compare_outcomes(
@@ -99,14 +101,3 @@ def compare_outcomes(
                 f"Expected the same info whatever surrounds an evaluation, got other values of "
                 f"{keys} for world {row} {how}."
             )
-
-
-def _compare_with_another_process(
-    application: Application, mu: Mu, seeds: list[int], reference: Outcomes
-) -> None:
-    there = in_fresh_process(_evaluate, application, mu, seeds, home=type(application))
-    compare_outcomes(reference, there, "in another process")
-
-
-def _evaluate(application: Application, mu: Mu, seeds: list[int]) -> Outcomes:
-    return application.evaluate(mu, seeds)

@@ -29,16 +29,13 @@ def _require(condition: bool, sentence: str) -> None:
         raise AssertionError(sentence)
 
 
-def _is_declared(application: Application) -> bool:
-    return isinstance(getattr(application, "parameters", None), ParameterSpace)
-
-
 def check_declaration(application: Application) -> str:
     """Check the attributes that describe the application."""
+    parameters = getattr(application, "parameters", None)
     _require(
-        _is_declared(application),
-        f"Expected `parameters` to be a ParameterSpace, got "
-        f"{getattr(application, 'parameters', None)!r}. Set it in __init__ or in the class.",
+        isinstance(parameters, ParameterSpace),
+        f"Expected `parameters` to be a ParameterSpace, got {parameters!r}. Set it in __init__ or "
+        "in the class.",
     )
     name = getattr(application, "name", None)
     _require(isinstance(name, str) and bool(name), f"Expected `name` to be a str, got {name!r}.")

@@ -16,7 +16,7 @@ from sada_gym.adversaries.td3 import TD3
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, TrainingDiverged, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 OFF_POLICY = {"hidden": (16,), "updates": 0.2, "batch": 16}
 QUICK = {
