@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Arrays, Learner, take
-from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import MissingExtra
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from ribs.archives import CVTArchive
     from ribs.schedulers import Scheduler
 
-Array = npt.NDArray[np.float64]
 
 _THRESHOLD_MIN = -0.01  # below every objective, so that Q = 1 may enter the archive too
 

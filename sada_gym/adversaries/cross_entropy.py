@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
@@ -16,6 +15,7 @@ from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import AdversaryError
+from sada_gym.parameters import Mu
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
 _TRIES = 50
@@ -138,7 +138,7 @@ class CrossEntropy(Learner):
     def _sizes(self) -> list[int]:
         return [2**i for i in range(self.options.components.bit_length())]
 
-    def _draw_stage(self, mixture: Mixture, n: int) -> npt.NDArray[np.float32]:
+    def _draw_stage(self, mixture: Mixture, n: int) -> Mu:
         points = mixture.sample(n, self.rng)
         uniform = self.rng.random(n) < self.options.defensive
         points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))

@@ -20,8 +20,10 @@ from sada_gym.adversaries.omega import Induced, Omega, draw_uniform, evaluate_un
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import OneLine, Strict, write_file, write_model
+from sada_gym.parameters import Mu
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+Floats = npt.NDArray[np.floating[Any]]
 
 NONE_FOOLED = "no point of Omega fooled: learnt from the lowest scores instead"
 
@@ -83,7 +85,7 @@ class Learner(Adversary):
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _draw(self, n: int) -> Floats:
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
     def _arrays(self) -> Arrays:
@@ -94,12 +96,12 @@ class Learner(Adversary):
         """Restore what `_arrays` gave; `omega` is known. Here it fits again."""
         self._fit(self.omega)
 
-    def _propose(self, n: int, noise: float) -> npt.NDArray[np.floating[Any]]:
+    def _propose(self, n: int, noise: float) -> Floats:
         """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
 
-    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+    def _uniform(self, n: int) -> Mu:
         """Draw n uniform mu, (n, d)."""
         return draw_uniform(n, self.dimension, self.rng)
 
@@ -128,7 +130,7 @@ class Learner(Adversary):
         self._fit(omega)
         return omega
 
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
+    def sample(self, n: int) -> Mu:
         """Draw n fresh mu: (n, d) float32 in [-1, 1], no two equal and none a query.
 
         Raises:
@@ -138,7 +140,7 @@ class Learner(Adversary):
         self._refuse_untrained("sample")
         return self._fresh(n)
 
-    def _fresh(self, n: int) -> npt.NDArray[np.float32]:
+    def _fresh(self, n: int) -> Mu:
         return fresh_rows(self._propose, (n, self.dimension), self._known)
 
     def _know(self, omega: Omega) -> None:
@@ -228,6 +230,11 @@ def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
         wanted = ", ".join("any" if length is None else str(length) for length in shape)
         raise UserError(f"{name} has the shape {array.shape}, not ({wanted})")
     return array
+
+
+def part(arrays: Arrays, prefix: str) -> Arrays:
+    """Give the arrays whose names start with a prefix, by the rest of their names."""
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
 
 def refuse_bad_numbers(arrays: Arrays) -> None:

@@ -1,23 +1,25 @@
-"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own)."""
+"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own).
+
+`sada` is `level-set` as it was when the published results were made.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
-from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
+from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.measures.coverage import density_and_coverage
-
-Array = npt.NDArray[np.float64]
+from sada_gym.parameters import Mu
 
 LEAST_BUDGET = 20
 
@@ -111,9 +113,7 @@ class LevelSet(Learner):
             omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
         )
 
-    def _choose(
-        self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
-    ) -> npt.NDArray[np.float32]:
+    def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
         """Choose the next queries from the pool: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
@@ -121,7 +121,7 @@ class LevelSet(Learner):
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _acquisition(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:
         """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
         del surrogate, pool
         return p * (1.0 - p)
@@ -150,9 +150,7 @@ class LevelSet(Learner):
         self._share = float(inside.mean())
         self._starts = pool[inside][:_LEAST_SET]
 
-    def _raise_level(
-        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp], highest: float
-    ) -> None:
+    def _raise_level(self, pool: Mu, p: Array, rows: npt.NDArray[np.intp], highest: float) -> None:
         """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
         least = self.options.coverage * self._predict_coverage(pool, p, others, real)
@@ -162,9 +160,9 @@ class LevelSet(Learner):
                 return
             self.level = level
 
-    def _predict_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
+    def _predict_pool(self, size: int) -> tuple[Mu, Array]:
         """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
-        pools: list[npt.NDArray[np.float32]] = []
+        pools: list[Mu] = []
         predicted: list[Array] = []
         while len(pools) < _MOST_POOLS:
             pools.append(self._uniform(size))
@@ -175,10 +173,10 @@ class LevelSet(Learner):
 
     def _predict_coverage(
         self,
-        pool: npt.NDArray[np.float32],
+        pool: Mu,
         p: Array,
         rows: npt.NDArray[np.intp],
-        real: npt.NDArray[np.float32],
+        real: Mu,
     ) -> float:
         """Predict the coverage of samples from some rows of the pool, that fool with chance p."""
         covered = []
@@ -189,13 +187,13 @@ class LevelSet(Learner):
             covered.append(density_and_coverage(held, fooling).coverage)
         return float(np.mean(covered))
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _draw(self, n: int) -> Floats:
         if self._share < _RARE:
             return self._walk(n)
         pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MOST_POOLS * _MOST_POOL))
         return pool[self._surrogate(pool) >= self.level]
 
-    def _walk(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _walk(self, n: int) -> Floats:
         """Walk within {p >= level} from the points known to lie in it (Metropolis; Ter Braak 2006).
 
         Steps are differences of two random points of the set, so that they have its shape.
@@ -209,6 +207,17 @@ class LevelSet(Learner):
             accepted = self._surrogate(proposed) >= self.level
             mu[accepted] = proposed[accepted]
         return mu
+
+
+class SADA(LevelSet):
+    """Learns from the scores themselves, not from their ranks; all else is as in `level-set`.
+
+    The published results hold rows of this adversary. It will be removed when they hold those of
+    `level-set`.
+    """
+
+    name: ClassVar[str] = "sada"
+    ranks: ClassVar[bool] = False
 
 
 def _pool_size(queries: int) -> int:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.omega import Omega
+from sada_gym.parameters import Mu
 
 
 class Random(Learner):
@@ -27,7 +25,7 @@ class Random(Learner):
     def _fit(self, omega: Omega) -> None:
         """Learn nothing."""
 
-    def _draw(self, n: int) -> npt.NDArray[np.float32]:
+    def _draw(self, n: int) -> Mu:
         return self._uniform(n)
 
     _fresh = _draw

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+import torch
 from scipy.special import softmax
+from torch import Tensor
 
 from sada_gym.adversaries.learner import Arrays, take
 from sada_gym.adversaries.models.mixture import Array
@@ -54,8 +56,6 @@ class Reinforce(RLAdversary):
     options: ReinforceOptions
 
     def _begin(self, queries: int) -> None:  # noqa: ARG002 - it keeps none
-        import torch
-
         o, shape = self.options, (self.options.components, self.dimension)
         means = self.rng.uniform(-1.0, 1.0, shape) if o.components > 1 else np.zeros(shape)
         self._logits = torch.zeros(o.components, dtype=torch.float64, requires_grad=True)
@@ -66,7 +66,7 @@ class Reinforce(RLAdversary):
         self._adam = torch.optim.Adam(self._parameters, o.learning_rate)
 
     @property
-    def _parameters(self) -> list[Any]:
+    def _parameters(self) -> list[Tensor]:
         return [self._logits, self._means, self._log_deviations]
 
     def _act(self, n: int) -> Proposals:
@@ -78,8 +78,6 @@ class Reinforce(RLAdversary):
         return Proposals(np.zeros_like(action), action)
 
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        import torch
-
         with one_thread():
             log_density = self._log_density(torch.as_tensor(proposals.action))
             reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
@@ -90,7 +88,7 @@ class Reinforce(RLAdversary):
             self._adam.step()
         return all(bool(parameter.isfinite().all()) for parameter in self._parameters)
 
-    def _log_density(self, points: Any) -> Any:
+    def _log_density(self, points: Tensor) -> Tensor:
         """Give the mixture's log density at points (n, d), before reflection: (n,)."""
         scaled = (points[:, None] - self._means) / self._log_deviations.exp()
         normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - self._log_deviations
@@ -101,8 +99,6 @@ class Reinforce(RLAdversary):
         return {name: parameter.detach().numpy() for name, parameter in named}
 
     def _restore(self, arrays: Arrays) -> None:
-        import torch
-
         count = self.options.components
         self._logits = torch.tensor(take(arrays, "logits", count))
         self._means = torch.tensor(take(arrays, "means", count, self.dimension))

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.learner import Arrays, Floats, take
+from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
 
-Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
 ONE_CLASS = "all scores of Omega fall into one of the five bins: samples are uniform"
@@ -69,7 +69,7 @@ class SVM(Selection):
         count = min(self.options.subset, len(label))
         return order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
 
-    def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
+    def _predict(self, mu: Array) -> Floats:
         """Give each mu the class that wins most of the pairs; the lower class wins ties."""
         votes = np.zeros((len(mu), len(self._classes)))
         x = _standardise(mu)

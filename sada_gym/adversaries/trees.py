@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
+from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
+from sada_gym.parameters import Mu
 
 _POOL = 20_000
 _MOST_POOLS = 10
@@ -54,14 +55,14 @@ class Trees(Learner):
             self.options.trees, random_state=int(self.rng.integers(2**31))
         ).fit(omega.mu, fooled)
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
-        pools: list[npt.NDArray[np.float32]] = []
-        predicted: list[npt.NDArray[np.float64]] = []
+    def _draw(self, n: int) -> Floats:
+        pools: list[Mu] = []
+        predicted: list[Array] = []
         for _ in range(_MOST_POOLS):
             pool = self._uniform(_POOL)
             # one column where every query fooled, or none
             p = self._forest.predict_proba(pool)[:, -1]
-            kept: npt.NDArray[np.float32] = pool[p >= self.options.level]
+            kept: Mu = pool[p >= self.options.level]
             if len(kept):
                 return kept
             pools.append(pool)

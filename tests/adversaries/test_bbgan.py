@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sada_gym.adversaries.bbgan import BBGAN
-from sada_gym.adversaries.bbgan_boost import BoostedBBGAN, split_budget
+from sada_gym.adversaries.bbgan import BBGAN, BoostedBBGAN, split_budget
 from sada_gym.adversaries.bbgan_networks import fold
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, TrainingDiverged, UserError

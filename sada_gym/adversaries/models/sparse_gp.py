@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
-
-Array = npt.NDArray[np.float64]
+from sada_gym.adversaries.models.exact_gp import Array, Kernel, fit_kernel
 
 _JITTER = 1e-6
 _BLOCK = 4_000

@@ -12,9 +12,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
+from sada_gym.adversaries.models.exact_gp import Array
 from sada_gym.adversaries.models.sparse_gp import SparseGP
-
-Array = npt.NDArray[np.float64]
 
 _FOLDS = 4
 _LEAST_FOOLING = 20
