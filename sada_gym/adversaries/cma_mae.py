@@ -18,7 +18,6 @@ from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import MissingExtra
 
 if TYPE_CHECKING:
-    from ribs.archives import CVTArchive
     from ribs.schedulers import Scheduler
 
 
@@ -61,8 +60,8 @@ class CMAMAE(Learner):
     square of its fooling rate, which favours cells where fooling was not luck. Then it picks one of
     the cell's points that fooled, and takes a Gaussian step from there. The
     step's expected length is half the distance to the nearest other fooling point, and its
-    deviation is at most `sigma` in each dimension.
-    See `CMAMAEOptions`.
+    deviation is at most `sigma` in each dimension. Training raises `ModuleNotFoundError` where
+    ribs is not installed. See `CMAMAEOptions`.
     """
 
     name: ClassVar[str] = "cma-mae"
@@ -70,13 +69,7 @@ class CMAMAE(Learner):
     options_class = CMAMAEOptions
     options: CMAMAEOptions
 
-    def train(self, oracle: Query) -> None:
-        """Spend the oracle's budget on a uniform part and on the evolution strategies.
-
-        Raises:
-            ValueError: If there is no budget, or a score is not finite.
-            ModuleNotFoundError: If ribs is not installed.
-        """
+    def _query(self, oracle: Query) -> Omega:
         try:
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
@@ -84,9 +77,6 @@ class CMAMAE(Learner):
                 "Expected ribs for cma-mae, but it is not installed. Install it with: "
                 "pip install 'sada-gym[qd]'"
             ) from error
-        super().train(oracle)
-
-    def _query(self, oracle: Query) -> Omega:
         uniform = math.ceil(self.options.uniform_share * oracle.remaining)
         omega = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         halton = qmc.Halton(self.dimension, rng=self.rng)
@@ -115,6 +105,10 @@ class CMAMAE(Learner):
             seed=self._seed(),
         )
         archive.add(omega.mu, 1.0 - omega.score, omega.mu)
+        elites = archive.data(["solution", "objective"])
+        fools = elites["objective"] >= 1.0 - self.threshold
+        starts = elites["solution"][fools] if fools.any() else elites["solution"]
+        shape = self.options.emitters, self.dimension
         emitters = [
             EvolutionStrategyEmitter(
                 archive,
@@ -125,16 +119,9 @@ class CMAMAE(Learner):
                 restart_rule="basic",
                 seed=self._seed(),
             )
-            for start in self._starts(archive)
+            for start in np.resize(self.rng.permutation(starts), shape)
         ]
         return Scheduler(archive, emitters)
-
-    def _starts(self, archive: CVTArchive) -> Array:
-        """Pick an elite for each strategy, of those that fool if any do: (emitters, d)."""
-        elites = archive.data(["solution", "objective"])
-        fools = elites["objective"] >= 1.0 - self.threshold
-        solutions = elites["solution"][fools] if fools.any() else elites["solution"]
-        return np.resize(self.rng.permutation(solutions), (self.options.emitters, self.dimension))
 
     def _fit(self, omega: Omega) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""

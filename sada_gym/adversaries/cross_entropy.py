@@ -15,7 +15,6 @@ from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import AdversaryError
-from sada_gym.parameters import Mu
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
 _TRIES = 50
@@ -40,32 +39,8 @@ class CrossEntropyOptions(Options):
     defensive: float = option(0.05, 0, 1, inside=True)
 
 
-@dataclass(frozen=True)
-class _Proposal:
-    """The distribution of one stage: a truncated mixture, and a share of uniform points.
-
-    Attributes:
-        mixture: The mixture; None for the first stage, which is all uniform.
-        mass: The mixture's mass in the box.
-        defensive: The share of uniform points.
-        count: The number of points drawn.
-    """
-
-    mixture: Mixture | None
-    mass: float
-    defensive: float
-    count: int
-
-    def log_ratio(self, points: Array) -> Array:
-        """Give the log of its density over the uniform distribution's at points (n, d): (n,)."""
-        if self.mixture is None:
-            return np.zeros(len(points))
-        truncated = self.mixture.log_density(points) - math.log(self.mass)
-        truncated += points.shape[1] * math.log(2.0)
-        mixed: Array = np.logaddexp(
-            math.log(self.defensive), math.log1p(-self.defensive) + truncated
-        )
-        return mixed
+_Stage = tuple[int, Mixture | None, float]
+"""How many points were drawn, from which mixture (None is uniform), its mass in the box."""
 
 
 class CrossEntropy(Learner):
@@ -99,15 +74,17 @@ class CrossEntropy(Learner):
     def _query(self, oracle: Query) -> Omega:
         first, *later = self._split(oracle.remaining)
         newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        self._proposals = [_Proposal(None, 1.0, 1.0, first)]
+        self._stages: list[_Stage] = [(first, None, 1.0)]
         level = math.inf
         for count in later:
             quantile = float(np.quantile(newest.score, self.options.elite, method="lower"))
             level = max(min(level, quantile), self.threshold)
             mixture = self._fit_mixture(omega, level)
-            mass = mixture.mass_in_box(self.rng)
-            self._proposals.append(_Proposal(mixture, mass, self.options.defensive, count))
-            newest = evaluate(self._draw_stage(mixture, count), oracle)
+            self._stages.append((count, mixture, mixture.mass_in_box(self.rng)))
+            points = mixture.sample(count, self.rng)
+            uniform = self.rng.random(count) < self.options.defensive
+            points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
+            newest = evaluate(points.astype(np.float32), oracle)
             omega += newest
         return omega
 
@@ -129,20 +106,26 @@ class CrossEntropy(Learner):
         """Fit the uniform density over the points at or below the level."""
         elite = omega.mu[omega.score <= level].astype(np.float64)
         log_density = logsumexp(
-            [math.log(stage.count) + stage.log_ratio(elite) for stage in self._proposals], axis=0
+            [self._log_density(elite, *stage) for stage in self._stages], axis=0
         )
         weights = np.exp(log_density.min() - log_density)
         return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
 
+    def _log_density(
+        self, points: Array, count: int, mixture: Mixture | None, mass: float
+    ) -> Array:
+        """Give the log of a stage's points per volume at points (n, d), up to a constant: (n,)."""
+        if mixture is None:
+            return np.full(len(points), math.log(count))
+        truncated = mixture.log_density(points) - math.log(mass)
+        truncated += points.shape[1] * math.log(2.0)
+        uniform = self.options.defensive
+        mixed: Array = np.logaddexp(math.log(uniform), math.log1p(-uniform) + truncated)
+        return math.log(count) + mixed
+
     @property
     def _sizes(self) -> list[int]:
         return [2**i for i in range(self.options.components.bit_length())]
-
-    def _draw_stage(self, mixture: Mixture, n: int) -> Mu:
-        points = mixture.sample(n, self.rng)
-        uniform = self.rng.random(n) < self.options.defensive
-        points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
-        return points.astype(np.float32)
 
     def _learn_odds(self, omega: Omega, level: float) -> None:
         """Fit mixtures to the points at or below the level and above it, which thin the samples."""

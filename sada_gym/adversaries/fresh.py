@@ -66,15 +66,11 @@ def fresh_rows(
         proposed, found = proposed + len(drawn), found + len(chosen) - before
         if rounds % _WINDOW == 0:
             if found <= _LEAST_NEW * proposed:
-                noise = _more(noise, len(chosen), shape[0])
+                if noise > _MOST_NOISE:
+                    raise AdversaryError(
+                        f"Expected {shape[0]:,} different samples, but after {len(chosen):,} the "
+                        "adversary draws hardly anything new. Ask for fewer, or train it again."
+                    )
+                noise *= 10.0
             proposed = found = 0
     return np.array(list(chosen.values()), np.float32).reshape(shape)
-
-
-def _more(noise: float, found: int, wanted: int) -> float:
-    if noise > _MOST_NOISE:
-        raise AdversaryError(
-            f"Expected {wanted:,} different samples, but after {found:,} the adversary draws "
-            "hardly anything new. Ask for fewer, or train it again."
-        )
-    return 10.0 * noise

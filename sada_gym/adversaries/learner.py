@@ -66,15 +66,11 @@ class Learner(Adversary):
         threshold: The fooling threshold of the training.
     """
 
-    def __init__(
-        self, dimension: int, *, seed: int | None = None, preset: str = "default", **options: Any
-    ) -> None:
-        super().__init__(dimension, seed=seed, preset=preset, **options)
-        self.omega = Omega(np.zeros((0, self.dimension), np.float32), np.zeros(0))
-        self.threshold = 0.0
-        self._trained = False
-        self._known: set[bytes] = set()
-        self._before_fit: Mapping[str, Any] = {}
+    omega: Omega
+    threshold: float
+    _trained = False
+    _known: set[bytes]
+    _before_fit: Mapping[str, Any]
 
     def _query(self, oracle: Query) -> Omega:
         """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
@@ -198,8 +194,12 @@ class Learner(Adversary):
         adversary = cls(record.dimension, seed=0, **options.as_dict())
         adversary.threshold = record.threshold
         arrays = load((folder / _ARRAYS).read_bytes())
-        refuse_bad_numbers(arrays)
-        adversary._know(_omega(arrays, adversary.dimension))
+        _refuse_bad_numbers(arrays)
+        score = take(arrays, "omega.score", None)
+        mu = take(arrays, "omega.mu", len(score), adversary.dimension)
+        if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
+            raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
+        adversary._know(Omega(mu, score))
         adversary._before_fit = record.before_fit
         adversary.rng.bit_generator.state = record.before_fit
         adversary._restore(arrays)
@@ -223,10 +223,9 @@ def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
     if name not in arrays:
         raise UserError(f"the array {name} is missing")
     array = arrays[name]
-    fits = len(array.shape) == len(shape) and all(
-        length is None or length == own for own, length in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
+    if array.ndim != len(shape) or any(
+        length not in (None, own) for own, length in zip(array.shape, shape, strict=True)
+    ):
         wanted = ", ".join("any" if length is None else str(length) for length in shape)
         raise UserError(f"{name} has the shape {array.shape}, not ({wanted})")
     return array
@@ -237,25 +236,12 @@ def part(arrays: Arrays, prefix: str) -> Arrays:
     return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
 
-def refuse_bad_numbers(arrays: Arrays) -> None:
-    """Refuse arrays from a file that hold anything but finite numbers.
-
-    Raises:
-        ValueError: If an array holds anything else.
-    """
+def _refuse_bad_numbers(arrays: Arrays) -> None:
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
             raise UserError(f"{name} holds {array.dtype}, not numbers")
         if not np.isfinite(array).all():
             raise UserError(f"{name} holds NaN or infinite numbers")
-
-
-def _omega(arrays: Arrays, dimension: int) -> Omega:
-    score = take(arrays, "omega.score", None)
-    mu = take(arrays, "omega.mu", len(score), dimension)
-    if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
-        raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
-    return Omega(mu, score)
 
 
 def _in_a_line(error: Exception) -> str:

@@ -78,9 +78,7 @@ class LevelSet(Learner):
 
     Attributes:
         ranks: Whether the surrogate predicts ranks of scores.
-        omega: All points evaluated in training.
         level: Samples are drawn where p >= level.
-        flags: What a reader of the result must know, such as that no point fooled.
     """
 
     name: ClassVar[str] = "level-set"
@@ -96,16 +94,15 @@ class LevelSet(Learner):
             raise BudgetTooSmall(
                 f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
             )
-        first = (
-            budget
-            if not self.options.rounds
-            else max(int(self.options.uniform * budget), LEAST_BUDGET)
-        )
+        rounds = self.options.rounds
+        first = max(int(self.options.uniform * budget), LEAST_BUDGET) if rounds else budget
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        for part in _split(budget - first, self.options.rounds):
-            surrogate = self._fit_surrogate(omega, self.rng)
-            pool = self._uniform(max(_pool_size(budget), 4 * part))
-            omega += evaluate(self._choose(surrogate, pool, part), oracle)
+        for i in range(1, rounds + 1):
+            part = first + (budget - first) * i // rounds - len(omega)
+            if part:
+                surrogate = self._fit_surrogate(omega, self.rng)
+                pool = self._uniform(max(_pool_size(budget), 4 * part))
+                omega += evaluate(self._choose(surrogate, pool, part), oracle)
         return omega
 
     def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
@@ -121,9 +118,8 @@ class LevelSet(Learner):
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:  # noqa: ARG002
         """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
-        del surrogate, pool
         return p * (1.0 - p)
 
     def _fit(self, omega: Omega) -> None:
@@ -222,9 +218,3 @@ class SADA(LevelSet):
 
 def _pool_size(queries: int) -> int:
     return min(max(_POOL_PER_QUERY * queries, _LEAST_POOL), _MOST_POOL)
-
-
-def _split(total: int, parts: int) -> list[int]:
-    """Split a budget into parts of nearly one size; none is empty."""
-    sizes = [total * (i + 1) // parts - total * i // parts for i in range(parts)]
-    return [size for size in sizes if size]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
+
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.omega import Omega
@@ -20,7 +22,7 @@ class Random(Learner):
     packages = ()
 
     def _query(self, oracle: Query) -> Omega:  # noqa: ARG002 - there is nothing to ask
-        return self.omega
+        return Omega(self._uniform(0), np.zeros(0))
 
     def _fit(self, omega: Omega) -> None:
         """Learn nothing."""
