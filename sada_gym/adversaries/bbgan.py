@@ -65,7 +65,7 @@ class BBGAN(Learner):
         self._generator = torch.Generator()
         self._g: Generator
         self._d: Discriminator
-        self._ceiling = torch.zeros(())
+        self._ceiling: Tensor
 
     def train(self, oracle: Query) -> None:
         """Evaluate Omega with all of the budget, induce S, and train the GAN on it.
@@ -81,11 +81,8 @@ class BBGAN(Learner):
                 self._log.close()
 
     def _fit(self, omega: Omega) -> None:
-        self._seed_networks()
-        self._train_networks(omega)
-
-    def _seed_networks(self) -> None:
         self._generator.manual_seed(int(self.rng.integers(2**62)))
+        self._train_networks(omega)
 
     def _train_networks(self, omega: Omega) -> None:
         """Train G and D afresh on the set induced from omega."""
@@ -93,13 +90,10 @@ class BBGAN(Learner):
         induced = self._induce(omega, self.options.induced_size)
         with one_thread():
             self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
-            self._ceiling = self._refusal_ceiling()
-
-    def _refusal_ceiling(self) -> Tensor:
-        """Give the logit above which no sample is refused: a quantile over G's own samples."""
-        with torch.no_grad():
-            logits = self._d(self._g(_CALIBRATION_DRAWS, self._generator))
-        return torch.quantile(logits, self.options.acceptance)
+            # the logit above which no sample is refused: a quantile over G's own samples
+            with torch.no_grad():
+                logits = self._d(self._g(_CALIBRATION_DRAWS, self._generator))
+            self._ceiling = torch.quantile(logits, self.options.acceptance)
 
     def _draw(self, n: int) -> Mu:
         return self._propose(n, 0.0)
@@ -174,8 +168,7 @@ class BoostedBBGAN(BBGAN):
         """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
         omega = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
-        self._seed_networks()
-        self._train_networks(omega)
+        self._fit(omega)
         for stage in range(self.options.stages if share else 0):
             self._know(omega)
             sampled = evaluate(self._fresh(share), oracle)

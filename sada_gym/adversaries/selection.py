@@ -49,10 +49,6 @@ class Selection(Learner):
     options: SelectionOptions
 
     @abstractmethod
-    def _fit(self, omega: Omega) -> None:
-        """Learn to predict the score from all of Omega."""
-
-    @abstractmethod
     def _predict(self, mu: npt.NDArray[np.float64]) -> Floats:
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 

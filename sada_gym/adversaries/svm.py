@@ -21,6 +21,7 @@ Labels = npt.NDArray[np.int64]
 
 ONE_CLASS = "all scores of Omega fall into one of the five bins: samples are uniform"
 
+_UNIT_VARIANCE = math.sqrt(3.0)  # the scale at which the uniform distribution has it
 _EDGES = (0.2, 0.4, 0.6, 0.8)
 _PENALTIES = (0.1, 1.0, 10.0, 100.0)
 _WIDTHS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -46,7 +47,7 @@ class SVM(Selection):
     packages = ("scikit-learn",)
 
     def _fit(self, omega: Omega) -> None:
-        x, label = _standardise(omega.mu.astype(np.float64)), np.digitize(omega.score, _EDGES)
+        x, label = _UNIT_VARIANCE * omega.mu.astype(np.float64), np.digitize(omega.score, _EDGES)
         self._classes = np.unique(label)
         self._gamma = 0.0
         self._vectors = np.zeros((0, self.dimension))
@@ -72,7 +73,7 @@ class SVM(Selection):
     def _predict(self, mu: Array) -> Floats:
         """Give each mu the class that wins most of the pairs; the lower class wins ties."""
         votes = np.zeros((len(mu), len(self._classes)))
-        x = _standardise(mu)
+        x = _UNIT_VARIANCE * mu
         for start in range(0, len(mu), _BLOCK):
             rows = slice(start, start + _BLOCK)
             kernel = np.exp(-self._gamma * cdist(x[rows], self._vectors, "sqeuclidean"))
@@ -102,11 +103,6 @@ class SVM(Selection):
         self._vectors = take(arrays, "vectors", None, self.dimension)
         self._coefficients = take(arrays, "coefficients", len(self._vectors), pairs)
         self._intercepts = take(arrays, "intercepts", pairs)
-
-
-def _standardise(mu: Array) -> Array:
-    """Scale mu such that the uniform distribution over the box has unit variance."""
-    return mu * math.sqrt(3.0)
 
 
 def _machine(penalty: float, gamma: float) -> SVC:

@@ -42,21 +42,20 @@ def assert_pure(
     """
     mu, seeds = draw_worlds(application, n, seed)
     reference = application.evaluate(mu, seeds)
-    compare_outcomes(reference, application.evaluate(mu, seeds), "evaluated a second time")
-    for i in range(n):
-        alone = application.evaluate(mu[i : i + 1], seeds[i : i + 1])
-        compare_outcomes(reference, alone, "evaluated alone", [i])
-    for size in range(1, n + 1) if sizes is None else sizes:
-        rows = [(7 * size + i) % n for i in range(size)]
-        outcomes = application.evaluate(mu[rows], [seeds[i] for i in rows])
-        compare_outcomes(reference, outcomes, f"in a batch of {size}", rows)
     rng = np.random.default_rng(seed)
-    for how, order in (
-        ("in another order", rng.permutation(n)),
-        ("beside copies of itself", rng.integers(n, size=n)),
-    ):
-        outcomes = application.evaluate(mu[order], [seeds[i] for i in order])
-        compare_outcomes(reference, outcomes, how, [int(i) for i in order])
+    batches = [
+        ("evaluated a second time", list(range(n))),
+        *(("evaluated alone", [i]) for i in range(n)),
+        *(
+            (f"in a batch of {size}", [(7 * size + i) % n for i in range(size)])
+            for size in (range(1, n + 1) if sizes is None else sizes)
+        ),
+        ("in another order", rng.permutation(n).tolist()),
+        ("beside copies of itself", rng.integers(n, size=n).tolist()),
+    ]
+    for how, rows in batches:
+        outcomes = application.evaluate(mu[rows], [seeds[i] for i in rows])
+        compare_outcomes(reference, outcomes, how, rows)
     if other_process:
         assert_same_in_another_process(application, n=n, seed=seed)
 
