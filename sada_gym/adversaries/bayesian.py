@@ -57,8 +57,7 @@ class Bayesian(MixtureLearner):
     the oracle's budget sets the number. S comes from the last 1,000 evaluations, or from all if
     there are fewer. The paper fits mixtures of several sizes and reports the best. We take the one
     of the best cross-validated likelihood, without a test sample. Draws outside the box are drawn
-    again.
-    See `BayesianOptions`.
+    again. See `BayesianOptions`.
     """
 
     name: ClassVar[str] = "bayesian"

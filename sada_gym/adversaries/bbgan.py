@@ -92,7 +92,8 @@ class BBGAN(Learner):
             self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
             # the logit above which no sample is refused: a quantile over G's own samples
             with torch.no_grad():
-                logits = self._d(self._g(_CALIBRATION_DRAWS, self._generator))
+                mu, _ = self._g(_CALIBRATION_DRAWS, self._generator)
+                logits = self._d(mu)
             self._ceiling = torch.quantile(logits, self.options.acceptance)
 
     def _draw(self, n: int) -> Mu:
@@ -102,7 +103,7 @@ class BBGAN(Learner):
         """Draw samples of the generator; without noise, leave out those that D refuses."""
         n = 2 * n + 64
         with torch.no_grad(), one_thread():
-            mu = self._g(n, self._generator)
+            mu, _ = self._g(n, self._generator)
             if noise:
                 mu = mu + noise * torch.randn(mu.shape, generator=self._generator)
             elif self.options.acceptance:

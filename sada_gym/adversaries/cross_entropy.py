@@ -62,8 +62,7 @@ class CrossEntropy(Learner):
     Samples are those of the last mixture, thinned by an estimate of p from all evaluated points
     (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
     edges of a fooling set. Where Q is fixed this leaves the target as it is; where it is random
-    samples lean towards higher p.
-    See `CrossEntropyOptions`.
+    samples lean towards higher p. See `CrossEntropyOptions`.
     """
 
     name: ClassVar[str] = "cross-entropy"
@@ -94,7 +93,19 @@ class CrossEntropy(Learner):
             self.flags.append(NONE_FOOLED)
             level = float(np.sort(omega.score)[:FALLBACK_SIZE][-1])
         self._mixture = self._fit_mixture(omega, level)
-        self._learn_odds(omega, level)
+        # mixtures of the points at or below the level and above it, which thin the samples
+        fooled = omega.score <= level
+        self._classes: list[Mixture] = []
+        self._log_odds = self._ceiling = 0.0
+        if fooled.all():
+            return
+        self._classes = [
+            fit_best_mixture(omega.mu[chosen], self._sizes, self.rng)
+            for chosen in (fooled, ~fooled)
+        ]
+        self._log_odds = math.log(fooled.sum() / (~fooled).sum())
+        odds = self._odds(self._mixture.sample(_CALIBRATION_DRAWS, self.rng))
+        self._ceiling = float(np.quantile(odds, _ACCEPTANCE))
 
     def _split(self, budget: int) -> list[int]:
         """Split the budget into the first, uniform stage and later ones, none of them empty."""
@@ -126,21 +137,6 @@ class CrossEntropy(Learner):
     @property
     def _sizes(self) -> list[int]:
         return [2**i for i in range(self.options.components.bit_length())]
-
-    def _learn_odds(self, omega: Omega, level: float) -> None:
-        """Fit mixtures to the points at or below the level and above it, which thin the samples."""
-        fooled = omega.score <= level
-        self._classes: list[Mixture] = []
-        self._log_odds = self._ceiling = 0.0
-        if fooled.all():
-            return
-        self._classes = [
-            fit_best_mixture(omega.mu[chosen], self._sizes, self.rng)
-            for chosen in (fooled, ~fooled)
-        ]
-        self._log_odds = math.log(fooled.sum() / (~fooled).sum())
-        odds = self._odds(self._mixture.sample(_CALIBRATION_DRAWS, self.rng))
-        self._ceiling = float(np.quantile(odds, _ACCEPTANCE))
 
     def _odds(self, points: Array) -> Array:
         """Estimate the probability that points (n, d) fool: (n,)."""

@@ -73,8 +73,7 @@ class SAC(OffPolicyAdversary):
 
     This is the soft actor-critic (Haarnoja et al. 2018) by Stable-Baselines3, with a fixed
     temperature: at its optimum an action's density is proportional to exp(reward / temperature), as
-    far as a squashed Gaussian allows.
-    See `SACOptions`.
+    far as a squashed Gaussian allows. See `SACOptions`.
     """
 
     name: ClassVar[str] = "sac"
@@ -115,8 +114,7 @@ class TD3(OffPolicyAdversary):
 
     This is twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018) by
     Stable-Baselines3. A deterministic policy is not a distribution, so samples are its actions with
-    the noise that it explores with.
-    See `TD3Options`.
+    the noise that it explores with. See `TD3Options`.
     """
 
     name: ClassVar[str] = "td3"

@@ -36,8 +36,8 @@ class PPO(SB3Adversary):
     """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
 
     This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
-    the order of the uniform queries' scores, because they are no actions of the policy.
-    See `PPOOptions`.
+    the order of the uniform queries' scores, because they are no actions of the policy. See
+    `PPOOptions`.
     """
 
     name: ClassVar[str] = "ppo"

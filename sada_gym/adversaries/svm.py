@@ -55,20 +55,17 @@ class SVM(Selection):
         if len(self._classes) == 1:
             self.flags.append(ONE_CLASS)
             return
-        rows = self._stratified(label)
+        # rows such that every class has its share of them, and of each fold
+        shuffled = self.rng.permutation(len(label))
+        order = shuffled[np.argsort(label[shuffled], kind="stable")]
+        count = min(self.options.subset, len(label))
+        rows = order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
         penalty, self._gamma = _cross_validate(x[rows], label[rows], np.arange(len(rows)) % _FOLDS)
         machine = _machine(penalty, self._gamma).fit(x, label)
         self._vectors, self._intercepts = machine.support_vectors_, machine.intercept_
         self._coefficients = _coefficients(machine)
         if len(self._classes) == 2:  # scikit-learn turns the sign of a single pair
             self._coefficients, self._intercepts = -self._coefficients, -self._intercepts
-
-    def _stratified(self, label: Labels) -> npt.NDArray[np.intp]:
-        """Pick rows such that every class has its share of them, and of each fold."""
-        shuffled = self.rng.permutation(len(label))
-        order = shuffled[np.argsort(label[shuffled], kind="stable")]
-        count = min(self.options.subset, len(label))
-        return order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
 
     def _predict(self, mu: Array) -> Floats:
         """Give each mu the class that wins most of the pairs; the lower class wins ties."""

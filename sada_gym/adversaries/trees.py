@@ -35,9 +35,7 @@ class Trees(Learner):
     """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
 
     The reference for every adversary that learns a surrogate: thirty lines around scikit-learn.
-    Where no candidate of 200,000 reaches the level, the likeliest are taken.
-
-    See `TreesOptions`.
+    Where no candidate of 200,000 reaches the level, the likeliest are taken. See `TreesOptions`.
     """
 
     name: ClassVar[str] = "trees"

@@ -154,7 +154,9 @@ def check_purity(application: Application) -> str:
     Where the agent is called with a tile of inputs at once (`application.tile`), batches around
     that size are tried too, and the finding names the tile.
     """
-    tile = _tile(application)
+    tile = getattr(application, "tile", None)
+    if not isinstance(tile, int) or isinstance(tile, bool) or not 1 <= tile <= MAX_TILE:
+        tile = None
     sizes = SIZES if tile is None else tuple(sorted({*SIZES, tile, tile + 1}))
     try:
         assert_pure(application, sizes=sizes, other_process=False)
@@ -168,13 +170,6 @@ def check_purity(application: Application) -> str:
         ) from error
     how = "permuted" if tile is None else f"permuted, with tile={tile}"
     return f"The same to the last bit alone, in batches of {min(sizes)} to {max(sizes)}, {how}."
-
-
-def _tile(application: Application) -> int | None:
-    """Give the number of inputs in one call of the agent, or None if it is not declared."""
-    tile = getattr(application, "tile", None)
-    is_size = isinstance(tile, int) and not isinstance(tile, bool) and 1 <= tile <= MAX_TILE
-    return tile if is_size else None
 
 
 def check_other_process(application: Application) -> str:
