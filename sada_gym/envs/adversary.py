@@ -133,7 +133,8 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        return self.application.replay(mu, seed)
+        with self.application.contained():
+            return self.application.replay(mu, seed)
 
     def close(self) -> None:
         """Free what the application holds; calling it twice is fine."""
@@ -230,7 +231,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        return self.application.replay(mu, seed)
+        with self.application.contained():
+            return self.application.replay(mu, seed)
 
     def close_extras(self, **_: Any) -> None:
         """Free what the application holds."""
@@ -280,7 +282,8 @@ class _Episodes(Proposals):
         shown = self._shown[index]
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
-        return self._application.render(*shown)
+        with self._application.contained():
+            return self._application.render(*shown)
 
 
 def _made(
