@@ -241,8 +241,8 @@ def refuse_undeclared(application: Application) -> None:
     parameters = getattr(application, "parameters", None)
     if not isinstance(parameters, ParameterSpace):
         raise UserTypeError(
-            f"Expected `parameters` of {name} to be a ParameterSpace, got {parameters!r}. Set it in "
-            "the class or in __init__."
+            f"Expected `parameters` of {name} to be a ParameterSpace, got {parameters!r}. Set it "
+            "in the class or in __init__."
         )
     threshold = getattr(application, "fooling_threshold", None)
     if not isinstance(threshold, int | float | np.number) or not 0.0 <= threshold <= 1.0:
