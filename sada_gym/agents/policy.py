@@ -108,7 +108,7 @@ class Policy:
         return actions.astype(np.float64)
 
     def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
-        """Whether each of a tile's observations keeps its action when the tile is reversed."""
+        """Say whether each of a tile's observations keeps its action when the tile is reversed."""
         drawn = deepcopy(observation_space)
         drawn.seed(0)
         samples = [drawn.sample() for _ in range(POLICY_TILE)]
@@ -136,7 +136,7 @@ class Policy:
         return actions
 
     def _predict(self, tile: Batch) -> npt.NDArray[Any]:
-        """Actions of a tile; NaN for those to whom the model refuses one."""
+        """Give the actions of a tile; NaN for those to whom the model refuses one."""
         try:
             actions = self._ask(tile)
         except ValueError as error:
@@ -152,7 +152,7 @@ class Policy:
         return np.asarray(actions)
 
     def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
-        """Actions of a tile, for each of which a tile is filled with the same observation."""
+        """Give the actions of a tile, asked for one by one, each with a tile of its observation."""
         actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in range(self._tile):
             try:
@@ -165,7 +165,7 @@ class Policy:
 
 
 def _is_torchs_refusal(error: ValueError) -> bool:
-    """Whether a distribution of torch's refused its parameters: the network's output was NaN.
+    """Say whether a distribution of torch's refused its parameters: the network's output was NaN.
 
     The error has no type of its own, so the place where it was raised decides.
     """

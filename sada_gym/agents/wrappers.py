@@ -35,7 +35,7 @@ _LEAVE_OBSERVATIONS = (VecCheckNan, VecMonitor, VecVideoRecorder)
 
 
 class Predictor(Protocol):
-    """What chooses actions: an SB3 model, or any object with these three."""
+    """A model that chooses actions: one of SB3's, or any object with these three members."""
 
     observation_space: gym.Space[Any]
     action_space: gym.Space[Any]
@@ -46,55 +46,55 @@ class Predictor(Protocol):
 
 
 class Transform(Protocol):
-    """What one wrapper does to observations."""
+    """Does to observations what one wrapper did in training."""
 
     def start(self, count: int) -> None:
-        """Begin new episodes of `count` agents."""
+        """Begin `count` new episodes."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:
-        """Change the observations of some of the agents."""
+        """Change the observations of some episodes."""
         ...
 
 
 class TransposeImage:
-    """`VecTransposeImage`: an image's channels come first."""
+    """Does what `VecTransposeImage` does: an image's channels come first."""
 
     def __init__(self, wrapper: VecTransposeImage) -> None:
         self._wrapper = wrapper
 
     def start(self, count: int) -> None:
-        """Nothing is kept."""
+        """Begin new episodes; nothing is remembered."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        """Transpose the images among them."""
+        """Transpose the images among the observations."""
         changed: Batch = self._wrapper.transpose_observations(dict(observation))  # type: ignore[assignment]
         return changed
 
 
 class Normalize:
-    """`VecNormalize`, its statistics frozen."""
+    """Does what `VecNormalize` does, with frozen statistics."""
 
     def __init__(self, wrapper: VecNormalize) -> None:
         self._wrapper = wrapper
 
     def start(self, count: int) -> None:
-        """Nothing is kept."""
+        """Begin new episodes; nothing is remembered."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        """Normalise them."""
+        """Normalise the observations."""
         changed: Batch = self._wrapper.normalize_obs(dict(observation))  # type: ignore[assignment]
         return changed
 
 
 class StackFrames:
-    """`VecFrameStack`: the last frames behind one another, zeros before the first."""
+    """Does what `VecFrameStack` does: lays the last frames behind one another, zeros at first."""
 
     def __init__(self, stacked: StackedObservations[Any]) -> None:
         self._parts: Mapping[str, StackedObservations[Any]] = stacked.sub_stacked_observations
         self._memory: Batch = {}
 
     def start(self, count: int) -> None:
-        """Begin new episodes of `count` agents."""
+        """Begin `count` new episodes."""
         self._memory = {
             key: np.zeros((count, *part.stacked_shape), part.observation_space.dtype)
             for key, part in self._parts.items()
@@ -113,12 +113,12 @@ class StackFrames:
 def observation_transforms(
     model: Predictor, observation_space: spaces.Dict, task: str
 ) -> list[Transform]:
-    """What must be done to a task's observations before a model gets them.
+    """Find what must be done to a task's observations before a model gets them.
 
     Args:
         model: The agent.
-        observation_space: Of the task.
-        task: Its id, for messages.
+        observation_space: The task's space.
+        task: The task's id, for messages.
 
     Raises:
         ValueError: If the model was trained on other observations, or under a wrapper that is not
@@ -175,7 +175,7 @@ def _unknown_wrapper(name: str) -> UserError:
 
 
 def statistics(transforms: list[Transform]) -> bytes:
-    """The statistics that observations are normalised by, as bytes for a fingerprint."""
+    """Give the statistics that observations are normalised by, as bytes for a fingerprint."""
     parts = []
     for transform in transforms:
         if isinstance(transform, Normalize):
@@ -187,7 +187,7 @@ def statistics(transforms: list[Transform]) -> bytes:
 
 
 def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Transform]:
-    """Transforms by the model's own space; SB3 transposes images by itself where that is needed."""
+    """Find transforms by the model's own space; SB3 transposes images by itself where needed."""
     given = getattr(model, "observation_space", None)
     if not isinstance(given, spaces.Dict) or set(given.spaces) != set(expected.spaces):
         raise _wrong_observations(given, expected, task)
@@ -213,7 +213,7 @@ def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Trans
 
 
 def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:
-    """Whether spaces are the same; `VecNormalize` writes its own bounds into the inner space."""
+    """Say whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
     return (
         isinstance(given, spaces.Dict)
         and set(given.spaces) == set(expected.spaces)

@@ -16,7 +16,7 @@ from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
 from sada_gym.envs.episodes.acting import Rollout
-from sada_gym.envs.episodes.application import EpisodesApplication
+from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Frame, Scored, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import Rollout, play
-from sada_gym.envs.episodes.application import EpisodesApplication
+from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.course import benchmark_starts
