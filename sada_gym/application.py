@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -123,7 +123,7 @@ class Application(ABC):
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        with generators_kept() if self._brings_agent else nullcontext():
+        with self.contained():
             self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = score <= self.fooling_threshold
@@ -157,6 +157,13 @@ class Application(ABC):
             )
         _check_extras(scored.extras, len(mu), source)
         return score, scored.extras
+
+    def contained(self) -> AbstractContextManager[None]:
+        """Keep what a user's agent does to the global generators of libraries from the caller.
+
+        `evaluate` does so itself; the environments use it for pictures.
+        """
+        return generators_kept() if self._brings_agent else nullcontext()
 
     @cached_property
     def _brings_agent(self) -> bool:

@@ -13,6 +13,7 @@ import torch
 from numpy.testing import assert_array_equal
 
 from sada_gym.application import Application, Scored
+from sada_gym.envs.adversary import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.digits import DigitsApplication
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.oracle import Oracle
@@ -276,6 +277,18 @@ def test_an_agent_that_seeds_global_generators_leaves_the_callers_as_they_were()
     random.random()
     torch.rand(3)
     assert_array_equal(application.evaluate(np.zeros((2, 6)), [0, 1]).score, first.score)
+
+
+def test_pictures_leave_the_callers_generators_as_they_were() -> None:
+    env = AdversaryEnv(of(reseeding), render_mode="rgb_array")
+    envs = AdversaryVectorEnv(of(reseeding), num_envs=2, render_mode="rgb_array")
+    before = global_states()
+    for one in (env, envs):
+        one.reset(seed=0)
+        one.step(np.zeros(one.action_space.shape))
+        one.render()
+        one.replay(np.zeros(6), 0)
+        assert global_states() == before
 
 
 def test_an_agent_that_fails_leaves_global_generators_as_they_were() -> None:

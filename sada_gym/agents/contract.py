@@ -1,4 +1,4 @@
-"""What an application asks of a frozen agent: detector, classifier, driver and pilot alike."""
+"""The contract of frozen agents: detectors, classifiers, drivers and pilots alike."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Agent(Protocol[EpisodesT, ActionsT]):
 
 
 def known_as(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | None:
-    """What evaluation stores know an agent by: see `identity`.
+    """Give the name by which evaluation stores know an agent, see `identity`.
 
     Args:
         agent: The agent.

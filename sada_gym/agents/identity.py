@@ -49,16 +49,16 @@ def identity(
 def fingerprint(agent: Any) -> str | None:
     """Give a SHA-256 over a torch module's class, architecture and weights, or None.
 
-    A class whose name and weights say everything gives itself a `fingerprint_name`. Its subclasses
-    are hashed like any other class.
+    A class whose weights say the rest names its `architecture`, which outlives a move of the class.
+    Its subclasses are hashed like any other class.
     """
     import torch
 
     if not isinstance(agent, torch.nn.Module):
         return None
     kind = type(agent)
-    if "fingerprint_name" in vars(kind):
-        digest = hashlib.sha256(str(agent.fingerprint_name).encode())
+    if "architecture" in vars(kind):
+        digest = hashlib.sha256(str(agent.architecture).encode())
     else:
         digest = hashlib.sha256(f"{kind.__module__}.{kind.__qualname__}".encode())
         digest.update(_architecture(agent).encode())

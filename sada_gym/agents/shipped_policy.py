@@ -16,8 +16,7 @@ from sada_gym.determinism import generators_kept
 class ShippedPolicy(MultiInputActorCriticPolicy):
     """An SB3 policy that takes no settings, so that its weights say everything about what it does.
 
-    A subclass gives `settings` and, where the weights of shipped agents are of it, a
-    `fingerprint_name` of its own.
+    A subclass gives `settings` and the name of its `architecture`, for fingerprints.
 
     Args:
         observation_space: The task's.
@@ -26,6 +25,7 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
         use_sde: As SB3 passes it; not used.
     """
 
+    architecture: ClassVar[str]
     settings: ClassVar[Mapping[str, Any]]
 
     def __init__(

@@ -106,5 +106,5 @@ def read_weights(file: WeightsFile) -> tuple[dict[str, Tensor], str | None]:
 
 
 def _weights(module: nn.Module) -> dict[str, Tensor]:
-    """A module's parameters and buffers, without the second names of shared ones."""
+    """Give a module's parameters and buffers, each shared one under one name."""
     return {**dict(module.named_parameters()), **dict(module.named_buffers())}

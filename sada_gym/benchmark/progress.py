@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Protocol
 
 from sada_gym.benchmark.folder import Timing, store_file
 from sada_gym.benchmark.plan import Plan
@@ -28,36 +27,23 @@ _TOKEN = "token"
 _EVERY_S = 0.5
 
 
-class BenchmarkCallback(Protocol):
-    """The methods that a benchmark calls as it goes on, always in the caller's own thread."""
+class BenchmarkCallback:
+    """What a benchmark calls as it goes on, always in the caller's own thread.
+
+    The methods do nothing: a subclass overrides those that it needs.
+    """
 
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
-        """Is called with the plan and with those runs that are yet to be made."""
+        """Receive the plan and those runs that are yet to be made."""
 
     def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
-        """Is called with a run's progress, if its worker can read the benchmark's folder."""
+        """Receive a run's progress, if its worker can read the benchmark's folder."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
-        """Is called with a finished run, which is in its folder by now."""
+        """Receive a finished run, which is in its folder by now."""
 
     def on_report(self) -> None:
-        """Is called when all runs are there, before the report is written."""
-
-
-class Silent:
-    """A callback that does nothing."""
-
-    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
-        """Do nothing."""
-
-    def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
-        """Do nothing."""
-
-    def on_finish(self, run: RunSettings, timing: Timing) -> None:
-        """Do nothing."""
-
-    def on_report(self) -> None:
-        """Do nothing."""
+        """Learn that all runs are there, before the report is written."""
 
 
 class Abandoned(RuntimeError):  # noqa: N818 - reads as what happened

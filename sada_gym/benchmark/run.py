@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sada_gym.benchmark.folder import claim, find_missing, sole_user
 from sada_gym.benchmark.plan import make_plan
-from sada_gym.benchmark.progress import BenchmarkCallback, Silent
+from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.pictures import draw_benchmark
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, write_results
@@ -70,7 +70,7 @@ def run_benchmark(
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
     folder, references = Path(out), Path(references)
-    called: BenchmarkCallback = callback or Silent()
+    called = callback or BenchmarkCallback()
     refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):

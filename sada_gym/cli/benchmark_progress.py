@@ -14,6 +14,7 @@ from typing_extensions import Self
 
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import Plan
+from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.cli.console import say
 from sada_gym.cli.kernels import COMPILING, will_compile
@@ -26,7 +27,7 @@ _WINDOW_S = 30.0
 _Group = tuple[str, str, int]
 
 
-class BenchmarkProgress:
+class BenchmarkProgress(BenchmarkCallback):
     """A context manager that shows a benchmark's progress; pass it on as `callback`.
 
     Where the output is no terminal, each finished run gets a line instead, and so does every half

@@ -16,10 +16,10 @@ from gymnasium.vector.utils import batch_space
 from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
 from sada_gym.arrays import shaped
 from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
-from sada_gym.envs.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
 from sada_gym.lazy import load
+from sada_gym.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed
 
 
@@ -133,7 +133,8 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        return self.application.replay(mu, seed)
+        with self.application.contained():
+            return self.application.replay(mu, seed)
 
     def close(self) -> None:
         """Free what the application holds; calling it twice is fine."""
@@ -230,7 +231,8 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        return self.application.replay(mu, seed)
+        with self.application.contained():
+            return self.application.replay(mu, seed)
 
     def close_extras(self, **_: Any) -> None:
         """Free what the application holds."""
@@ -280,7 +282,8 @@ class _Episodes(Proposals):
         shown = self._shown[index]
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
-        return self._application.render(*shown)
+        with self._application.contained():
+            return self._application.render(*shown)
 
 
 def _made(

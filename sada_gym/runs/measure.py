@@ -194,7 +194,7 @@ def feasible_rate(
     return FeasibleRate(worlds=worlds, fooled=both, afr=both / worlds if worlds else None)
 
 
-def nearest_distances(samples: Mu, queries: Mu) -> Distances | None:
+def summarise_distances(samples: Mu, queries: Mu) -> Distances | None:
     """Measure how far samples lie from the nearest of some queries; None without queries."""
     if not len(queries):
         return None

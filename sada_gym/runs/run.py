@@ -28,7 +28,7 @@ from sada_gym.runs.measure import (
     follow_search,
     image_novelty,
     measure,
-    nearest_distances,
+    summarise_distances,
 )
 from sada_gym.runs.record import RunReport, RunSettings
 
@@ -217,7 +217,7 @@ class Run:
             **{name: getattr(measures, name) for name in type(measures).model_fields},
             settings=settings,
             fooling_threshold=self._threshold,
-            nearest_fooling_query=nearest_distances(
+            nearest_fooling_query=summarise_distances(
                 samples.mu, queries.mu[queries.score <= self._threshold]
             ),
             search=follow_search(queries, self._threshold, fooling_set=context.fooling_set),

@@ -27,7 +27,7 @@ class Examples:
         self._answers = np.empty((0, 0), np.float32)
 
     def __len__(self) -> int:
-        """Number of rows."""
+        """Give the number of rows."""
         return self._count
 
     def add(
@@ -53,7 +53,7 @@ class Examples:
         self._count += room
 
     def batch(self, rows: npt.NDArray[np.intp]) -> tuple[dict[str, Tensor], Tensor]:
-        """Observations and answers of some rows."""
+        """Give the observations and answers of some rows."""
         observation = {key: torch.from_numpy(value[rows]) for key, value in self._arrays.items()}
         return observation, torch.from_numpy(self._answers[rows])
 
@@ -88,7 +88,7 @@ def fit(
     rng: np.random.Generator,
     loss: Callable[[dict[str, Tensor], Tensor], Tensor],
 ) -> float:
-    """Fit parameters to all examples; gives the last epoch's mean loss.
+    """Fit parameters to all examples, and give the last epoch's mean loss.
 
     Args:
         parameters: What is fitted.
@@ -139,7 +139,7 @@ def relight(images: Tensor, brightness: float, tint: float, rng: np.random.Gener
 
 
 def _batches(count: int, size: int, rng: np.random.Generator) -> Iterator[npt.NDArray[np.intp]]:
-    """The indices of an epoch over `count` rows, in a new order, `size` at a time."""
+    """Give the indices of an epoch over `count` rows, in a new order, `size` at a time."""
     order = rng.permutation(count)
     for start in range(0, count, size):
         yield order[start : start + size]

@@ -13,7 +13,7 @@ from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
-from sada_gym.benchmark.progress import Silent
+from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
@@ -97,7 +97,7 @@ class Inline(Executor):
         return future
 
 
-class Recorder(Silent):
+class Recorder(BenchmarkCallback):
     """A callback that keeps what it is called with."""
 
     def __init__(self) -> None:

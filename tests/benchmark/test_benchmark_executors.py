@@ -38,7 +38,14 @@ def run(out, chosen, references, *, workers=1, executor=None, callback=None):
     """Do what is missing, and leave the report out, which takes the most of the time."""
     plan = make_plan(chosen, references)
     claim(out, plan)
-    do_runs(plan, find_missing(out, plan), out, workers, executor, callback or progress.Silent())
+    do_runs(
+        plan,
+        find_missing(out, plan),
+        out,
+        workers,
+        executor,
+        callback or progress.BenchmarkCallback(),
+    )
 
 
 def contents(out):

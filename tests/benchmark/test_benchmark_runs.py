@@ -14,7 +14,7 @@ from sada_gym.benchmark.folder import (
 )
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
-from sada_gym.benchmark.progress import Silent
+from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.results import write_results
 from sada_gym.benchmark.run import report_benchmark
 from sada_gym.benchmark.schedule import do_runs
@@ -43,7 +43,7 @@ def work(out, chosen, references, callback=None):
     """Do all runs in this process, which is quicker than in others."""
     plan = make_plan(chosen, references)
     claim(out, plan)
-    do_runs(plan, list(plan.runs), out, 1, Inline(), callback or Silent())
+    do_runs(plan, list(plan.runs), out, 1, Inline(), callback or BenchmarkCallback())
     return plan
 
 

@@ -42,4 +42,4 @@ def test_the_shipped_classifier_keeps_its_promise():
     network = agents.load("cnn", "SADA-Digits")
     right, images = accuracy(network, shipped_images())
     assert right / images >= 0.98
-    assert network.fingerprint_name == DigitNetwork.fingerprint_name
+    assert network.architecture == DigitNetwork.architecture

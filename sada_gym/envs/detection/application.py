@@ -15,7 +15,6 @@ from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import (
-    DETECTOR_TILE,
     DetectorAgent,
     DetectorLike,
     listed,
@@ -145,15 +144,14 @@ class DetectionApplication(Application):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The resolved keywords that a score depends on; `tile` only where it is not 14."""
-        settings = {
+        """The resolved keywords that a score depends on."""
+        return {
             "object_class": self.object_class,
             "label": self.label,
             "image_size": self.image_size,
-            "renderer": DEFAULT if self._renderer is None else self._renderer.stored_name,
+            "renderer": DEFAULT if self._renderer is None else self._renderer.key,
+            "tile": self.tile,
         }
-        # published results and older stores hold no tile: theirs is 14
-        return settings if self.tile == DETECTOR_TILE else {**settings, "tile": self.tile}
 
     @property
     def fingerprint(self) -> str | None:
@@ -168,7 +166,7 @@ class DetectionApplication(Application):
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
 
     def scene(self, mu: npt.NDArray[np.float32], seed: int) -> Scene:
-        """The scene of one mu, (8,): the seed picks shape and place, mu the rest."""
+        """Lay out the scene of one mu, (8,): the seed picks shape and place, mu sets the rest."""
         rng = np.random.default_rng(seed)
         shape = self.shapes[int(rng.integers(len(self.shapes)))]
         distance, azimuth, pitch, light_azimuth, light_pitch, *colour = self.parameters.physical(
@@ -210,7 +208,7 @@ class DetectionApplication(Application):
         return checked_renderings(renderings, renderer, len(scenes), self.image_size)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The frame that the detector sees, with the object's true box and the detections."""
+        """Draw what the detector sees, with the object's true box and the detections."""
         rendering = self._rendering(mu, seed)
         names = {self.label: self.object_class}
         known = getattr(self.agent, "labels", None)
@@ -220,7 +218,7 @@ class DetectionApplication(Application):
         return annotate(rendering, detections, names, self.label)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The frame that the detector sees."""
+        """Draw what the detector sees."""
         return self._rendering(mu, seed).image
 
     def _rendering(self, mu: npt.ArrayLike, seed: int) -> Rendering:

@@ -49,7 +49,7 @@ class Backdrop:
     zenith: Triple
 
     def to_dict(self) -> dict[str, Any]:
-        """The place as numbers and lists, by the names of the attributes."""
+        """Give the place as numbers and lists, by the names of the attributes."""
         return {
             name: np.asarray(value).tolist() if isinstance(value, tuple | np.ndarray) else value
             for name, value in vars(self).items()
@@ -57,7 +57,7 @@ class Backdrop:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Backdrop:
-        """The place that `to_dict` gave.
+        """Make the place that `to_dict` gave.
 
         Raises:
             UserError: If a key is missing or unknown.
@@ -101,7 +101,7 @@ def _hsv(hue: float, saturation: float, value: float) -> Triple:
 
 
 def _ground_colour(ground: str, rng: np.random.Generator) -> Triple:
-    """Grounds span what paint can be: greys, reds, greens, blues and sand, dark and light."""
+    """Draw a colour; grounds span what paint can be: greys, reds, greens, blues, sand."""
     if ground == "grass":
         return _hsv(rng.uniform(0.2, 0.36), rng.uniform(0.35, 0.75), rng.uniform(0.3, 0.6))
     if ground == "brick":

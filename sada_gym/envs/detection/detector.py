@@ -55,7 +55,7 @@ class DetectorAgent:
         return fingerprint(self.network)
 
     def start(self, count: int) -> None:
-        """Begin with `count` new images; nothing is remembered of others."""
+        """Begin with `count` new images; the detector remembers no others."""
 
     def act(self, episodes: Sequence[Frame], which: Indices | None = None) -> list[Detections]:
         """Detect objects in images of one size.

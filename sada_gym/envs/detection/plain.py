@@ -1,4 +1,4 @@
-"""What scenes, places and shapes check when they are read from plain data."""
+"""The check of the keys of scenes, places and shapes that are read from plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a renderer is given: the scene, as plain data, and where its camera and its light stand."""
+"""A scene as plain data, which renderers draw, and where its camera and its light stand."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Scene:
         return "" if self.shape is None else self.shape.name
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as numbers, texts, lists and dictionaries.
+        """Give the scene as numbers, texts, lists and dictionaries.
 
         A shape of `shapes.generate` is its name. Any other shape is `Shape.to_dict`, whose mesh
         stays in arrays.
@@ -81,7 +81,7 @@ class Scene:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Scene:
-        """The scene that `to_dict` gave; a mesh may stand in arrays or in lists.
+        """Make the scene that `to_dict` gave; a mesh may be given in arrays or in lists.
 
         Raises:
             UserError: If a key is missing or unknown, or the shape's name is.
@@ -99,12 +99,12 @@ class Scene:
         )
 
     def to_json(self) -> str:
-        """`to_dict` as JSON; every number is kept to the last bit."""
+        """Write `to_dict` as JSON, which keeps every number to the last bit."""
         return json.dumps(self.to_dict(), default=np.ndarray.tolist, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Scene:
-        """The scene that `to_json` gave; errors as `from_dict`."""
+        """Make the scene that `to_json` gave; it raises what `from_dict` raises."""
         return cls.from_dict(json.loads(text))
 
 
@@ -143,7 +143,7 @@ class Pinhole:
 
 
 def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
-    """Unit vector from the object towards an azimuth and a pitch."""
+    """Give the unit vector from the object towards an azimuth and a pitch."""
     azimuth, pitch = math.radians(azimuth_deg), math.radians(pitch_deg)
     return np.array(
         [
@@ -155,7 +155,7 @@ def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
 
 
 def axes_facing(backward: Vector) -> Vector:
-    """Rows right, up, backward of a viewer that looks along -backward with z upwards."""
+    """Give the axes of a viewer who looks along -backward, z upwards: rows right, up, backward."""
     x, y, z = backward.tolist()
     norm = math.hypot(x, y)
     right, ahead = (-y / norm, x / norm) if norm > 1e-9 else (0.0, 1.0)
@@ -164,12 +164,12 @@ def axes_facing(backward: Vector) -> Vector:
 
 
 def centre_of(scene: Scene) -> Vector:
-    """The point that camera and light look at: the middle of the object's bounding box."""
+    """Give the point that camera and light look at: the middle of the object's bounding box."""
     return np.array([0.0, 0.0, 0.5 * scene.shape.height if scene.shape is not None else 1.0])
 
 
 def camera_of(scene: Scene) -> Pinhole:
-    """The camera of a scene."""
+    """Place the camera of a scene."""
     backward = direction(scene.camera_azimuth_deg, scene.camera_pitch_deg)
     return Pinhole(
         eye=centre_of(scene) + scene.camera_distance * backward,
@@ -180,7 +180,7 @@ def camera_of(scene: Scene) -> Pinhole:
 
 
 def light_of(scene: Scene) -> Vector:
-    """Unit vector from the object towards the light."""
+    """Give the unit vector from the object towards the light."""
     return direction(scene.camera_azimuth_deg + scene.light_azimuth_deg, scene.light_pitch_deg)
 
 

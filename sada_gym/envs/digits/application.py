@@ -23,7 +23,7 @@ LEAST = 2
 
 
 def ranges(width: int) -> dict[str, Parameter]:
-    """The six parameters of images of this width; mu = 0 is neutral in each."""
+    """Give the six parameters of images of this width; mu = 0 is neutral in each."""
     shift = width / 8.0
     return {
         "rotation_deg": Parameter("rotation_deg", -35.0, 35.0, "deg"),

@@ -149,7 +149,7 @@ class ClassifierApplication(Application):
         positions = self._positions(seeds)
         rows = self.indices[positions]
         labels = self.images.labels[rows]
-        found = self._looked_at(mu, positions)
+        found = self._classified(mu, positions)
         columns = (rows, labels, found.argmax(axis=1))
         extras = [
             {"image": image, "label": label, "predicted": predicted}
@@ -160,8 +160,8 @@ class ClassifierApplication(Application):
     def _positions(self, seeds: Sequence[int]) -> npt.NDArray[np.intp]:
         return np.array([seed % len(self.indices) for seed in seeds], dtype=np.intp)
 
-    def _looked_at(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
-        """The classifier's probabilities on the changed images, (n, K)."""
+    def _classified(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+        """Classify the changed images: probabilities (n, K)."""
         pixels = self.images.images[0].size
         step = max(1, _PIXELS_AT_ONCE // pixels)
         parts = [
@@ -175,13 +175,13 @@ class ClassifierApplication(Application):
     def attacked_image(
         self, mu: npt.ArrayLike, seed: int
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """The unchanged image of a seed and the one that mu, (d,), makes of it: (height, width)."""
+        """Give the unchanged image of a seed and the one that mu, (d,), makes of it."""
         row, seed = validate_world(self.parameters, mu, seed)
         positions = self._positions([seed])
         return self.images.images[self.indices[positions[0]]], self._change(row, positions)[0]
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The unchanged image beside the changed one, with what the classifier takes each for."""
+        """Draw the unchanged image beside the changed one, with the classifier's answers."""
         row, seed = validate_world(self.parameters, mu, seed)
         (index,) = self.indices[self._positions([seed])]
         pictures = np.stack(self.attacked_image(row[0], seed))
@@ -189,7 +189,7 @@ class ClassifierApplication(Application):
         return beside(pictures, found, int(self.images.labels[index]))
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """The changed image, which the classifier sees, enlarged."""
+        """Draw the changed image, which the classifier sees, enlarged."""
         return enlarged(self.attacked_image(mu, seed)[1])
 
 

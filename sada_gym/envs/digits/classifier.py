@@ -57,7 +57,7 @@ class ClassifierAgent:
         return fingerprint(self.network)
 
     def start(self, count: int) -> None:
-        """Begin with `count` new images; nothing is remembered of others."""
+        """Begin with `count` new images; the classifier remembers no others."""
 
     def act(
         self, episodes: npt.NDArray[np.float32], which: Indices | None = None

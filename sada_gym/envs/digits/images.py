@@ -41,7 +41,7 @@ class LabelledImages:
 
     @property
     def sha256(self) -> str:
-        """Of the shape, the images' little-endian float32 bytes, and the labels' int64 bytes."""
+        """The hash of the shape, the images as little-endian float32 and the labels as int64."""
         digest = hashlib.sha256(repr(self.images.shape).encode())
         digest.update(np.ascontiguousarray(self.images, dtype="<f4").tobytes())
         digest.update(np.ascontiguousarray(self.labels, dtype="<i8").tobytes())
@@ -50,7 +50,7 @@ class LabelledImages:
 
 @functools.cache
 def all_digits() -> LabelledImages:
-    """Scikit-learn's digits: 1,797 handwritten ones, 8 x 8, in 17 steps of grey."""
+    """Load scikit-learn's digits: 1,797 handwritten ones, 8 x 8, in 17 steps of grey."""
     from sklearn.datasets import load_digits
 
     data = load_digits()
@@ -60,7 +60,7 @@ def all_digits() -> LabelledImages:
 
 @functools.cache
 def turns() -> npt.NDArray[np.int64]:
-    """How many digits of the same class stand before each in the data set, (1797,)."""
+    """Count the digits of the same class before each in the data set, (1797,)."""
     labels = all_digits().labels
     turn = np.zeros(len(labels), dtype=np.int64)
     for digit in range(10):
@@ -71,7 +71,7 @@ def turns() -> npt.NDArray[np.int64]:
 
 @functools.cache
 def test_images() -> LabelledImages:
-    """The digits that no training sees: the 4th, 8th, 12th ... of each class."""
+    """Give the digits that no training sees: the 4th, 8th, 12th ... of each class."""
     return _frozen(all_digits()[np.flatnonzero(turns() % TEST_EVERY == TEST_EVERY - 1)])
 
 

@@ -41,7 +41,7 @@ class Warps:
 
 
 class Strokes:
-    """Images with their strokes drawn thinner or thicker.
+    """Images whose strokes are drawn thinner or thicker.
 
     The thickest lifts each pixel half way to the greatest value among itself and its four
     neighbours: strokes gain about half a pixel on either side. The thinnest keeps a pixel that is
@@ -90,7 +90,7 @@ def warp(strokes: Strokes, rows: npt.NDArray[np.intp], warps: Warps) -> Images:
 
 
 def _sources(height: int, width: int, warps: Warps) -> tuple[Values, Values]:
-    """Where each pixel of the warped images comes from: rows and columns, (n, height, width)."""
+    """Find where each pixel of warped images comes from: rows and columns, (n, height, width)."""
     # math's sines, one by one: NumPy's may differ in the last bit with the batch's size
     radians = [math.radians(degrees) for degrees in warps.rotation_deg.tolist()]
     cosine = np.array([math.cos(angle) for angle in radians])[:, None, None]

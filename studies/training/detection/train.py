@@ -67,7 +67,7 @@ def train(recipe: DetectorRecipe, seed: int, *, checkpoint: Path | None = None) 
 
 
 def detection_loss(model: Detector, batch: LabelledFrames) -> Tensor:
-    """Focal loss of the heat map (Law & Deng 2018, eq. 1) and GIoU loss of the boxes."""
+    """Give the heat map's focal loss (Law & Deng 2018, eq. 1) plus the boxes' GIoU loss."""
     images = torch.from_numpy(batch.images).permute(0, 3, 1, 2).float() / 255
     logits, reach = model.maps(images)
     heat, centre = targets(batch, tuple(logits.shape[1:]))
@@ -89,7 +89,7 @@ def detection_loss(model: Detector, batch: LabelledFrames) -> Tensor:
 
 
 def targets(batch: LabelledFrames, shape: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-    """Heat maps (b, classes, h, w) with a Gaussian at each centre, and their maximum (b, h, w)."""
+    """Draw heat maps (b, classes, h, w), a Gaussian at each centre, and their maximum (b, h, w)."""
     classes, height, width = shape
     heat = torch.zeros(len(batch.labels), classes, height, width)
     x, y = torch.arange(width) + 0.5, torch.arange(height) + 0.5
@@ -105,7 +105,7 @@ def targets(batch: LabelledFrames, shape: tuple[int, ...]) -> tuple[Tensor, Tens
 
 
 def giou(a: Tensor, b: Tensor) -> Tensor:
-    """Generalised intersection over union of boxes (..., 4) (Rezatofighi et al. 2019)."""
+    """Give the generalised intersection over union of boxes (..., 4) (Rezatofighi et al. 2019)."""
     low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
     shared = (high - low).clamp(min=0).prod(-1)
     union = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1) - shared

@@ -42,7 +42,7 @@ class Figures:
 
 
 def accuracy(network: DigitNetwork, data: LabelledImages) -> tuple[int, int]:
-    """How many images a classifier gets right, and of how many."""
+    """Count the images that a classifier gets right; give that count and how many there are."""
     found = ClassifierAgent(network).act(data.images)
     return int((found.argmax(axis=1) == data.labels).sum()), len(data)
 
@@ -66,7 +66,7 @@ def measure(network: DigitNetwork, *, seed: int, samples: int = SAMPLES) -> Figu
 
 
 def table(figures: Mapping[str, Figures]) -> str:
-    """The figures of some classifiers, by name, as Markdown tables; by digit for the first."""
+    """Write the figures of some classifiers, by name, as Markdown; those by digit for the first."""
     lines = ["| classifier | test images right | fooled by uniform mu (95 % interval) |"]
     lines.append("| --- | --- | --- |")
     for name, f in figures.items():

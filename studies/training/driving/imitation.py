@@ -28,7 +28,7 @@ _STEERING_WEIGHT = 4.0
 
 
 def imitate(settings: Imitation[Any], *, seed: int) -> PPO:
-    """Train a driver from nothing; it is held in a PPO, none of whose own training takes place."""
+    """Train a driver from nothing, and give it in a PPO, whose own training never runs."""
     rng = np.random.default_rng(seed)
     # whoever loads the model gets a rollout buffer of that many pictures
     model = new_model(seed, n_steps=16, batch_size=16)
@@ -49,7 +49,7 @@ def gather(
     expert_share: float,
     rng: np.random.Generator,
 ) -> int:
-    """Drive for a round, the expert a share of the drives; gives how many cars left their lane."""
+    """Drive for a round, the expert a share of the drives; give how many cars left their lane."""
     course, cars = settings.course, settings.lockstep
     expert = PrivilegedDriver()
     drives = Drives(camera(course.layout), [course.draw(rng) for _ in range(cars)])
@@ -84,7 +84,7 @@ def fit(
     epochs: int,
     rng: np.random.Generator,
 ) -> float:
-    """Fit the policy's mean action to the expert's; gives the last epoch's mean loss."""
+    """Fit the policy's mean action to the expert's, and give the last epoch's mean loss."""
     policy = model.policy
     weights = torch.tensor([_STEERING_WEIGHT, 1.0])
 

@@ -15,7 +15,7 @@ from studies.training.common import Reinforcement, Report, learn, new_learner
 
 
 class _ValueFirst(Report):
-    """Keeps the driver as it is until values are known; prints how drives went.
+    """Keeps the driver as it is until values are known, and prints how drives ended.
 
     Args:
         kept: The driver's parameters.

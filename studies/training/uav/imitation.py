@@ -53,7 +53,7 @@ def gather(
     expert_share: float,
     rng: np.random.Generator,
 ) -> int:
-    """Fly for a round, the expert a share of the races; gives how many drones went astray."""
+    """Fly for a round, the expert a share of the races; give how many drones went astray."""
     pilot, expert, drones = WaypointPilot(network), PrivilegedPilot(), settings.lockstep
     races = Races([settings.course.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
@@ -83,7 +83,7 @@ def gather(
 
 
 def strayed(races: Races) -> npt.NDArray[np.bool_]:
-    """Which drones missed their gate: nothing ahead of them shows where it is."""
+    """Give which drones missed their gate: nothing ahead of them shows where it is."""
     gates = races.gates.shape[1]
     flying = np.flatnonzero(races.next_gate < gates)
     found: npt.NDArray[np.bool_] = np.any(races.endings > Ending.PASSED, axis=1)
@@ -100,7 +100,7 @@ def fit(
     epochs: int,
     rng: np.random.Generator,
 ) -> float:
-    """Fit the network to all examples; gives the last epoch's mean loss."""
+    """Fit the network to all examples, and give the last epoch's mean loss."""
 
     def loss_of(observation: dict[str, Tensor], truth: Tensor) -> Tensor:
         jitter = settings.light_jitter
@@ -114,7 +114,7 @@ def fit(
 
 
 def loss(answer: Tensor, truth: Tensor) -> Tensor:
-    """The mean error of answers (n, 6): of a place relative to its distance, and of a direction."""
+    """Average the errors of answers (n, 6): of places relative to their distance, of directions."""
     error = (answer - truth).abs()
     far = truth[:, :3].norm(dim=1, keepdim=True) + _NEAR_M / 10
     mean: Tensor = (error[:, :3] / far).mean() + _DIRECTION_WEIGHT * error[:, 3:].mean()

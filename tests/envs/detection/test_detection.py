@@ -231,6 +231,7 @@ def test_the_shipped_architecture_keeps_its_tile(tmp_path):
             "label": 7,
             "image_size": 128,
             "renderer": "TinyRenderer",
+            "tile": 14,
         }
         assert application.fingerprint == CAR.fingerprint
 
@@ -240,8 +241,7 @@ def test_a_tile_belongs_to_what_a_score_depends_on():
     alone, four, shipped = (
         DetectionApplication("car", agent=model, labels=labels, tile=tile) for tile in (None, 4, 14)
     )
-    assert (alone.settings["tile"], four.settings["tile"]) == (1, 4)
-    assert "tile" not in shipped.settings
+    assert [a.settings["tile"] for a in (alone, four, shipped)] == [1, 4, 14]
     assert DetectionApplication("car", tile=1).settings["tile"] == 1
 
 

@@ -1,1 +1,1 @@
-"""The detectors under attack: network, prior, training, measurement, weights, cards."""
+"""The detectors under attack: network, weights, cards."""

@@ -69,16 +69,12 @@ class Detector(nn.Module):
         nn.init.constant_(self.head.bias[: len(classes)], -4.0)  # type: ignore[index]
 
     @property
-    def fingerprint_name(self) -> str:
-        """What a fingerprint holds beside the weights: the class, settings other than usual ones.
-
-        The class's name is from where it stood when the published results were made.
-        """
-        settings = "" if (self.top, self.floor) == (10, 0.05) else f" {self.top} {self.floor}"
-        return f"sada_gym.agents.detector.model.Detector{settings}"
+    def architecture(self) -> str:
+        """The name that a fingerprint holds beside the weights, and the settings."""
+        return f"sada_gym detector, top {self.top}, floor {self.floor}"
 
     def maps(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Raw maps of a batch (b, 3, H, W): class logits (b, k, h, w) and log reach (b, 4, h, w).
+        """Map a batch (b, 3, H, W) to class logits (b, k, h, w) and the log reach (b, 4, h, w).
 
         The reach is left, top, right, bottom from a cell's centre, in cells.
         """
@@ -104,7 +100,7 @@ class Detector(nn.Module):
 
 
 def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
-    """Boxes (b, n, 4) in pixels at cells (b, n) of a reach map (b, 4, h, w)."""
+    """Give the boxes (b, n, 4) in pixels at cells (b, n) of a reach map (b, 4, h, w)."""
     width = reach.shape[3]
     spread = reach.flatten(2).gather(2, cell[:, None].expand(-1, 4, -1)).exp()
     x, y = cell % width + 0.5, torch.div(cell, width, rounding_mode="floor") + 0.5
@@ -113,7 +109,7 @@ def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
 
 
 def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -> list[list[int]]:
-    """Non-maximum suppression within a class.
+    """Suppress all but the best of overlapping detections of a class.
 
     Args:
         boxes: (b, n, 4), best first.
@@ -137,7 +133,7 @@ def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -
 
 
 def iou(a: Tensor, b: Tensor) -> Tensor:
-    """Intersection over union of boxes (..., 4)."""
+    """Give the intersection over union of boxes (..., 4)."""
     low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
     shared = (high - low).clamp(min=0).prod(-1)
     whole = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)

@@ -1,4 +1,4 @@
-"""What makes the pictures of the detection application: one module a renderer."""
+"""The renderers of the detection application, a module each."""
 
 from sada_gym.envs.detection.renderers.base import Renderer, Rendering
 
@@ -6,7 +6,7 @@ __all__ = ["Renderer", "Rendering", "default_renderer"]
 
 
 def default_renderer() -> Renderer:
-    """The process's one TinyRenderer, which is loaded on first use and lives as long as it."""
+    """Give the process's one TinyRenderer, which is made on first use."""
     from sada_gym.envs.detection.renderers.tinyrenderer import shared_renderer
 
     return shared_renderer()

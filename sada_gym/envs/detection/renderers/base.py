@@ -1,4 +1,4 @@
-"""What every renderer offers: scenes in, pictures out, and an identity for evaluation stores."""
+"""The base of all renderers: it turns scenes into pictures and has an identity for stores."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
 
 DEFAULT = "TinyRenderer"
-"""What stores and published results call the default renderer."""
+"""The key of the default renderer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Renderer(ABC):
 
     @property
     def identity(self) -> str | None:
-        """All that a picture depends on besides the scene: a name, the version, the settings.
+        """What a picture depends on besides the scene: a name, the version, the settings.
 
         Any text does, such as JSON; evaluation stores hold its hash. With None, the default, a
         store is refused, because it could not tell this renderer's scores from another's.
@@ -53,10 +53,10 @@ class Renderer(ABC):
         return None
 
     @property
-    def stored_name(self) -> str:
-        """What stores call the renderer: its class and its identity's SHA-256."""
+    def key(self) -> str:
+        """The renderer in a store's settings: its class, and the SHA-256 of a longer identity."""
         name = type(self).__name__
-        if self.identity is None:
+        if self.identity in (None, name):
             return name
         return f"{name}-{hashlib.sha256(self.identity.encode()).hexdigest()}"
 

@@ -22,7 +22,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 class Mesh(NamedTuple):
-    """One vertex a corner, since a corner's code belongs to its face: (c, 3), (c, 2), (c, 3)."""
+    """A mesh with a vertex a corner, as codes belong to faces: (c, 3), (c, 2), (c, 3)."""
 
     corners: npt.NDArray[np.float32]
     texture: Matrix
@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
 
 
 def code_texture() -> npt.NDArray[np.uint8]:
-    """The texture, (7 * CODE_SIZE, CODE_SIZE, 3): red and green the normal, blue the material."""
+    """Make the texture, (7 * CODE_SIZE, CODE_SIZE, 3): red, green code normals, blue materials."""
     count = len(Material)
     code = np.empty((count, CODE_SIZE, CODE_SIZE, 3), dtype=np.uint8)
     ramp = np.round((np.arange(CODE_SIZE) + 0.5) / CODE_SIZE * 255).astype(np.uint8)

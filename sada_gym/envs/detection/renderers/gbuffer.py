@@ -1,4 +1,4 @@
-"""What the pixel kernels are given: camera, light, place, the rasterised object, and tables."""
+"""The arguments of the pixel kernels: camera, light, place, the rasterised object, tables."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class GBuffer(NamedTuple):
 
 
 def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
-    """A smooth tileable texture in [-1, 1], (size, size), the same on every machine."""
+    """Make a smooth tileable texture in [-1, 1], (size, size), the same on every machine."""
     rng = np.random.default_rng(20_20)
     tile: npt.NDArray[np.float64] = np.zeros((size, size))
     for step, weight in ((16, 1.0), (8, 0.7), (4, 0.5), (2, 0.4), (1, 0.3)):
@@ -105,7 +105,7 @@ def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
 
 
 def painted(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """The materials table with PAINT's albedo set to an sRGB colour; no paint is pure black."""
+    """Set PAINT's albedo in the table of materials to an sRGB colour; no paint is pure black."""
     materials: npt.NDArray[np.float64] = MATERIALS.copy()
     materials[0, :3] = 0.02 + 0.9 * linear(colour)
     return materials

@@ -33,7 +33,7 @@ def _square(value: float, times: int) -> float:
 
 @inlined
 def _ray(camera: KernelCamera, x: float, y: float) -> Triple:
-    """Direction through image-plane point (right, up), at distance 1 along the viewing axis."""
+    """Give the direction through an image-plane point (right, up), at distance 1 along the axis."""
     return (
         x * camera.right[0] + y * camera.up[0] - camera.back[0],
         x * camera.right[1] + y * camera.up[1] - camera.back[1],
@@ -49,7 +49,7 @@ def _unit(a: Triple) -> Triple:
 
 @inlined
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
-    """Share of the light that reaches a point: bilinear look-up in the light's depth view."""
+    """Give the share of the light that reaches a point, from the light's depth view, bilinearly."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
     size = lamp.depth.shape[0]
     along = dot(lamp.back, p)
@@ -76,7 +76,7 @@ def _sky(height: float, place: Place) -> Triple:
 
 @inlined
 def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
-    """Pattern of the ground at (x, y); lines thinner than a pixel's footprint fade."""
+    """Give the ground's colour at (x, y); lines thinner than a pixel's footprint fade."""
     u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
     v = place.turn[1] * x + place.turn[0] * y + place.shift[1]
     fine = periodic(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 / footprint)
@@ -105,7 +105,7 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
 
 @inlined
 def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float]:
-    """Where a ray enters and leaves the slab low..high of one axis."""
+    """Find where a ray enters and leaves the slab low..high of one axis."""
     if abs(ray) < 1e-12:
         return (-np.inf, np.inf) if low <= eye <= high else (np.inf, -np.inf)
     a, b = (low - eye) / ray, (high - eye) / ray
@@ -116,7 +116,7 @@ def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float
 def _building(
     eye: Triple, ray: Triple, reach: float, toward: Triple, place: Place
 ) -> tuple[float, Triple]:
-    """Distance and colour of the first building along a ray within reach."""
+    """Find the first building along a ray within reach: its distance and colour."""
     best, face, which = reach, -1, -1
     for b in range(place.buildings.shape[0]):
         box = place.buildings[b]
@@ -155,7 +155,7 @@ def _building(
 def _ground(
     eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
 ) -> Triple:
-    """Colour of the ground where a ray meets it: pattern, shadow, wet mirror and glint."""
+    """Light the ground where a ray meets it: pattern, shadow, wet mirror and glint."""
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
     albedo = _ground_albedo(place, x, y, reach * step / max(0.15, -ray[2]))
     sun = 1.0
@@ -181,7 +181,7 @@ def _ground(
 
 @inlined
 def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place) -> Triple:
-    """Light along a ray that misses the object."""
+    """Give the light along a ray that misses the object."""
     reach = FAR_AWAY
     if ray[2] < 0:
         reach = min(reach, -eye[2] / ray[2])
@@ -198,7 +198,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
 
 @inlined
 def _normal(u: int, v: int) -> Triple:
-    """Unit normal from its octahedral code of two bytes."""
+    """Decode a unit normal from its octahedral code of two bytes."""
     x, y = u / 127.5 - 1.0, v / 127.5 - 1.0
     z = 1.0 - abs(x) - abs(y)
     if z < 0:
@@ -210,7 +210,7 @@ def _normal(u: int, v: int) -> Triple:
 def _surface(
     normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
 ) -> Triple:
-    """Light that a point of the object sends to the eye: Blinn-Phong and a mirrored place."""
+    """Light a point of the object as the eye sees it: Blinn-Phong and a mirrored place."""
     facing = -dot(normal, ray)
     slope = sun * max(0.0, dot(normal, toward))
     half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
@@ -252,7 +252,7 @@ def _surface(
 
 @inlined
 def _glare(toward: float) -> float:
-    """Veil that the light lays over the picture when the camera looks towards it."""
+    """Give the veil that the light lays over the picture when the camera looks towards it."""
     veil = _square(max(0.0, toward), 3)
     return 0.12 * veil + 0.3 * _square(veil, 5)
 
@@ -269,7 +269,7 @@ def _object(
     place: Place,
     materials: Array,
 ) -> Triple:
-    """Light of the object at sub-pixel (j, i) of the G-buffer, seen at image-plane point (x, y)."""
+    """Light the object at sub-pixel (j, i) of the G-buffer, seen at image-plane point (x, y)."""
     ray = _ray(camera, x, y)
     depth = g.depth[j, i]
     eye = camera.eye

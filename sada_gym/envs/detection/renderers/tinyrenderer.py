@@ -58,7 +58,7 @@ Matrix = npt.NDArray[np.float64]
 
 @functools.cache
 def shared_renderer() -> TinyRenderer:
-    """The process's one renderer: a PyBullet client costs 30 MB."""
+    """Give the process's one renderer: a PyBullet client costs 30 MB."""
     return TinyRenderer()
 
 
@@ -81,13 +81,8 @@ class TinyRenderer(Renderer):
 
     @property
     def identity(self) -> str:
-        """Its name; its version is the environment's, since it is what the benchmark sees with."""
+        """The renderer's name; its version is that of the environment."""
         return DEFAULT
-
-    @property
-    def stored_name(self) -> str:
-        """The plain name that published results hold; subclasses are named as all others are."""
-        return DEFAULT if type(self) is TinyRenderer else super().stored_name
 
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
         """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
@@ -177,7 +172,7 @@ class TinyRenderer(Renderer):
         return GBuffer(int(low[0]), int(low[1]), colour, depth, seen)
 
     def _light_depth(self, shape: Shape | None, centre: Matrix, axes: Matrix) -> Matrix:
-        """The object's depth from the light: coordinate along the light's axis, -inf beside it."""
+        """Draw the object's depth along the light's axis, -inf beside the object."""
         if shape is None:
             return np.full((2, 2), -np.inf)
         self._load(shape)
@@ -293,7 +288,7 @@ def _lamp(centre: Matrix, toward: Matrix, axes: Matrix, depth: Matrix) -> Lamp:
 
 
 def _frustum(low: Matrix, high: Matrix, tangent: float, near: float, far: float) -> Matrix:
-    """Projection (4, 4) of the window low..high (right, up), in units of half the image."""
+    """Project (4, 4) the window low..high (right, up), in units of half the image."""
     projection = np.zeros((4, 4))
     projection[[0, 1], [0, 1]] = 2 / (tangent * (high - low))
     projection[:2, 2] = (high + low) / (high - low)
@@ -305,7 +300,7 @@ def _frustum(low: Matrix, high: Matrix, tangent: float, near: float, far: float)
 def _window(
     shape: Shape, camera: Pinhole, image_size: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """The pixels that the shape's bounding box can touch: first and last + 1 (column, row)."""
+    """Find the pixels that the shape's bounding box can touch: first and last + 1 (column, row)."""
     seen = (shape.corners - camera.eye) @ camera.axes.T
     plane = seen[:, :2] / (-seen[:, 2:] * camera.tangent) - np.array(camera.offset)
     columns = (plane[:, 0] + 1) / 2 * image_size
@@ -316,7 +311,7 @@ def _window(
 
 
 def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:
-    """The buildings that can stand in the frame: the kernel's inner loop is over these."""
+    """Find the buildings that can stand in the frame: the kernel's inner loop is over these."""
     reach = np.hypot(buildings[:, 2], buildings[:, 3])
     offset = buildings[:, :2] - camera.eye[:2]
     ahead = -camera.axes[2, :2]
@@ -346,7 +341,7 @@ def _triple(vector: npt.NDArray[np.float64]) -> Triple:
 
 
 class _Rows:
-    """Lists handed to PyBullet over and over: it never releases one, 0.8 MB a shape otherwise."""
+    """Lists that PyBullet gets over and over: it never releases one, and a new shape has 0.8 MB."""
 
     def __init__(self) -> None:
         self._rows: list[list[float]] = []

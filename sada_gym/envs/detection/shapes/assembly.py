@@ -70,7 +70,7 @@ def _shape(
     normals: _Array,
     material: npt.NDArray[np.uint8],
 ) -> Shape:
-    """Places corners (f, 3, 3) by the conventions, and shares those that are equal as vertices."""
+    """Place corners (f, 3, 3) by the conventions, and shares those that are equal as vertices."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     placed = (corners - origin) * (DIAGONAL / np.linalg.norm(high - low))
@@ -90,7 +90,7 @@ def _shape(
 
 
 def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices, _Indices]:
-    """Lets a part's faces share vertices that lie together, drops empty faces, turns parts outward.
+    """Let a part's faces share vertices that lie together, drops empty faces, turns parts outward.
 
     Args:
         points: (v, 3).
@@ -118,7 +118,7 @@ def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices,
 
 
 def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
-    """Gives the first of each kind of row, rounded, and for each row the number of its kind."""
+    """Give the first of each kind of row, rounded, and for each row the number of its kind."""
     # Adding zero makes -0 and 0 the same.
     keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)
     order = np.lexsort(keys.T)
@@ -130,7 +130,7 @@ def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
 
 
 def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
-    """Gives the normal (f, 3, 3) at each corner (f, 3, 3) of the faces (f, 3)."""
+    """Give the normal (f, 3, 3) at each corner (f, 3, 3) of the faces (f, 3)."""
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
     group = _smooth_groups(faces, flat)
@@ -147,7 +147,7 @@ def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
 
 
 def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
-    """Gives for each of the 3 f corners the number of the group whose normal it shares."""
+    """Give for each of the 3 f corners the number of the group whose normal it shares."""
     count = len(faces)
     corner = np.arange(3 * count).reshape(-1, 3)
     start, end = faces, np.roll(faces, -1, axis=1)
@@ -171,7 +171,7 @@ def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
 
 
 def _corner_angles(soup: _Array) -> _Array:
-    """Gives the angle (f, 3) at each corner, which weighs a face's share in the normal there."""
+    """Give the angle (f, 3) at each corner, which weighs a face's share in the normal there."""
     to_next = np.roll(soup, -1, axis=1) - soup
     to_last = np.roll(soup, 1, axis=1) - soup
     cosine = (to_next * to_last).sum(axis=2)

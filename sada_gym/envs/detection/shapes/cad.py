@@ -47,7 +47,7 @@ class Orientation(BaseModel):
         return self
 
     def rotation(self) -> npt.NDArray[np.float64]:
-        """Gives the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
+        """Give the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
         up, front = _vector(self.up), _vector(self.front)
         return np.stack([front, np.cross(up, front), up])
 
@@ -55,7 +55,7 @@ class Orientation(BaseModel):
 def load_class(
     path: str | Path, object_class: str, *, skip_unreadable: bool = False
 ) -> tuple[Shape, ...]:
-    """Loads the meshes of one class of a folder; arguments and errors as `load_folder`.
+    """Load the meshes of one class of a folder; arguments and errors as `load_folder`.
 
     Raises:
         ValueError: If the folder has no such class, or as `load_folder`.
@@ -71,7 +71,7 @@ def load_class(
 
 
 def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str, tuple[Shape, ...]]:
-    """Loads the meshes of a folder that holds one folder a class.
+    """Load the meshes of a folder that holds one folder a class.
 
     Files are found at any depth below a class's folder, as ShapeNet nests them. Each becomes one
     shape: a scene's meshes are merged in their places, windings made outward, the whole turned by
@@ -101,7 +101,7 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
 
 def fingerprint(shapes: Iterable[Shape]) -> str:
-    """Gives the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
+    """Give the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
     digest = hashlib.sha256()
     for shape in shapes:
         for text in (shape.object_class, shape.name):

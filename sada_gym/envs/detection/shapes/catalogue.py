@@ -41,7 +41,7 @@ SHA256 = "46e44bb2531813763af0fbe3b8bfdf5572f5318beff8809ac7206f457a739bf3"
 
 @functools.cache
 def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
-    """Gives a class's benchmark shapes: 8, or 9 of aeroplane, boat, car and chair; 100 in all.
+    """Give a class's benchmark shapes: 8, or 9 of aeroplane, boat, car and chair; 100 in all.
 
     Args:
         object_class: One of `CLASSES`.
@@ -83,14 +83,14 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
 
 
 def find_shape(name: str) -> Shape | None:
-    """Gives the benchmark's shape of a name, such as `car/saloon-0`; None if there is none."""
+    """Find the benchmark's shape of a name, such as `car/saloon-0`; None if there is none."""
     object_class = name.partition("/")[0]
     shapes = benchmark_shapes(object_class) if object_class in CLASSES else ()
     return next((shape for shape in shapes if shape.name == name), None)
 
 
 def _verified(path: Path) -> bytes:
-    """The file's bytes.
+    """Read the file.
 
     Raises:
         FileError: If there is no such file, or its SHA-256 differs from the recorded one.

@@ -25,7 +25,7 @@ MAX_BYTES = 2**30
 
 
 def read_mesh(file: Path) -> trimesh.Trimesh:
-    """Reads a file as one mesh with consistent windings.
+    """Read a file as one mesh with consistent windings.
 
     Raises:
         UserError: If it can't be read, or holds no faces, too many, or coordinates that are not
@@ -112,7 +112,7 @@ def _check_faces(scene: trimesh.Scene) -> None:
 
 
 def _as_utf8(content: bytes, suffix: str) -> bytes:
-    """A file with its text in UTF-8: comments and names may stand in another encoding.
+    """Give a file with its text in UTF-8: comments and names may stand in another encoding.
 
     For other encodings trimesh wants a package that need not be installed.
     """

@@ -66,18 +66,18 @@ class Shape:
         return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
 
     def equals(self, other: Shape) -> bool:
-        """Whether another shape has the same name, class and mesh."""
+        """Check whether another shape has the same name, class and mesh."""
         return self is other or all(
             np.array_equal(value, getattr(other, name)) for name, value in self.to_dict().items()
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The shape by the names of its attributes, the mesh in arrays."""
+        """Give the shape by the names of its attributes, the mesh in arrays."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Shape:
-        """The shape that `to_dict` gave; the mesh may stand in arrays or in lists.
+        """Make the shape that `to_dict` gave; the mesh may be given in arrays or in lists.
 
         Raises:
             UserError: If a key is missing or unknown.

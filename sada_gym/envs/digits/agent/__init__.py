@@ -1,1 +1,1 @@
-"""The digits' classifier: network, training, evaluation, weights."""
+"""The digits' classifier: network and weights."""

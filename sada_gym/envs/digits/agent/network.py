@@ -15,8 +15,7 @@ CLASSES = 10
 class DigitNetwork(nn.Module):
     """Classifies 8 x 8 grey images of digits."""
 
-    # fingerprints hold this name and the weights: they outlive a move of the class
-    fingerprint_name: ClassVar[str] = "sada_gym digits"
+    architecture: ClassVar[str] = "sada_gym digits"
 
     def __init__(self) -> None:
         super().__init__()

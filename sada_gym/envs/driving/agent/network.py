@@ -70,10 +70,7 @@ def _block(inputs: int, outputs: int, *, kernel: int, stride: int) -> list[nn.Mo
 class DriverPolicy(ShippedPolicy):
     """The command's branch of features, a linear layer, and a small value network."""
 
-    # the class whose name fingerprints held when the published results were made
-    fingerprint_name: ClassVar[str] = (
-        "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
-    )
+    architecture: ClassVar[str] = "sada_gym driver"
     settings: ClassVar[Mapping[str, Any]] = {
         "net_arch": {"pi": [], "vf": [64]},
         "ortho_init": False,

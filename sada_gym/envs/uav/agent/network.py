@@ -28,8 +28,7 @@ class WaypointNetwork(nn.Module):
     All is in the drone's own frame: x ahead, y to the left, z up, as the drone leans.
     """
 
-    # where the class stood when the published results were made: fingerprints hold this name
-    fingerprint_name: ClassVar[str] = "sada_gym.agents.pilot.network.WaypointNetwork"
+    architecture: ClassVar[str] = "sada_gym waypoint network"
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,10 +77,7 @@ def light(pictures: Tensor) -> Tensor:
 class PilotPolicy(ShippedPolicy):
     """Two layers of 64 units for the actions, and for the value."""
 
-    # the class whose name fingerprints held when the published results were made
-    fingerprint_name: ClassVar[str] = (
-        "stable_baselines3.common.policies.MultiInputActorCriticPolicy"
-    )
+    architecture: ClassVar[str] = "sada_gym pilot"
     settings: ClassVar[Mapping[str, Any]] = {
         "net_arch": {"pi": [64, 64], "vf": [64, 64]},
         "log_std_init": _LOG_NOISE,
