@@ -123,16 +123,12 @@ class LevelSet(Learner):
         return p * (1.0 - p)
 
     def _fit(self, omega: Omega) -> None:
-        """Fit the last surrogate, and choose the level."""
+        """Fit the last surrogate, choose the level, and keep points for the walk to start from."""
         if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
         self._surrogate = self._fit_surrogate(omega, rng)
-        self._find_level(_pool_size(len(omega)))
-
-    def _find_level(self, size: int) -> None:
-        """Choose the level, and keep the points that the walk starts from."""
-        pool, p = self._predict_pool(size)
+        pool, p = self._predict_pool(_pool_size(len(omega)))
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
@@ -158,14 +154,13 @@ class LevelSet(Learner):
 
     def _predict_pool(self, size: int) -> tuple[Mu, Array]:
         """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
-        pools: list[Mu] = []
-        predicted: list[Array] = []
-        while len(pools) < _MOST_POOLS:
-            pools.append(self._uniform(size))
-            predicted.append(self._surrogate(pools[-1]))
-            if sum((p >= 0.5).sum() for p in predicted) >= 4 * _LEAST_SET:
+        pool, p = self._uniform(0), np.zeros(0)
+        for _ in range(_MOST_POOLS):
+            drawn = self._uniform(size)
+            pool, p = np.concatenate([pool, drawn]), np.append(p, self._surrogate(drawn))
+            if (p >= 0.5).sum() >= 4 * _LEAST_SET:
                 break
-        return np.concatenate(pools), np.concatenate(predicted)
+        return pool, p
 
     def _predict_coverage(
         self,

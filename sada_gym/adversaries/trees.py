@@ -9,13 +9,10 @@ import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
 from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
-from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
-from sada_gym.parameters import Mu
 
-_POOL = 20_000
-_MOST_POOLS = 10
+_POOL, _PART = 200_000, 20_000
 
 
 @dataclass(frozen=True)
@@ -54,16 +51,13 @@ class Trees(Learner):
         ).fit(omega.mu, fooled)
 
     def _draw(self, n: int) -> Floats:
-        pools: list[Mu] = []
-        predicted: list[Array] = []
-        for _ in range(_MOST_POOLS):
-            pool = self._uniform(_POOL)
+        pool, p = self._uniform(0), np.zeros(0)
+        while len(pool) < _POOL:
+            drawn = self._uniform(_PART)
             # one column where every query fooled, or none
-            p = self._forest.predict_proba(pool)[:, -1]
-            kept: Mu = pool[p >= self.options.level]
+            p = np.append(p, self._forest.predict_proba(drawn)[:, -1])
+            pool = np.concatenate([pool, drawn])
+            kept = pool[p >= self.options.level]
             if len(kept):
                 return kept
-            pools.append(pool)
-            predicted.append(p)
-        likeliest = np.argsort(-np.concatenate(predicted), kind="stable")[:n]
-        return np.concatenate(pools)[likeliest]
+        return pool[np.argsort(-p, kind="stable")[:n]]
