@@ -47,14 +47,13 @@ class ClassifierApplication(Application):
 
     def __init__(
         self,
-        *,
-        image: int | None = None,
-        digit: int | None = None,
-        agent: str | Path | ClassifierLike = "cnn",
-        agent_id: str | None = None,
-        images: npt.ArrayLike | None = None,
-        labels: npt.ArrayLike | None = None,
-        tile: int | None = None,
+        image: int | None,
+        digit: int | None,
+        agent: str | Path | ClassifierLike,
+        agent_id: str | None,
+        images: npt.ArrayLike | None,
+        labels: npt.ArrayLike | None,
+        tile: int | None,
     ) -> None:
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self._agent_id = agent_id

@@ -90,11 +90,7 @@ def find_shape(name: str) -> Shape | None:
 
 
 def _verified(path: Path) -> bytes:
-    """Read the file.
-
-    Raises:
-        FileError: If there is no such file, or its SHA-256 differs from the recorded one.
-    """
+    """Read the file, and refuse one that is not the recorded one."""
     if not path.is_file():
         raise FileError(
             f"Expected the benchmark's shapes in {path}, got no such file. Install the package "
