@@ -156,13 +156,7 @@ class TinyRenderer(Renderer):
         return np.where(seen, LIGHT_DISTANCE - depth, -np.inf)
 
     def _picture(
-        self,
-        width: int,
-        height: int,
-        camera: Pinhole,
-        projection: Matrix,
-        near: float,
-        far: float,
+        self, width: int, height: int, camera: Pinhole, projection: Matrix, near: float, far: float
     ) -> tuple[npt.NDArray[np.uint8], Matrix, npt.NDArray[np.bool_]]:
         """Draw the codes, the depth along the viewing axis, and where the object is seen."""
         bullet = self._bullet
