@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from sada_gym.errors import FileError
+from sada_gym.errors import FileError, UserError
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_ARRAYS_BYTES = 2**30
@@ -83,6 +83,12 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
     except OSError as error:
         reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}. Name another place")
         raise FileError(f"Expected to {what} {path}, but {reason}.") from error
+    except ValueError as error:
+        if isinstance(error, UserError) or "\0" not in str(path):
+            raise
+        raise FileError(
+            f"Expected to {what} {str(path)!r}, but its name holds a NUL. Name another place."
+        ) from error
 
 
 def write_file(path: Path, content: bytes) -> None:

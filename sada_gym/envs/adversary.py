@@ -13,7 +13,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.application import SEED_BOUND, Application, Frame, Outcomes, fold_seed
+from sada_gym.application import (
+    SEED_BOUND,
+    Application,
+    Frame,
+    Outcomes,
+    fold_seed,
+    refuse_undeclared,
+)
 from sada_gym.arrays import shaped
 from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
 from sada_gym.envs.vector import SeededVectorEnv
@@ -292,6 +299,7 @@ def _made(
                 f"Expected no keywords beside a made application, got {', '.join(keywords)}. Pass "
                 "them to the application, or pass its class."
             )
+        refuse_undeclared(named)
         return named
     if not (isinstance(named, type) and issubclass(named, Application)):
         raise UserTypeError(
@@ -303,7 +311,9 @@ def _made(
         subject = f"{getattr(named, 'name', named.__name__)}-v{named.version}"
         known = [*accepted, "horizon", "render_mode"]
         refuse_unknown(f"keyword of {subject}", keywords, known)
-    return named(**keywords)
+    made = named(**keywords)
+    refuse_undeclared(made)
+    return made
 
 
 def _folded(seed: int | None) -> int | None:

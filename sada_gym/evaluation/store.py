@@ -92,7 +92,16 @@ class Context:
             StoreError: If the application has no fingerprint.
             TypeError: If its settings are not JSON-compatible.
         """
-        fingerprint = application.fingerprint
+        name, version, fingerprint = application.name, application.version, application.fingerprint
+        if not isinstance(name, str) or not isinstance(version, int) or abs(version) >= 2**63:
+            raise UserTypeError(
+                f"Expected name to be a text and version an int in {type(application).__name__}, "
+                f"got {name!r} and {version!r}. Set them in the class."
+            )
+        if fingerprint is not None and not isinstance(fingerprint, str):
+            raise UserTypeError(
+                f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
+            )
         if fingerprint is None:
             raise StoreError(
                 f"Expected a fingerprint of {application.name}'s agent to store evaluations under, "
