@@ -2,7 +2,7 @@
 
 from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase
 
-_SUFFIXES = (
+_SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",
     "Bench",
     "Bicycle",

@@ -9,23 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sada_gym.envs.detection.catalogue import CARD
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import FileError, UserError
 
-CLASSES = (
-    "aeroplane",
-    "bench",
-    "bicycle",
-    "boat",
-    "bottle",
-    "bus",
-    "car",
-    "chair",
-    "diningtable",
-    "motorbike",
-    "train",
-    "truck",
-)
+CLASSES: tuple[str, ...] = tuple(track["object_class"] for track in CARD.tracks.values())
 """The paper's 12 classes, in the order of their labels."""
 
 FILE = Path(__file__).with_name("benchmark.npz")
