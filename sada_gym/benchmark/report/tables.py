@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,24 +52,20 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     legend = "".join(mean.legend for mean in _columns(results.rows).values())
     yield from ("# Benchmark results", "", _LEGEND + legend, "")
-    titles = {table.name: table for table in results.settings.tables}
+    tables = {table.name: table for table in results.settings.tables}
     for table in dict.fromkeys(table for table, _ in results.comparisons()):
-        yield from _table_1(results, table, titles[table].title)
+        yield from _table_1(results, table, tables[table].title)
     for table, agent in results.comparisons():
         rows = results.rows_of(table, agent, None)
         against = f", {agent}" if agent else ""
-        yield from (f"## {titles[table].title}{against}", "", titles[table].note, _budgets(rows))
-        yield from (
-            "",
-            f"### All measures, mean over {_tracks(max(row.tracks for row in rows))}",
-            "",
-        )
+        yield from (f"## {tables[table].title}{against}", "", tables[table].note, _budgets(rows))
+        over = _tracks(max(row.tracks for row in rows))
+        yield from ("", f"### All measures, mean over {over}", "")
         yield from _measures(rows, _fronts(results, table, agent))
-        yield from _like_the_paper(
-            results, table, dict.fromkeys(_of_tracks(results, table, agent), agent)
-        )
-        yield from _by_track(results, table, agent)
-        yield from _coverage_by_track(results, table, agent)
+        tracks = dict.fromkeys(_of_tracks(results, table, agent), agent)
+        yield from _like_the_paper(results, table, tracks)
+        yield from _by_track(results, table, tracks)
+        yield from _coverage_by_track(results, table, tracks)
     yield from _targets(results)
     yield from _remarks(results, notes)
     packages = results.settings.packages.items()
@@ -107,20 +105,8 @@ def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
 
 def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
     means = _columns(rows)
-    yield from _head(
-        (
-            "adversary",
-            "AFR, %",
-            "rank",
-            "IQM, %",
-            "coverage / ideal, %",
-            "rank",
-            "front",
-            "coverage, %",
-            *(mean.title for mean in means.values()),
-            "runs",
-        )
-    )
+    known = "adversary", "AFR, %", "rank", "IQM, %", "coverage / ideal, %", "rank", "front"
+    yield from _head((*known, "coverage, %", *(mean.title for mean in means.values()), "runs"))
     for row in rows:
         afr, relative = row.afr, row.relative_coverage
         runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
@@ -157,25 +143,33 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
     for run in results.runs:  # in the order of the shipped agents: the default one first
         if run.table == table:
             agent_of.setdefault(run.track, run.agent)
-    yield from (f"## {title}: all applications", "")
-    yield "Agents: " + ", ".join(dict.fromkeys(agent_of.values())) + "."
-    yield ""
+    agents = ", ".join(dict.fromkeys(agent_of.values()))
+    yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
     yield from _like_the_paper(results, table, agent_of)
-    yield from _paper_coverage(results, table, agent_of)
+    columns = _paper_columns(agent_of)  # the paper itself has no coverage
+    title = "### The same columns: coverage / ideal, %"
+    yield from _coverage(title, results, table, agent_of, columns)
 
 
-def _paper_columns(tracks: Collection[str]) -> list[str]:
+@dataclass(frozen=True)
+class _Column:
+    """A column of a table by track: one track, or the average of several, beside the paper's."""
+
+    title: str
+    tracks: Sequence[str]
+    theirs: Callable[[str], float | None] = lambda _: None
+    average: bool = False
+
+
+def _paper_columns(tracks: Collection[str]) -> list[_Column]:
     """Choose the columns of the paper's Table 1 for which there are tracks."""
-    return [
-        title
-        for title, track in paper.TABLE_1_COLUMNS.items()
-        if (track in tracks if track else set(tracks) >= _CLASSES.keys())
-    ]
-
-
-def _paper_tracks(title: str) -> list[str]:
-    track = paper.TABLE_1_COLUMNS[title]
-    return list(_CLASSES) if track is None else [track]
+    columns = []
+    for title, track in paper.TABLE_1_COLUMNS.items():
+        own = [track] if track else list(_CLASSES)
+        if set(own) <= set(tracks):
+            theirs = partial(paper.table_1, column=title)
+            columns.append(_Column(title, own, theirs, average=track is None))
+    return columns
 
 
 def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
@@ -189,16 +183,9 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
     columns = _paper_columns(agent_of)
     if not columns:
         return
-    ours = {track: results.rows_of(table, agent, track) for track, agent in agent_of.items()}
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-    yield from _head(("adversary", *columns))
-    for label in (paper.FULL_SET, *_labels(results, table, agent_of.values())):
-        cells = []
-        for title in columns:
-            tracks = _paper_tracks(title)
-            value = _mean([_afr(results, ours[t], t, agent_of[t], label) for t in tracks])
-            best = len(tracks) == 1 and _best(ours[tracks[0]], label)
-            cells.append(_pair(value, paper.table_1(label, title), bold=best))
+    yield from _head(("adversary", *(column.title for column in columns)))
+    for label, cells in _rates(results, table, agent_of, columns):
         yield _line(label, *cells)
     yield ""
     yield (
@@ -210,74 +197,104 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
     yield ""
 
 
-def _paper_coverage(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
-    """Lay coverage out in the columns of the paper's Table 1, which has no coverage itself."""
-    columns = _paper_columns(agent_of)
-    found = {
+def _by_track(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+    """Give the AFR of every track, beside the paper's appendix where that has the class."""
+    tracks = list(agent_of)
+    if set(tracks) <= set(_CLASSES):
+        yield from ("### By class: AFR in %, ours / the paper's appendix", "")
+    else:
+        yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
+    whole = set(tracks) == set(_CLASSES)
+    average = paper.AVERAGE if whole else f"mean of {_tracks(len(tracks))}"
+    columns = [_Column(short_name(t), [t], partial(_class_rate, track=t)) for t in tracks]
+    columns.append(
+        _Column(average, tracks, partial(_class_rate, track=None if whole else ""), average=True)
+    )
+    yield from _head(("adversary", *(column.title for column in columns), "μ_std"))
+    spreads = {
+        row.label: row.mu_std
+        for agent in dict.fromkeys(agent_of.values())
+        for row in results.rows_of(table, agent, None)
+    }
+    for label, cells in _rates(results, table, agent_of, columns):
+        theirs = paper.class_row(label) if whole else None
+        spread = _number(spreads.get(label), 3) + (f" / {theirs.mu_std:.3f}" if theirs else "")
+        yield _line(label, *cells, spread)
+    yield ""
+
+
+def _class_rate(label: str, track: str | None) -> float | None:
+    """Give the AFR of the paper's appendix on a track, or its average; None where it has none."""
+    row = paper.class_row(label)
+    if row is None or track is None:
+        return row and row.average
+    return row.afr[list(_CLASSES).index(track)] if track in _CLASSES else None
+
+
+def _rates(
+    results: Results, table: str, agent_of: Mapping[str, str], columns: Sequence[_Column]
+) -> Iterator[tuple[str, list[str]]]:
+    """Give each row's label and its cells: our AFR and the paper's."""
+    rates: dict[tuple[str, str], float] = {}
+    best = set()
+    for target in results.targets:
+        if target.reference and agent_of.get(target.track) == target.agent:
+            rates[target.track, paper.FULL_SET] = target.reference.uniform_rate
+    for track, agent in agent_of.items():
+        for row in results.rows_of(table, agent, track):
+            if row.afr:
+                rates[track, row.label] = row.afr.value
+                if row.afr.rank in ("1", "1="):
+                    best.add((track, row.label))
+    for label in (paper.FULL_SET, *_labels(results, table, agent_of)):
+        cells = []
+        for column in columns:
+            text = _percent(_mean([rates.get((track, label)) for track in column.tracks]))
+            if not column.average and (column.tracks[0], label) in best:
+                text = f"**{text}**"
+            theirs = column.theirs(label)
+            cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
+        yield label, cells
+
+
+def _coverage_by_track(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+    """Give the coverage of every track that has a reference set."""
+    found = dict.fromkeys(track for track, _ in _coverages(results, table, agent_of))
+    kind = "class" if set(found) <= set(_CLASSES) else "track"
+    columns = [_Column(short_name(track), [track]) for track in found]
+    columns.append(_Column(f"mean of {_tracks(len(found))}", list(found)))
+    yield from _coverage(f"### By {kind}: coverage / ideal, %", results, table, agent_of, columns)
+
+
+def _coverage(
+    title: str,
+    results: Results,
+    table: str,
+    agent_of: Mapping[str, str],
+    columns: Sequence[_Column],
+) -> Iterator[str]:
+    """Lay coverage out in columns; nothing where there is none."""
+    found = _coverages(results, table, agent_of)
+    if not columns or not found:
+        return
+    yield from (title, "")
+    yield from _head(("adversary", *(column.title for column in columns)))
+    for label in _labels(results, table, agent_of):
+        values = [_mean([found.get((t, label)) for t in column.tracks]) for column in columns]
+        yield _line(label, *map(_percent, values))
+    yield ""
+
+
+def _coverages(
+    results: Results, table: str, agent_of: Mapping[str, str]
+) -> dict[tuple[str, str], float]:
+    """Give the relative coverage by track and label, where there is one."""
+    return {
         (track, row.label): row.relative_coverage.value
         for track, agent in agent_of.items()
         for row in results.rows_of(table, agent, track)
         if row.relative_coverage
     }
-    if not columns or not found:
-        return
-    yield from ("### The same columns: coverage / ideal, %", "")
-    yield from _head(("adversary", *columns))
-    for label in _labels(results, table, agent_of.values()):
-        values = [_mean([found.get((t, label)) for t in _paper_tracks(title)]) for title in columns]
-        yield _line(label, *map(_percent, values))
-    yield ""
-
-
-def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
-    """Give the AFR of every track, beside the paper's appendix where that has the class."""
-    ours = _of_tracks(results, table, agent)
-    if set(ours) <= set(_CLASSES):
-        yield from ("### By class: AFR in %, ours / the paper's appendix", "")
-    else:
-        yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
-    average = paper.AVERAGE if set(ours) == set(_CLASSES) else f"mean of {_tracks(len(ours))}"
-    yield from _head(("adversary", *map(short_name, ours), average, "μ_std"))
-    overall = {row.label: row for row in results.rows_of(table, agent, None)}
-    for label in (paper.FULL_SET, *_labels(results, table, [agent])):
-        theirs = paper.class_row(label)
-        values = {track: _afr(results, rows, track, agent, label) for track, rows in ours.items()}
-        cells = [
-            _pair(
-                value,
-                theirs.afr[list(_CLASSES).index(track)] if theirs and track in _CLASSES else None,
-                bold=_best(ours[track], label),
-            )
-            for track, value in values.items()
-        ]
-        whole = average == paper.AVERAGE and theirs is not None
-        spread = overall[label].mu_std if label in overall else None
-        yield _line(
-            label,
-            *cells,
-            _pair(_mean(list(values.values())), theirs.average if whole and theirs else None),
-            _number(spread, 3) + (f" / {theirs.mu_std:.3f}" if whole and theirs else ""),
-        )
-    yield ""
-
-
-def _coverage_by_track(results: Results, table: str, agent: str) -> Iterator[str]:
-    """Give the coverage of every track that has a reference set."""
-    figures = {
-        track: {row.label: row.relative_coverage for row in rows if row.relative_coverage}
-        for track, rows in _of_tracks(results, table, agent).items()
-    }
-    figures = {track: of_track for track, of_track in figures.items() if of_track}
-    if not figures:
-        return
-    kind = "class" if set(figures) <= set(_CLASSES) else "track"
-    yield from (f"### By {kind}: coverage / ideal, %", "")
-    yield from _head(("adversary", *map(short_name, figures), f"mean of {_tracks(len(figures))}"))
-    for label in _labels(results, table, [agent]):
-        found = [of_track.get(label) for of_track in figures.values()]
-        values = [one.value if one else None for one in found]
-        yield _line(label, *map(_percent, values), _percent(_mean(values)))
-    yield ""
 
 
 def _targets(results: Results) -> Iterator[str]:
@@ -327,35 +344,14 @@ def _of_tracks(results: Results, table: str, agent: str) -> dict[str, list[Row]]
     return {track: of_track for track, of_track in rows.items() if of_track}
 
 
-def _labels(results: Results, table: str, agents: Iterable[str]) -> list[str]:
-    return list(
-        dict.fromkeys(row.label for agent in agents for row in results.rows_of(table, agent, None))
-    )
-
-
-def _afr(results: Results, rows: Sequence[Row], track: str, agent: str, label: str) -> float | None:
-    """Give a contender's AFR on a track, or the reference points' rate for the full set."""
-    if label == paper.FULL_SET:
-        marks = [t.reference for t in results.targets if (t.track, t.agent) == (track, agent)]
-        return marks[0].uniform_rate if marks[0] else None
-    found = [row.afr.value for row in rows if row.label == label and row.afr]
-    return found[0] if found else None
-
-
-def _best(rows: Sequence[Row], label: str) -> bool:
-    ranks = [row.afr.rank for row in rows if row.label == label and row.afr]
-    return bool(ranks and ranks[0] and ranks[0].rstrip("=") == "1")
+def _labels(results: Results, table: str, agent_of: Mapping[str, str]) -> list[str]:
+    rows = (row for agent in agent_of.values() for row in results.rows_of(table, agent, None))
+    return list(dict.fromkeys(row.label for row in rows))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
     there = [value for value in values if value is not None]
     return float(np.mean(there)) if there and len(there) == len(values) else None
-
-
-def _pair(ours: float | None, theirs: float | None, *, bold: bool = False) -> str:
-    text = _percent(ours)
-    text = f"**{text}**" if bold else text
-    return text if theirs is None else f"{text} / {theirs:.1f}"
 
 
 def _percent(value: float | None) -> str:
@@ -364,9 +360,7 @@ def _percent(value: float | None) -> str:
 
 def _number(value: float | None, places: int | None) -> str:
     """Write a number with so many decimal places, or as per cent."""
-    if value is None or places is None:
-        return _percent(value)
-    return f"{value:.{places}f}"
+    return _percent(value) if value is None or places is None else f"{value:.{places}f}"
 
 
 def _with_interval(figure: Figure | None) -> str:
