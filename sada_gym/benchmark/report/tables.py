@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +61,12 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
         yield from (f"## {tables[table].title}{against}", "", tables[table].note, _budgets(rows))
         over = _tracks(max(row.tracks for row in rows))
         yield from ("", f"### All measures, mean over {over}", "")
-        yield from _measures(rows, _fronts(results, table, agent))
-        tracks = dict.fromkeys(_of_tracks(results, table, agent), agent)
-        yield from _like_the_paper(results, table, tracks)
-        yield from _by_track(results, table, tracks)
-        yield from _coverage_by_track(results, table, tracks)
+        tracks = [run.track for run in results.runs if (run.table, run.agent) == (table, agent)]
+        ours = _ByTrack(results, table, dict.fromkeys(tracks, agent))
+        yield from _measures(rows, _fronts(ours))
+        yield from _like_the_paper(ours, _paper_columns(tracks))
+        yield from _by_track(ours)
+        yield from _coverage_by_track(ours)
     yield from _targets(results)
     yield from _remarks(results, notes)
     packages = results.settings.packages.items()
@@ -88,18 +89,18 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
+def _fronts(ours: _ByTrack) -> dict[str, str]:
     """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
     held, tracks = Counter[str](), Counter[str]()
-    for rows in _of_tracks(results, table, agent).values():
-        points = {
-            row.label: (row.afr.value, row.relative_coverage.value)
-            for row in rows
-            if row.label not in CONTROLS and row.afr and row.relative_coverage
-        }
-        for label, (afr, coverage) in points.items():
-            tracks[label] += 1
-            held[label] += not any(a > afr and c > coverage for a, c in points.values())
+    points = {
+        key: (row.afr.value, row.relative_coverage.value)
+        for key, row in ours.rows.items()
+        if row.label not in CONTROLS and row.afr and row.relative_coverage
+    }
+    for (track, label), (afr, coverage) in points.items():
+        others = [point for (other, _), point in points.items() if other == track]
+        tracks[label] += 1
+        held[label] += not any(a > afr and c > coverage for a, c in others)
     return {label: f"{held[label]} of {count}" for label, count in tracks.items()}
 
 
@@ -145,10 +146,10 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
             agent_of.setdefault(run.track, run.agent)
     agents = ", ".join(dict.fromkeys(agent_of.values()))
     yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
-    yield from _like_the_paper(results, table, agent_of)
-    columns = _paper_columns(agent_of)  # the paper itself has no coverage
-    title = "### The same columns: coverage / ideal, %"
-    yield from _coverage(title, results, table, agent_of, columns)
+    ours, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
+    yield from _like_the_paper(ours, columns)
+    # the paper itself has no coverage
+    yield from ours.coverage("### The same columns: coverage / ideal, %", columns)
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,63 @@ class _Column:
     tracks: Sequence[str]
     theirs: Callable[[str], float | None] = lambda _: None
     average: bool = False
+
+
+class _ByTrack:
+    """The rows of a table with one agent on each track, to lay out in columns.
+
+    Args:
+        results: The benchmark's results.
+        table: The table's name.
+        agent_of: The agent that was attacked on each track.
+    """
+
+    def __init__(self, results: Results, table: str, agent_of: Mapping[str, str]) -> None:
+        agents = dict.fromkeys(agent_of.values())
+        self.tracks = list(agent_of)
+        self.overall = {
+            row.label: row for agent in agents for row in results.rows_of(table, agent, None)
+        }
+        self._uniform = {
+            target.track: target.reference.uniform_rate
+            for target in results.targets
+            if target.reference and agent_of.get(target.track) == target.agent
+        }
+        rows = (
+            row for track, agent in agent_of.items() for row in results.rows_of(table, agent, track)
+        )
+        self.rows = {(row.track, row.label): row for row in rows}
+
+    def rates(self, columns: Sequence[_Column]) -> Iterator[tuple[str, list[str]]]:
+        """Give each row's label and its cells: our AFR and the paper's, rank 1 in bold."""
+        found = {key: row.afr for key, row in self.rows.items() if row.afr}
+        values = {key: one.value for key, one in found.items()}
+        values |= {(track, paper.FULL_SET): rate for track, rate in self._uniform.items()}
+        best = {key for key, one in found.items() if one.rank in ("1", "1=")}
+        for label in (paper.FULL_SET, *self.overall):
+            cells = []
+            for column in columns:
+                keys, theirs = [(t, label) for t in column.tracks], column.theirs(label)
+                text = _percent(_mean([values.get(key) for key in keys]))
+                text = f"**{text}**" if not column.average and keys[0] in best else text
+                cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
+            yield label, cells
+
+    @cached_property
+    def coverages(self) -> dict[tuple[str | None, str], float]:
+        """Give the coverage over the ideal's by track and label, where there is one."""
+        found = {key: row.relative_coverage for key, row in self.rows.items()}
+        return {key: one.value for key, one in found.items() if one}
+
+    def coverage(self, title: str, columns: Sequence[_Column]) -> Iterator[str]:
+        """Lay coverage out in columns; nothing where there is none."""
+        if not columns or not self.coverages:
+            return
+        yield from (title, "", *_head(("adversary", *(column.title for column in columns))))
+        for label in self.overall:
+            found = [[self.coverages.get((t, label)) for t in one.tracks] for one in columns]
+            yield _line(label, *(_percent(_mean(values)) for values in found))
+        yield ""
 
 
 def _paper_columns(tracks: Collection[str]) -> list[_Column]:
@@ -172,21 +230,13 @@ def _paper_columns(tracks: Collection[str]) -> list[_Column]:
     return columns
 
 
-def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
-    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's.
-
-    Args:
-        results: The benchmark's results.
-        table: The table's name.
-        agent_of: The agent that was attacked on each track.
-    """
-    columns = _paper_columns(agent_of)
+def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
+    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's."""
     if not columns:
         return
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
     yield from _head(("adversary", *(column.title for column in columns)))
-    for label, cells in _rates(results, table, agent_of, columns):
-        yield _line(label, *cells)
+    yield from (_line(label, *cells) for label, cells in ours.rates(columns))
     yield ""
     yield (
         "Bold: rank 1 on this track, shared or not. The paper attacked other agents in other "
@@ -197,104 +247,39 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
     yield ""
 
 
-def _by_track(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+def _by_track(ours: _ByTrack) -> Iterator[str]:
     """Give the AFR of every track, beside the paper's appendix where that has the class."""
-    tracks = list(agent_of)
-    if set(tracks) <= set(_CLASSES):
+    if set(ours.tracks) <= set(_CLASSES):
         yield from ("### By class: AFR in %, ours / the paper's appendix", "")
     else:
         yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
-    whole = set(tracks) == set(_CLASSES)
-    average = paper.AVERAGE if whole else f"mean of {_tracks(len(tracks))}"
-    columns = [_Column(short_name(t), [t], partial(_class_rate, track=t)) for t in tracks]
-    columns.append(
-        _Column(average, tracks, partial(_class_rate, track=None if whole else ""), average=True)
-    )
+    columns = [
+        _Column(
+            short_name(track), [track], partial(paper.class_rate, class_name=_CLASSES.get(track))
+        )
+        for track in ours.tracks
+    ]
+    whole = set(ours.tracks) == set(_CLASSES)
+    average = paper.AVERAGE if whole else f"mean of {_tracks(len(ours.tracks))}"
+    theirs = partial(paper.class_rate, class_name=average)
+    columns.append(_Column(average, ours.tracks, theirs, average=True))
     yield from _head(("adversary", *(column.title for column in columns), "μ_std"))
-    spreads = {
-        row.label: row.mu_std
-        for agent in dict.fromkeys(agent_of.values())
-        for row in results.rows_of(table, agent, None)
-    }
-    for label, cells in _rates(results, table, agent_of, columns):
-        theirs = paper.class_row(label) if whole else None
-        spread = _number(spreads.get(label), 3) + (f" / {theirs.mu_std:.3f}" if theirs else "")
+    for label, cells in ours.rates(columns):
+        row, known = ours.overall.get(label), paper.class_row(label) if whole else None
+        spread = _number(row.mu_std if row else None, 3) + (
+            f" / {known.mu_std:.3f}" if known else ""
+        )
         yield _line(label, *cells, spread)
     yield ""
 
 
-def _class_rate(label: str, track: str | None) -> float | None:
-    """Give the AFR of the paper's appendix on a track, or its average; None where it has none."""
-    row = paper.class_row(label)
-    if row is None or track is None:
-        return row and row.average
-    return row.afr[list(_CLASSES).index(track)] if track in _CLASSES else None
-
-
-def _rates(
-    results: Results, table: str, agent_of: Mapping[str, str], columns: Sequence[_Column]
-) -> Iterator[tuple[str, list[str]]]:
-    """Give each row's label and its cells: our AFR and the paper's."""
-    rates: dict[tuple[str, str], float] = {}
-    best = set()
-    for target in results.targets:
-        if target.reference and agent_of.get(target.track) == target.agent:
-            rates[target.track, paper.FULL_SET] = target.reference.uniform_rate
-    for track, agent in agent_of.items():
-        for row in results.rows_of(table, agent, track):
-            if row.afr:
-                rates[track, row.label] = row.afr.value
-                if row.afr.rank in ("1", "1="):
-                    best.add((track, row.label))
-    for label in (paper.FULL_SET, *_labels(results, table, agent_of)):
-        cells = []
-        for column in columns:
-            text = _percent(_mean([rates.get((track, label)) for track in column.tracks]))
-            if not column.average and (column.tracks[0], label) in best:
-                text = f"**{text}**"
-            theirs = column.theirs(label)
-            cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
-        yield label, cells
-
-
-def _coverage_by_track(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
+def _coverage_by_track(ours: _ByTrack) -> Iterator[str]:
     """Give the coverage of every track that has a reference set."""
-    found = dict.fromkeys(track for track, _ in _coverages(results, table, agent_of))
-    kind = "class" if set(found) <= set(_CLASSES) else "track"
-    columns = [_Column(short_name(track), [track]) for track in found]
-    columns.append(_Column(f"mean of {_tracks(len(found))}", list(found)))
-    yield from _coverage(f"### By {kind}: coverage / ideal, %", results, table, agent_of, columns)
-
-
-def _coverage(
-    title: str,
-    results: Results,
-    table: str,
-    agent_of: Mapping[str, str],
-    columns: Sequence[_Column],
-) -> Iterator[str]:
-    """Lay coverage out in columns; nothing where there is none."""
-    found = _coverages(results, table, agent_of)
-    if not columns or not found:
-        return
-    yield from (title, "")
-    yield from _head(("adversary", *(column.title for column in columns)))
-    for label in _labels(results, table, agent_of):
-        values = [_mean([found.get((t, label)) for t in column.tracks]) for column in columns]
-        yield _line(label, *map(_percent, values))
-    yield ""
-
-
-def _coverages(
-    results: Results, table: str, agent_of: Mapping[str, str]
-) -> dict[tuple[str, str], float]:
-    """Give the relative coverage by track and label, where there is one."""
-    return {
-        (track, row.label): row.relative_coverage.value
-        for track, agent in agent_of.items()
-        for row in results.rows_of(table, agent, track)
-        if row.relative_coverage
-    }
+    tracks = [track for track in ours.tracks if any(track == t for t, _ in ours.coverages)]
+    kind = "class" if set(tracks) <= set(_CLASSES) else "track"
+    columns = [_Column(short_name(track), [track]) for track in tracks]
+    columns.append(_Column(f"mean of {_tracks(len(tracks))}", tracks))
+    yield from ours.coverage(f"### By {kind}: coverage / ideal, %", columns)
 
 
 def _targets(results: Results) -> Iterator[str]:
@@ -310,9 +295,7 @@ def _targets(results: Results) -> Iterator[str]:
             f"{target.fooling_threshold:g}",
             f"{len(target.seeds)}",
             f"{reference.points:,}" if reference else "none",
-            f"{reference.fooling / reference.points:.1%}".replace("%", " %")
-            if reference
-            else _BLANK,
+            f"{_percent(reference.fooling / reference.points)} %" if reference else _BLANK,
             f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
         )
     yield ""
@@ -336,17 +319,6 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
 def short_name(track: str) -> str:
     """Shorten a track's name for a column: the class where it is one of the paper's twelve."""
     return _CLASSES.get(track) or track.removeprefix("SADA-").rpartition("-v")[0] or track
-
-
-def _of_tracks(results: Results, table: str, agent: str) -> dict[str, list[Row]]:
-    tracks = dict.fromkeys(run.track for run in results.runs if run.agent == agent)
-    rows = {track: results.rows_of(table, agent, track) for track in tracks}
-    return {track: of_track for track, of_track in rows.items() if of_track}
-
-
-def _labels(results: Results, table: str, agent_of: Mapping[str, str]) -> list[str]:
-    rows = (row for agent in agent_of.values() for row in results.rows_of(table, agent, None))
-    return list(dict.fromkeys(row.label for row in rows))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
