@@ -16,8 +16,8 @@ from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices
 
 from sada_gym.determinism import generators_kept
-from sada_gym.envs.proposals import proposal_spaces
 from sada_gym.errors import UserError, refuse_number
+from sada_gym.proposals import proposal_spaces
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle

@@ -23,10 +23,10 @@ from sada_gym.application import (
 )
 from sada_gym.arrays import shaped
 from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
-from sada_gym.envs.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
 from sada_gym.lazy import load
+from sada_gym.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed
 
 

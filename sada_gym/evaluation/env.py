@@ -12,8 +12,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.arrays import shaped
-from sada_gym.envs.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
 from sada_gym.errors import BudgetExhausted, refuse_number
+from sada_gym.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
 
 

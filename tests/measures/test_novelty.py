@@ -130,8 +130,8 @@ def test_the_view_is_what_the_detector_sees():
     application = DetectionApplication("car")
     mu = np.zeros(8, np.float32)
     seen = []
-    detector = application.agent
-    application.agent = lambda images: seen.extend(images) or detector(images)
+    detector = application._detector.network
+    application._detector.network = lambda images: seen.extend(images) or detector(images)
     application.evaluate(mu[None], [3])
     shown = (255 * seen[0].permute(1, 2, 0)).round().numpy()
     np.testing.assert_array_equal(application.observation(mu, 3), shown)
