@@ -84,6 +84,11 @@ class TinyRenderer(Renderer):
         """The renderer's name; its version is that of the environment."""
         return DEFAULT
 
+    @property
+    def key(self) -> str:
+        """The plain name; subclasses have keys like any other renderer."""
+        return DEFAULT if type(self) is TinyRenderer else super().key
+
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
         """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
         renderings: dict[int, Rendering] = {}
