@@ -21,6 +21,7 @@ from typing_extensions import Self
 from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
+from sada_gym.files import as_path
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
@@ -139,9 +140,7 @@ class EvaluationStore:
     """
 
     def __init__(self, path: str | Path) -> None:
-        if not isinstance(path, str | os.PathLike):
-            raise UserTypeError(f"Expected the path of an evaluation store, got {path!r}.")
-        self.path = Path(path)
+        self.path = as_path(path, "an evaluation store")
         self._process = os.getpid()
         refuse_unusable(self.path)
         with explained(self.path):

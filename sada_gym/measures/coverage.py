@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 NEAREST = 5
@@ -108,7 +109,7 @@ def fooling_coverage(
         ValueError: If the shapes do not fit, there are no samples, or too few points.
     """
     reference, mu = checked_points(fooling_set, samples, k)
-    mask = np.asarray(fooled)
+    mask = as_array(fooled, "fooled")
     if mask.shape != (len(mu),) or mask.dtype != np.bool_ or not len(mu):
         raise UserError(
             f"Expected fooled of shape ({len(mu)},) with bools, one for each of at least one "
@@ -193,7 +194,8 @@ def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Po
     Raises:
         ValueError: If they are not as described.
     """
-    reference, samples = np.asarray(real, np.float64), np.asarray(fake, np.float64)
+    reference = as_array(real, "real").astype(np.float64)
+    samples = as_array(fake, "fake").astype(np.float64)
     if reference.ndim != 2 or samples.ndim != 2 or reference.shape[1] != samples.shape[1]:
         raise UserError(
             "Expected reference points of shape (n, d) and samples of shape (m, d), got "

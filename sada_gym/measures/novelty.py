@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, validate_seeds
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
 from sada_gym.measures.rates import nearest_neighbours
@@ -89,8 +90,8 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
     Raises:
         ValueError: If the shapes do not fit.
     """
-    points = np.asarray(samples, np.float32)
-    distances, _ = nearest_neighbours(points, np.asarray(queries, np.float32))
+    points = as_array(samples, "samples").astype(np.float32)
+    distances, _ = nearest_neighbours(points, as_array(queries, "queries").astype(np.float32))
     if not len(distances):
         raise UserError(f"Expected at least one sample, got shape {points.shape}.")
     return Novelty(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import (
@@ -61,8 +62,8 @@ def anytime(
     Raises:
         ValueError: If an argument is not as described.
     """
-    mu = np.asarray(queries, np.float32)
-    q = np.asarray(scores, np.float64)
+    mu = as_array(queries, "queries").astype(np.float32)
+    q = as_array(scores, "scores").astype(np.float64)
     if mu.ndim != 2 or q.shape != (len(mu),) or not np.isfinite(q).all():
         raise UserError(
             "Expected queries of shape (N, d) and finite scores of shape (N,), got "

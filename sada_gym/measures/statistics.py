@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import norm, t, trim_mean
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 Interval = tuple[float, float]
@@ -68,7 +69,7 @@ def interquartile_mean(values: npt.ArrayLike) -> float:
     Raises:
         ValueError: If there are none, or one is not finite.
     """
-    flat = np.asarray(values, np.float64).ravel()
+    flat = as_array(values, "values").astype(np.float64).ravel()
     if not len(flat) or not np.isfinite(flat).all():
         raise UserError(f"Expected at least one value and all of them finite, got {flat}.")
     return float(trim_mean(flat, _TRIMMED["iqm"]))
@@ -111,7 +112,7 @@ def estimate(
     Raises:
         ValueError: If an argument is not as described.
     """
-    runs = np.asarray(values, np.float64)
+    runs = as_array(values, "values").astype(np.float64)
     _check(runs, statistic, resamples, level)
     seeds = runs.shape[1]
     value = float(trim_mean(runs.ravel(), _TRIMMED[statistic]))
@@ -227,7 +228,7 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
 
 def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
     """Give M of each track, (tracks,)."""
-    given = np.asarray(samples, np.float64)
+    given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
         raise UserError(
             f"Expected samples to be a number of at least 1, or {len(runs)} of them, one for each "
