@@ -277,14 +277,8 @@ def _targets(results: Sequence[RunReport | RunFailure]) -> tuple[Target, ...]:
         key = (settings.track, settings.agent)
         seeds = {settings.seed, *(found[key].seeds if key in found else ())}
         found[key] = Target(
-            track=settings.track,
-            agent=settings.agent,
-            application=settings.application,
-            version=settings.version,
-            application_settings=settings.application_settings,
-            fingerprint=settings.fingerprint,
+            **settings.model_dump(include=set(Target.model_fields)),
             fooling_threshold=result.fooling_threshold,
-            reference=settings.reference,
             seeds=tuple(sorted(seeds)),
         )
     return tuple(found.values())
@@ -306,15 +300,14 @@ def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
 
 
 def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, int]]) -> Row:
-    first, good = runs[0], [run for run in runs if run.measures is not None]
+    first = runs[0]
+    good = [(run, run.measures) for run in runs if run.measures is not None]
 
     def measured(get: Callable[[Measures], float | None]) -> list[list[float]]:
         """Give a measure of all runs by track, less what has none."""
         by_track: dict[str, list[float]] = {}
-        for run in good:
-            assert run.measures is not None
-            value = get(run.measures)
-            if value is not None:
+        for run, measures in good:
+            if (value := get(measures)) is not None:
                 by_track.setdefault(run.track, []).append(value)
         return list(by_track.values())
 
@@ -322,10 +315,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
     rates = measured(lambda m: m.afr)
-    samples = {run.track: run.samples for run in good}
-    means: dict[str, Any] = {name: mean(measured(one.of)) for name, one in MEANS.items()}
-    coverage, relative = measured(lambda m: m.coverage), measured(lambda m: m.relative_coverage)
-    spent = [[run.search.queries] for run in good if run.search is not None]
+    samples = {run.track: run.samples for run, _ in good}
     return Row(
         table=first.table,
         agent=first.agent,
@@ -334,23 +324,22 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         tracks=len(rates),
         runs=len(good),
         failed=len(runs) - len(good),
-        complete={(run.track, run.seed) for run in good} == every,
+        complete={(run.track, run.seed) for run, _ in good} == every,
         budget=float(np.mean([run.budget for run in runs])),
-        queries=mean(spent),
-        afr=figure(rates, list(samples.values())) if rates else None,
+        queries=mean([[run.search.queries] for run, _ in good if run.search is not None]),
+        afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
-        coverage=figure(coverage) if coverage else None,
-        relative_coverage=figure(relative) if relative else None,
-        **means,
+        coverage=figure(measured(lambda m: m.coverage)),
+        relative_coverage=figure(measured(lambda m: m.relative_coverage)),
+        **{name: mean(measured(one.of)) for name, one in MEANS.items()},
     )
 
 
 def _with_ranks(rows: Sequence[Row]) -> list[Row]:
     """Rank the contenders of one table, agent and track by AFR and by coverage."""
     unranked = [row.label for row in rows if row.label in CONTROLS or not row.complete]
-    changes: dict[str, dict[str, Figure]] = {row.label: {} for row in rows}
     for name in ("afr", "coverage", "relative_coverage"):
         there = {row.label: one for row in rows if (one := getattr(row, name)) is not None}
-        for label, one in ranked(there, unranked).items():
-            changes[label][name] = one
-    return [row.model_copy(update=changes[row.label]) for row in rows]
+        with_ranks = ranked(there, unranked)
+        rows = [row.model_copy(update={name: with_ranks.get(row.label)}) for row in rows]
+    return list(rows)
