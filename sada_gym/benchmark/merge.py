@@ -8,13 +8,11 @@ from typing import Any
 
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
-    FORMAT,
     RESULTS_FILE,
     Results,
     RunSummary,
     Target,
-    rows_of_runs,
-    run_order,
+    put_together,
 )
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import file_errors, read_model, write_model
@@ -104,26 +102,13 @@ def merge(
         and (not tracks or run.track in tracks)
         and (not contenders or run.label in contenders)
     ]
-    chosen.sort(key=lambda run: run_order(run, known))
     if runs and not chosen:
         raise UserError(
             "Expected runs of these tables, tracks and adversaries, got none in common."
         )
-    seeds: dict[tuple[str, str], set[int]] = {}
-    for run in chosen:
-        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
     filled = {run.table for run in chosen}
     kept = tuple(table for table in settings.tables if table.name in filled)
-    return Results(
-        format=FORMAT,
-        settings=settings.model_copy(update={"tables": kept}),
-        targets=tuple(
-            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
-            for place, own in seeds.items()
-        ),
-        rows=tuple(rows_of_runs(chosen)),
-        runs=tuple(chosen),
-    )
+    return put_together(settings.model_copy(update={"tables": kept}), targets, chosen)
 
 
 def _refuse_unlike(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:

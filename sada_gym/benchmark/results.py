@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -71,23 +71,6 @@ class RunSummary(RunKey):
     flags: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Mean:
-    """A measure that a row gives the mean of: how it is read and how the tables show it.
-
-    Attributes:
-        of: Reads it off a run's measures; None where the run has none.
-        title: The column's title; empty for no column.
-        places: Decimal places; None shows per cent.
-        legend: A line of the legend. Where no row has the measure, such a column is left out.
-    """
-
-    of: Callable[[Measures], float | None]
-    title: str = ""
-    places: int | None = None
-    legend: str = ""
-
-
 class Row(Strict):
     """A contender's figures in a table: on one track, or over all.
 
@@ -130,42 +113,49 @@ class Row(Strict):
     afr_iqm: float | None
     coverage: Figure | None
     relative_coverage: Figure | None
-    density: Annotated[float | None, Mean(lambda m: m.density, "density", 2)]
-    mu_std: Annotated[float | None, Mean(lambda m: m.mu_std, "μ_std", 3)]
-    mean_score: Annotated[float | None, Mean(lambda m: m.mean_score, "mean Q", 3)]
-    novelty: Annotated[
-        float | None, Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3)
-    ]
-    novelty_ratio: Annotated[
-        float | None, Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2)
-    ]
-    novelty_fifth_ratio: Annotated[
-        float | None, Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None)
-    ]
-    image_novelty_ratio: Annotated[
-        float | None,
-        Mean(
-            lambda m: m.image_novelty.ratio if m.image_novelty else None,
-            "image novelty / ideal",
-            2,
-        ),
-    ]
-    afr_feasible: Annotated[
-        float | None,
-        Mean(
-            lambda m: m.feasible.afr if m.feasible else None,
-            "AFR, feasible, %",
-            legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
-            "masters.\n",
-        ),
-    ] = None
+    density: float | None
+    mu_std: float | None
+    mean_score: float | None
+    novelty: float | None
+    novelty_ratio: float | None
+    novelty_fifth_ratio: float | None
+    image_novelty_ratio: float | None
+    afr_feasible: float | None = None
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A measure that a row gives the mean of: how it is read and how the tables show it.
+
+    Attributes:
+        of: Reads it off a run's measures; None where the run has none.
+        title: The column's title; empty for no column.
+        places: Decimal places; None shows per cent.
+        legend: A line of the legend. Where no row has the measure, such a column is left out.
+    """
+
+    of: Callable[[Measures], float | None]
+    title: str = ""
+    places: int | None = None
+    legend: str = ""
 
 
 MEANS: Mapping[str, Mean] = {
-    name: mean
-    for name, field in Row.model_fields.items()
-    for mean in field.metadata
-    if isinstance(mean, Mean)
+    "density": Mean(lambda m: m.density, "density", 2),
+    "mu_std": Mean(lambda m: m.mu_std, "μ_std", 3),
+    "mean_score": Mean(lambda m: m.mean_score, "mean Q", 3),
+    "novelty": Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3),
+    "novelty_ratio": Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2),
+    "novelty_fifth_ratio": Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None),
+    "image_novelty_ratio": Mean(
+        lambda m: m.image_novelty.ratio if m.image_novelty else None, "image novelty / ideal", 2
+    ),
+    "afr_feasible": Mean(
+        lambda m: m.feasible.afr if m.feasible else None,
+        "AFR, feasible, %",
+        legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
+        "masters.\n",
+    ),
 }
 """The measures that rows give the mean of, by the row's field."""
 
@@ -222,22 +212,52 @@ def write_results(out: Path) -> Results:
     if not there:
         raise UserError(f"Expected finished runs in {out}, got none yet. Run the benchmark.")
     tables = [table.name for table in settings.tables]
-    there.sort(key=lambda one: run_order(one[0].settings, tables))
-    runs = tuple(_summary(result) for result, _ in there)
-    results = Results(
-        format=FORMAT,
-        settings=settings,
-        targets=_targets([result for result, _ in there]),
-        rows=tuple(rows_of_runs(runs)),
-        runs=runs,
-    )
+    there.sort(key=lambda one: _run_order(one[0].settings, tables))
+    targets = {
+        (result.settings.track, result.settings.agent): Target(
+            **result.settings.model_dump(include=set(Target.model_fields)),
+            fooling_threshold=result.fooling_threshold,
+            seeds=(),
+        )
+        for result, _ in there
+    }
+    results = put_together(settings, targets, [_summary(result) for result, _ in there])
     write_model(out / RESULTS_FILE, results)
     timings = [_timing(result.settings, folder) for result, folder in there]
     write_model(out / TIMINGS_FILE, Timings(runs=tuple(timings)))
     return results
 
 
-def run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
+def put_together(
+    settings: BenchmarkSettings,
+    targets: Mapping[tuple[str, str], Target],
+    runs: Sequence[RunSummary],
+) -> Results:
+    """Put runs in order, and sum them up.
+
+    Args:
+        settings: What all runs have in common.
+        targets: What was attacked, by track and agent; its seeds are found anew.
+        runs: The runs.
+    """
+    tables = [table.name for table in settings.tables]
+    ordered = sorted(runs, key=lambda run: _run_order(run, tables))
+    seeds: dict[tuple[str, str], set[int]] = {}
+    for run in ordered:
+        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
+    return Results(
+        format=FORMAT,
+        settings=settings,
+        targets=tuple(
+            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
+            for place, own in seeds.items()
+        ),
+        rows=tuple(rows_of_runs(ordered)),
+        runs=tuple(ordered),
+    )
+
+
+def _run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
     """Give a key to sort runs by: known names in their order, then other names."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
@@ -268,20 +288,6 @@ def _summary(result: RunReport | RunFailure) -> RunSummary:
 def _timing(settings: RunSettings, folder: Path) -> RunTiming:
     costs = read_model(folder / TIMING_FILE, Timing)
     return RunTiming(**settings.model_dump(include=set(RunKey.model_fields)), **costs.model_dump())
-
-
-def _targets(results: Sequence[RunReport | RunFailure]) -> tuple[Target, ...]:
-    found: dict[tuple[str, str], Target] = {}
-    for result in results:
-        settings = result.settings
-        key = (settings.track, settings.agent)
-        seeds = {settings.seed, *(found[key].seeds if key in found else ())}
-        found[key] = Target(
-            **settings.model_dump(include=set(Target.model_fields)),
-            fooling_threshold=result.fooling_threshold,
-            seeds=tuple(sorted(seeds)),
-        )
-    return tuple(found.values())
 
 
 def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
