@@ -231,6 +231,27 @@ class Application(ABC):
         """Free what the application holds; calling it twice is fine."""
 
 
+def refuse_undeclared(application: Application) -> None:
+    """Refuse an application that lacks its parameters or its fooling threshold.
+
+    Raises:
+        UserTypeError: If one of them is missing, or the threshold is not within [0, 1].
+    """
+    name = type(application).__name__
+    parameters = getattr(application, "parameters", None)
+    if not isinstance(parameters, ParameterSpace):
+        raise UserTypeError(
+            f"Expected `parameters` of {name} to be a ParameterSpace, got {parameters!r}. Set it "
+            "in the class or in __init__."
+        )
+    threshold = getattr(application, "fooling_threshold", None)
+    if not isinstance(threshold, int | float | np.number) or not 0.0 <= threshold <= 1.0:
+        raise UserTypeError(
+            f"Expected `fooling_threshold` of {name} to be a number from 0 to 1, got "
+            f"{threshold!r}. Set it in the class or in __init__."
+        )
+
+
 def _check_extras(extras: Any, count: int, source: str) -> None:
     if not isinstance(extras, Sequence) or len(extras) != count:
         found = len(extras) if isinstance(extras, Sequence) else repr(extras)

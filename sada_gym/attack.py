@@ -13,7 +13,7 @@ from sada_gym.application import Application
 from sada_gym.errors import UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
-from sada_gym.files import file_errors, write_folder, write_model
+from sada_gym.files import as_path, file_errors, write_folder, write_model
 from sada_gym.runs.assemble import find_target, make_adversary, make_settings
 from sada_gym.runs.record import (
     ADVERSARY_FOLDER,
@@ -93,7 +93,7 @@ def attack(
     Raises:
         TypeError, ValueError: If an argument is bad, or `out` holds another run.
     """
-    folder = Path(out)
+    folder = as_path(out, "the folder for the results")
     evaluator = Evaluator(
         environment,
         env_kwargs=env_kwargs,

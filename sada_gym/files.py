@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from sada_gym.errors import FileError
+from sada_gym.errors import FileError, UserError, UserTypeError
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_ARRAYS_BYTES = 2**30
@@ -66,6 +66,17 @@ OneLine = Annotated[str, AfterValidator(_printable)]
 """Text from a file that can be shown in a terminal: no line breaks, no control characters."""
 
 
+def as_path(given: Any, what: str) -> Path:
+    """Give the path that a user handed over, of what messages call `what`.
+
+    Raises:
+        UserTypeError: If it is no path.
+    """
+    if not isinstance(given, str | os.PathLike):
+        raise UserTypeError(f"Expected the path of {what}, got {given!r}.")
+    return Path(given)
+
+
 @contextmanager
 def file_errors(what: str, path: Path) -> Iterator[None]:
     """Turn the system's errors on files into a `FileError` with a sentence.
@@ -83,6 +94,12 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
     except OSError as error:
         reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}. Name another place")
         raise FileError(f"Expected to {what} {path}, but {reason}.") from error
+    except ValueError as error:
+        if isinstance(error, UserError) or "\0" not in str(path):
+            raise
+        raise FileError(
+            f"Expected to {what} {str(path)!r}, but its name holds a NUL. Name another place."
+        ) from error
 
 
 def write_file(path: Path, content: bytes) -> None:

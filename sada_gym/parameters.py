@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import as_array, real_numbers
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, UserTypeError
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
@@ -34,8 +34,11 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse an empty range."""
-        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+        """Refuse a name that is no text, and an empty range."""
+        if not isinstance(self.name, str) or not self.name:
+            raise UserTypeError(f"Expected a parameter's name to be a text, got {self.name!r}.")
+        numbers = all(isinstance(end, int | float | np.number) for end in (self.low, self.high))
+        if not numbers or not 0.0 < float(self.high) - float(self.low) < np.inf:
             raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
                 f"got low={self.low} and high={self.high}. Give a non-empty range."
@@ -52,6 +55,12 @@ class ParameterSpace:
     def __init__(self, *parameters: Parameter) -> None:
         if not parameters:
             raise UserError("Expected at least one Parameter, got none. Name what mu controls.")
+        for parameter in parameters:
+            if not isinstance(parameter, Parameter):
+                raise UserTypeError(
+                    f"Expected Parameter objects, one after another, got {parameter!r}. Write "
+                    "ParameterSpace(Parameter(...), Parameter(...))."
+                )
         names = [parameter.name for parameter in parameters]
         if len(set(names)) != len(names):
             raise UserError(f"Expected distinct parameter names, got {names}. Rename the doubles.")

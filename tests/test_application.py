@@ -305,3 +305,31 @@ def test_an_agent_that_fails_leaves_global_generators_as_they_were() -> None:
     with pytest.raises(KeyError):
         application.evaluate(np.zeros((1, 6)), [0])
     assert global_states() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("parameters", None),
+        ("fooling_threshold", float("nan")),
+        ("fooling_threshold", "0.3"),
+        ("fooling_threshold", None),
+    ],
+)
+def test_an_application_without_parameters_or_a_threshold_is_refused(name: str, value: Any) -> None:
+    application = Given([0.5])
+    setattr(application, name, value)
+    message = f"Expected `{name}` of Given to be a .*, got {value!r}"
+    with pytest.raises(ValueError, match=message):
+        Oracle(application, budget=1)
+    with pytest.raises(ValueError, match=message):
+        AdversaryEnv(application)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("name", None), ("version", "1"), ("version", 2**70), ("fingerprint", 5)]
+)
+def test_a_store_refuses_what_it_cannot_keep(name: str, value: Any, tmp_path: Any) -> None:
+    application = type("Odd", (Given,), {name: value})([0.5])
+    with pytest.raises(TypeError, match=f"Expected .*{name}.*, got .*{value!r}"):
+        Oracle(application, budget=1, store=tmp_path / "run.sqlite")

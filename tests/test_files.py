@@ -270,3 +270,9 @@ def test_arrays_can_be_changed(tmp_path):
     path = Path(tmp_path / "a.npz")
     path.write_bytes(npz(a=np.zeros((2, 2))))
     read_arrays(path, {"a": ("f8", 2)})["a"][0, 0] = 1.0
+
+
+def test_a_name_with_a_nul_is_refused():
+    for use in (lambda path: files.write_file(path, b""), lambda path: files.read_file(path, 10)):
+        with pytest.raises(FileError, match=r"Expected to .* 'a.x00b', but its name holds a NUL"):
+            use(Path("a\0b"))

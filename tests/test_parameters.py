@@ -97,6 +97,29 @@ def test_an_empty_range_is_refused(low: float, high: float) -> None:
         Parameter("a", low, high)
 
 
+@pytest.mark.parametrize("end", ["0", None, 1j])
+def test_a_range_of_anything_but_numbers_is_refused(end: object) -> None:
+    with pytest.raises(ValueError, match="Expected finite low < high for parameter 'a', got low="):
+        Parameter("a", end, 1)  # type: ignore[arg-type]
+
+
+def test_a_range_wider_than_floats_is_refused() -> None:
+    with pytest.raises(ValueError, match="Expected finite low < high"):
+        Parameter("a", -1e308, 1e308)
+
+
+@pytest.mark.parametrize("name", ["", 3, None])
+def test_a_name_that_is_no_text_is_refused(name: object) -> None:
+    with pytest.raises(TypeError, match="Expected a parameter's name to be a text, got"):
+        Parameter(name, 0, 1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("given", ["a", [Parameter("a", 0, 1)]])
+def test_a_space_of_anything_but_parameters_is_refused(given: object) -> None:
+    with pytest.raises(TypeError, match="Expected Parameter objects, one after another, got"):
+        ParameterSpace(given)  # type: ignore[arg-type]
+
+
 def test_a_space_without_parameters_is_refused() -> None:
     with pytest.raises(ValueError, match="Expected at least one Parameter, got none"):
         ParameterSpace()

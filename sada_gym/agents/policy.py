@@ -49,10 +49,10 @@ class Policy:
             raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
                 f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
-                f"actions {given}. Train it on {episodes.task}."
+                f"actions {given}. Train it on {episodes.task_id}."
             )
         self.model = model
-        self._transforms = observation_transforms(model, observation_space, episodes.task)
+        self._transforms = observation_transforms(model, observation_space, episodes.task_id)
         self._action_shape = action_space.shape
         self._tile = POLICY_TILE
         if not self._same_in_every_place(observation_space):

@@ -20,7 +20,7 @@ from sada_gym.benchmark.folder import (
 )
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.errors import UserError
-from sada_gym.files import Strict, file_errors, read_model, write_model
+from sada_gym.files import OneLine, Strict, file_errors, read_model, write_model
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
@@ -68,7 +68,7 @@ class RunSummary(RunKey):
     error: str | None
     measures: Measures | None
     search: Search | None
-    flags: tuple[str, ...]
+    flags: tuple[OneLine, ...]
 
 
 class Row(Strict):

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import shaped
-from sada_gym.envs.proposals import MAX_ENVS
 from sada_gym.errors import UserError, refuse_number
+from sada_gym.proposals import MAX_ENVS
 
 MAX_TILE = 1_024
 """Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""

@@ -12,9 +12,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.arrays import shaped
-from sada_gym.envs.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
 from sada_gym.errors import BudgetExhausted, refuse_number
-from sada_gym.resets import check_reset_options, checked_seed, reset_mask
+from sada_gym.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
+from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
 
 
 class Queried(Protocol):
@@ -143,10 +143,11 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,  # noqa: ARG002 - changes nothing
+        seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
+        spread_seeds(seed, self.num_envs)
         for i in reset_mask(options, self.num_envs):
             self._proposals.start(i)
         return self._proposals.observation.copy(), {}

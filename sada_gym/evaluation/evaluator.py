@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Application
+from sada_gym.application import Application, refuse_undeclared
 from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.store import Context, EvaluationStore
@@ -205,6 +205,7 @@ def _described(
                 f"Expected dimension and threshold only with a function; {scorer.name} has its "
                 "own. Drop them."
             )
+        refuse_undeclared(scorer)
         return len(scorer.parameters), float(scorer.fooling_threshold)
     if not callable(scorer):
         raise UserTypeError(

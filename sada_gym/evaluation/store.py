@@ -21,6 +21,7 @@ from typing_extensions import Self
 from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
+from sada_gym.files import as_path
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
@@ -92,7 +93,16 @@ class Context:
             StoreError: If the application has no fingerprint.
             TypeError: If its settings are not JSON-compatible.
         """
-        fingerprint = application.fingerprint
+        name, version, fingerprint = application.name, application.version, application.fingerprint
+        if not isinstance(name, str) or not isinstance(version, int) or abs(version) >= 2**63:
+            raise UserTypeError(
+                f"Expected name to be a text and version an int in {type(application).__name__}, "
+                f"got {name!r} and {version!r}. Set them in the class."
+            )
+        if fingerprint is not None and not isinstance(fingerprint, str):
+            raise UserTypeError(
+                f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
+            )
         if fingerprint is None:
             raise StoreError(
                 f"Expected a fingerprint of {application.name}'s agent to store evaluations under, "
@@ -130,9 +140,7 @@ class EvaluationStore:
     """
 
     def __init__(self, path: str | Path) -> None:
-        if not isinstance(path, str | os.PathLike):
-            raise UserTypeError(f"Expected the path of an evaluation store, got {path!r}.")
-        self.path = Path(path)
+        self.path = as_path(path, "an evaluation store")
         self._process = os.getpid()
         refuse_unusable(self.path)
         with explained(self.path):

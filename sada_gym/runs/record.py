@@ -13,7 +13,7 @@ from typing_extensions import Self
 
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.files import Strict, read_arrays, read_model, write_file, write_model
+from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.runs.measure import Distances, Measures, Search
@@ -142,7 +142,7 @@ class RunReport(Measures):
     nearest_fooling_query: Distances | None
     search: Search
     seeds: dict[str, str | int]
-    flags: tuple[str, ...]
+    flags: tuple[OneLine, ...]
 
     def measures(self) -> Measures:
         """Give the measures alone."""

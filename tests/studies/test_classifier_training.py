@@ -1,6 +1,7 @@
 """How the digits' classifier is trained, a few steps of it."""
 
 import numpy as np
+import pytest
 
 from sada_gym import agents
 from sada_gym.envs.digits.agent.network import DigitNetwork
@@ -10,6 +11,8 @@ from studies.training.digits.data import batches, training_images
 from studies.training.digits.evaluate import accuracy
 from studies.training.digits.recipe import RECIPES, ClassifierRecipe
 from studies.training.digits.train import train
+
+pytestmark = pytest.mark.slow  # goldens and reference sets guard what is shipped
 
 
 def test_training_repeats_and_learns():

@@ -22,6 +22,8 @@ from studies.training.detection.prior import photograph, survey
 from studies.training.detection.recipe import DetectorRecipe
 from studies.training.detection.train import detection_loss, giou, targets, train
 
+pytestmark = pytest.mark.slow  # goldens and reference sets guard what is shipped
+
 
 def frames(images, boxes, labels):
     return LabelledFrames(

@@ -14,6 +14,8 @@ from studies.training.driving import evaluate, train
 from studies.training.driving.evaluate import TaskFigures, measure, table
 from studies.training.driving.recipe import RECIPES
 
+pytestmark = pytest.mark.slow  # goldens and reference sets guard what is shipped
+
 SHORT = replace(RECIPES["cil"], lockstep=4, rounds=2, steps=16, epochs=1, last_epochs=1, batch=8)
 SHORTER = replace(
     RECIPES["ppo"],
@@ -103,7 +105,6 @@ def test_a_card_names_command_file_and_figures(tmp_path):
     assert f"| rounds | {RECIPES['cil'].rounds} |" in text
 
 
-@pytest.mark.slow  # test_golden_drives has scores of the shipped driver
 def test_the_shipped_driver_arrives_where_it_was_trained_for():
     """A small part of the model card's measurement; the card has ten starts a weather."""
     figures = measure(agents.load("cil", "SADA-Driving"), seed=5, starts=1, samples=1)

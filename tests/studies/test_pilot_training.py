@@ -20,6 +20,8 @@ from studies.training.uav.imitation import fit, gather, imitate, loss, strayed
 from studies.training.uav.recipe import MILD, RECIPES
 from studies.training.uav.reinforcement import reinforce
 
+pytestmark = pytest.mark.slow  # goldens and reference sets guard what is shipped
+
 TRY = replace(
     RECIPES["waypoint-pid"], lockstep=8, rounds=2, steps=320, epochs=1, last_epochs=1, batch=64
 )

@@ -89,7 +89,7 @@ class Drives(Episodes[Start]):
         ending: (n,) int8, of `Ending`.
     """
 
-    task = "SADA-DrivingTask-v0"
+    task_id = "SADA-DrivingTask-v0"
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 
@@ -176,8 +176,11 @@ class Drives(Episodes[Start]):
         Args:
             which: (n,) indices of these cars.
             actions: (n, 2), clipped to [-1, 1]: steering, positive to the right, and acceleration.
+
+        Raises:
+            UserError: If the actions are of another shape or not finite.
         """
-        actions = np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        actions = np.clip(self._checked(which, actions), -1.0, 1.0)
         states = self.states[which]
         drive(
             states,

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
+from sada_gym.errors import UserError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -29,7 +30,7 @@ class Episodes(ABC, Generic[StartT]):
         starts: How each episode begins.
 
     Attributes:
-        task: The id of the inner task that trains agents for these episodes, for messages.
+        task_id: The id of the inner task that trains agents for these episodes, for messages.
         observation_space: The space of one episode's observations.
         action_space: The space of one episode's actions, within [-1, 1].
         finite_only: Whether an action that is not finite is an error. Otherwise the episode itself
@@ -38,7 +39,7 @@ class Episodes(ABC, Generic[StartT]):
         steps: (n,) int64, the number of actions taken in each.
     """
 
-    task: str
+    task_id: str
     observation_space: spaces.Dict
     action_space: spaces.Box[Any]
     finite_only: bool = True
@@ -79,6 +80,28 @@ class Episodes(ABC, Generic[StartT]):
     @abstractmethod
     def moment(self) -> Batch:
         """Give what a rollout keeps of this moment, each key (n, ...)."""
+
+    def _checked(self, which: Indices, actions: npt.NDArray[Any]) -> Array:
+        """Give a copy of the actions in some episodes as float64.
+
+        Raises:
+            UserError: If they are of another shape, or not finite where episodes take none such.
+        """
+        checked = np.array(actions, np.float64)
+        shape = (len(which), *self.action_space.shape)
+        if checked.shape != shape:
+            raise UserError(
+                f"Expected actions of shape {shape}, one for each of the episodes under way, got "
+                f"{checked.shape}."
+            )
+        finite = np.isfinite(checked).all(axis=1)
+        if self.finite_only and not finite.all():
+            first = int(finite.argmin())
+            raise UserError(
+                f"Expected finite actions, got {checked[first].tolist()} at "
+                f"{self.where(int(which[first]))}. Look for NaN or infinity in the agent."
+            )
+        return checked
 
     def where(self, i: int) -> str:
         """Say in a few words where episode i is, for messages."""

@@ -39,7 +39,6 @@ from sada_gym.envs.uav.world.referee import (
     observed_motion,
     orders,
 )
-from sada_gym.errors import UserError
 
 POLICY_HZ = 20
 REPLAY_HZ = 10
@@ -112,7 +111,7 @@ class Races(Episodes[Start]):
         time_s: (n,) the time flown.
     """
 
-    task = "SADA-RacingTask-v0"
+    task_id = "SADA-RacingTask-v0"
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
     finite_only = False
@@ -202,12 +201,7 @@ class Races(Episodes[Start]):
         Raises:
             UserError: If the actions are of another shape.
         """
-        actions = np.array(actions, np.float64)
-        if actions.shape != (len(which), 4):
-            raise UserError(
-                f"Expected actions of shape {(len(which), 4)}, one for each of the drones under "
-                f"way, got {actions.shape}."
-            )
+        actions = self._checked(which, actions)
         # no such number may reach PyBullet, where the others are
         lost = ~np.isfinite(actions).all(axis=1) | lost_ones(self.states[which])
         self.steps[which] += 1

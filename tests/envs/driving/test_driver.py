@@ -360,6 +360,28 @@ def test_agents_of_two_applications_may_share_a_name():
         agents.card("ppo", "SADA-Detection")
 
 
+class Broken(PrivilegedDriver):
+    def act(self, drives, which):
+        return super().act(drives, which) * np.nan
+
+
+class Narrow(PrivilegedDriver):
+    def act(self, drives, which):
+        return super().act(drives, which)[:, :1]
+
+
+@pytest.mark.parametrize(
+    ("agent", "message"),
+    [
+        (Broken(), r"finite actions, got \[nan, nan\] at step 0 of the route A1 B1 C1\. Look for"),
+        (Narrow(), r"actions of shape \(5, 2\), one for each .*, got \(5, 1\)"),
+    ],
+)
+def test_what_an_agent_of_ones_own_does_is_checked(agent, message):
+    with pytest.raises(ValueError, match=message):
+        DrivingApplication("straight", agent=agent).evaluate([[0.0, 0.0, -1.0]], [0])
+
+
 def test_an_agent_of_ones_own_drives():
     application = DrivingApplication("straight", agent=PrivilegedDriver())
     assert application.evaluate([[0.0, 0.0, -1.0]], [0]).score[0] == 1.0

@@ -23,7 +23,7 @@ from sada_gym.testing.purity import assert_pure
 class Walks(Episodes):
     """Walkers on a line from 0, who want to come to their start's number in time."""
 
-    task = "Walk-v0"
+    task_id = "Walk-v0"
     observation_space = spaces.Dict({"left": spaces.Box(-9.0, 9.0, (1,), np.float32)})
     action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
     LIMIT = 6

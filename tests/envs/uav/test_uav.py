@@ -252,5 +252,8 @@ def test_tracks_are_built_once_a_batch(monkeypatch):
             super().__init__(anchors)
 
     monkeypatch.setattr("sada_gym.envs.uav.world.templates.Tracks", Counted)
-    UAVApplication(3, agent=Speechless()).evaluate(np.zeros((5, 6)), range(5))
+    application = UAVApplication(3, agent=Speechless())
+    application.evaluate(np.zeros((5, 6)), range(5))  # the first time an agent is asked twice
+    built.clear()
+    application.evaluate(np.zeros((5, 6)), range(5))
     assert built == [5]

@@ -54,9 +54,9 @@ class Renderer(ABC):
 
     @property
     def key(self) -> str:
-        """The renderer in a store's settings: its class, and the SHA-256 of a longer identity."""
+        """The renderer in the settings of stores: its class and its identity's SHA-256."""
         name = type(self).__name__
-        if self.identity in (None, name):
+        if self.identity is None:
             return name
         return f"{name}-{hashlib.sha256(self.identity.encode()).hexdigest()}"
 

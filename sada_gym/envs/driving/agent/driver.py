@@ -27,5 +27,5 @@ def as_driver(agent: Any) -> Driver:
         UserError: If it is no `DriverLike`, or a model's spaces are not the driving task's.
     """
     return as_agent(
-        agent, partial(Policy, episodes=Drives), f"an SB3 model trained on {Drives.task}"
+        agent, partial(Policy, episodes=Drives), f"an SB3 model trained on {Drives.task_id}"
     )

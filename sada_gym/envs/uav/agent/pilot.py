@@ -104,5 +104,5 @@ def as_pilot(agent: Any) -> Pilot:
     """
     if isinstance(agent, WaypointNetwork):
         return WaypointPilot(agent)
-    kinds = f"a WaypointNetwork, an SB3 model trained on {Races.task}"
+    kinds = f"a WaypointNetwork, an SB3 model trained on {Races.task_id}"
     return as_agent(agent, partial(Policy, episodes=Races), kinds)
