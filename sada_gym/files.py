@@ -168,7 +168,7 @@ def write_model(path: Path, model: Strict) -> None:
     Raises:
         FileError: If it cannot be written.
     """
-    text = json.dumps(model.model_dump(mode="json", by_alias=True), indent=2, allow_nan=False)
+    text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
 
 

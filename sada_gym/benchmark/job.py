@@ -22,7 +22,7 @@ from sada_gym.plots.style import png
 from sada_gym.runs.assemble import make_adversary
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunFailure, RunReport, RunSettings
-from sada_gym.runs.run import OnProgress, Run, RunContext, ignore_progress
+from sada_gym.runs.run import OnProgress, Run, ignore_progress
 
 _PATIENCE_S = 60.0
 
@@ -77,11 +77,7 @@ def do_run(job: RunJob) -> RunDone:
 
 
 def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: bool) -> RunDone:
-    settings, group, application = job.settings, job.group, evaluator.application
-    assert application is not None
-    context = RunContext(
-        evaluator, application, group.fooling_set, group.ideal_set, on_progress=on_progress
-    )
+    settings, group = job.settings, job.group
     started = time.monotonic()
     _forget_peak_memory()
     adversary = make_adversary(
@@ -92,37 +88,40 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
         options=settings.options,
         ideal_set=group.ideal_set,
     )
-    run = Run(settings, adversary, context)
+    run = Run(
+        settings,
+        adversary,
+        evaluator,
+        fooling_set=group.fooling_set,
+        ideal_set=group.ideal_set,
+        on_progress=on_progress,
+    )
     result: RunReport | RunFailure
     picture = None
     try:
         run.train()
         run.test()
     except AdversaryError as error:
-        threshold = float(application.fooling_threshold)
+        threshold = float(run.application.fooling_threshold)
         result = RunFailure(settings=settings, fooling_threshold=threshold, error=str(error))
     else:
         result = run.measure()
         if run.images is not None:
-            picture = png(novelty_sheet(run.images.ours, run.images.ideal))
+            picture = png(novelty_sheet(*run.images))
     return RunDone(
         result=result,
-        timing=_timing(run, time.monotonic() - started),
+        timing=Timing(
+            training_s=round(run.process_s - run.evaluation_s, 3),
+            evaluation_s=round(run.evaluation_s, 3),
+            evaluated=run.evaluated,
+            known=run.known,
+            wall_s=round(time.monotonic() - started, 3),
+            peak_memory_mib=_peak_memory_mib(),
+        ),
         samples=run.samples if isinstance(result, RunReport) else None,
         picture=picture,
-        context=Context.of(application),
+        context=Context.of(run.application),
         evaluations=run.evaluations if keep else (),
-    )
-
-
-def _timing(run: Run, wall_s: float) -> Timing:
-    return Timing(
-        training_s=round(run.process_s - run.evaluation_s, 3),
-        evaluation_s=round(run.evaluation_s, 3),
-        evaluated=run.evaluated,
-        known=run.known,
-        wall_s=round(wall_s, 3),
-        peak_memory_mib=_peak_memory_mib(),
     )
 
 

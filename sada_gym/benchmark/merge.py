@@ -8,35 +8,24 @@ from typing import Any
 
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
-    FORMAT,
     RESULTS_FILE,
     Results,
     RunSummary,
     Target,
-    rows_of_runs,
-    run_order,
+    put_together,
 )
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import file_errors, read_model, write_model
 from sada_gym.runs.record import common, refuse_other
 
 
-def merge_files(
-    files: Sequence[Path],
-    out: Path,
-    *,
-    tables: Sequence[str] = (),
-    tracks: Sequence[str] = (),
-    contenders: Sequence[str] = (),
-) -> Results:
+def merge_files(files: Sequence[Path], out: Path, **chosen: Sequence[str]) -> Results:
     """Merge files of results, and write results.json and table.md.
 
     Args:
         files: Each a results.json, or a folder that holds one.
         out: The folder to write to; it is made.
-        tables: Names of the tables to take over; all by default.
-        tracks: Ids of the environments to take over; all by default.
-        contenders: Labels of the rows to take over; all by default.
+        chosen: The tables, tracks and contenders to take over, see `merge`.
 
     Raises:
         ValueError: If a file is none of ours, they do not belong together, or `out` is the folder
@@ -46,7 +35,7 @@ def merge_files(
     if out.resolve() in {path.parent.resolve() for path in paths}:
         raise UserError(f"Expected a folder of its own for the report, got {out}, which is merged.")
     parts = [read_model(path, Results) for path in paths]
-    merged = merge(parts, tables=tables, tracks=tracks, contenders=contenders)
+    merged = merge(parts, **chosen)
     with file_errors("make the folder", out):
         out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)
@@ -106,35 +95,20 @@ def merge(
     refuse_unknown("table", tables, known)
     refuse_unknown("track", tracks, sorted({run.track for run in runs.values()}))
     refuse_unknown("adversary", contenders, sorted({run.label for run in runs.values()}))
-    chosen = sorted(
-        (
-            run
-            for run in runs.values()
-            if (not tables or run.table in tables)
-            and (not tracks or run.track in tracks)
-            and (not contenders or run.label in contenders)
-        ),
-        key=lambda run: run_order(run, known),
-    )
+    chosen = [
+        run
+        for run in runs.values()
+        if run.table in (tables or known)
+        and (not tracks or run.track in tracks)
+        and (not contenders or run.label in contenders)
+    ]
     if runs and not chosen:
         raise UserError(
             "Expected runs of these tables, tracks and adversaries, got none in common."
         )
-    seeds: dict[tuple[str, str], set[int]] = {}
-    for run in chosen:
-        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
     filled = {run.table for run in chosen}
     kept = tuple(table for table in settings.tables if table.name in filled)
-    return Results(
-        format=FORMAT,
-        settings=settings.model_copy(update={"tables": kept}),
-        targets=tuple(
-            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
-            for place, own in seeds.items()
-        ),
-        rows=tuple(rows_of_runs(chosen)),
-        runs=tuple(chosen),
-    )
+    return put_together(settings.model_copy(update={"tables": kept}), targets, chosen)
 
 
 def _refuse_unlike(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:

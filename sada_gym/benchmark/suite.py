@@ -134,34 +134,27 @@ class Suite(Strict):
         return range(self.seeds_of.get(track, self.seeds))
 
 
+_RL = ("reinforce", "ppo", "sac", "td3")
+
+
+def _by_name(*names: str) -> list[Contender]:
+    """Give contenders that are called as their adversaries are."""
+    return [Contender(label=name, adversary=name) for name in names]
+
+
 CONTENDERS: tuple[Contender, ...] = (
     Contender(label=IDEAL, adversary=IDEAL, ranked=False),
     Contender(label="random", adversary="random"),
     Contender(label="archive", adversary="archive", ranked=False),
-    Contender(label="svm", adversary="svm"),
-    Contender(label="gp", adversary="gp"),
-    Contender(label="gaussian", adversary="gaussian"),
-    Contender(label="gmm10", adversary="gmm10"),
-    Contender(label="gmm50", adversary="gmm50"),
-    Contender(label="bayesian", adversary="bayesian"),
+    *_by_name("svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
     Contender(label="bbgan (paper)", adversary="bbgan", preset="paper"),
     Contender(label="bbgan-boost (paper)", adversary="bbgan-boost", preset="paper"),
-    Contender(label="bbgan", adversary="bbgan"),
-    Contender(label="bbgan-boost", adversary="bbgan-boost"),
-    Contender(label="cross-entropy", adversary="cross-entropy"),
-    Contender(label="smc", adversary="smc"),
+    *_by_name("bbgan", "bbgan-boost", "cross-entropy", "smc"),
     Contender(label="cma-mae", adversary="cma-mae", requires="ribs"),
-    Contender(label="sada", adversary="sada"),
-    Contender(label="trees", adversary="trees"),
-    Contender(label="level-set", adversary="level-set"),
-    Contender(label="reinforce", adversary="reinforce"),
-    Contender(label="ppo", adversary="ppo"),
-    Contender(label="sac", adversary="sac"),
-    Contender(label="td3", adversary="td3"),
+    *_by_name("sada", "trees", "level-set", *_RL),
 )
 """All rows: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
 
-_RL = ("reinforce", "ppo", "sac", "td3")
 _NOT_YET = ("trees", "level-set")
 _IN_SUITES = tuple(c for c in CONTENDERS if c.label not in (*_RL, *_NOT_YET))
 """The rows of most suites, as docs/results has them; the others are chosen by name.
@@ -221,19 +214,15 @@ SUITES: tuple[Suite, ...] = (
         tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
         contenders=_IN_SUITES,
     ),
-    Suite(
-        name="driving",
-        tracks=_DRIVING_TRACKS,
-        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
-        contenders=_IN_SUITES,
-        seeds=3,
-    ),
-    Suite(
-        name="racing",
-        tracks=_RACING_TRACKS,
-        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
-        contenders=_IN_SUITES,
-        seeds=3,
+    *(
+        Suite(
+            name=name,
+            tracks=tracks,
+            tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
+            contenders=_IN_SUITES,
+            seeds=3,
+        )
+        for name, tracks in (("driving", _DRIVING_TRACKS), ("racing", _RACING_TRACKS))
     ),
     Suite(
         name="digits",
@@ -269,19 +258,18 @@ def find_contender(text: str) -> Contender:
     Raises:
         ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
     """
-    for contender in CONTENDERS:
-        if text == contender.label:
-            return contender
+    known = {contender.label: contender for contender in CONTENDERS}
+    if text in known:
+        return known[text]
     name, colon, rest = text.partition(":")
     if not colon:
-        refuse_unknown("adversary", [text], [*(c.label for c in CONTENDERS), "module:Class"])
+        refuse_unknown("adversary", [text], [*known, "module:Class"])
     if name not in adversaries.names():
         return Contender(label=text, adversary=text)
     if rest == "default":
         return find_contender(name)
     label = f"{name} ({rest})"
-    known = [contender for contender in CONTENDERS if contender.label == label]
-    return known[0] if known else Contender(label=label, adversary=name, preset=rest)
+    return known.get(label) or Contender(label=label, adversary=name, preset=rest)
 
 
 def choose(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -87,40 +87,33 @@ def attack(
         options = key_values(set_ or [], "--set")
         if preset is not None and "preset" in options:
             raise UserError("Expected the preset once, got it by --preset and --set.")
+        from sada_gym.attack import attack as run_attack
+        from sada_gym.cli.progress import AttackProgress
+        from sada_gym.evaluation.executors import open_executor
+
         try:
-            _run(
-                env_id,
-                adversary,
-                executor=executor,
-                workers=workers or min(cores(), _MANY),
-                env_kwargs=keywords,
-                preset=preset,
-                options=options,
-                budget=budget,
-                samples=samples,
-                seed=seed,
-                out=folder,
-                resume=resume,
-            )
+            with (
+                open_executor(executor, workers or min(cores(), _MANY)) as opened,
+                AttackProgress(out) as progress,
+            ):
+                result = run_attack(
+                    env_id,
+                    adversary,
+                    executor=opened.executor,
+                    workers=opened.workers,
+                    env_kwargs=keywords,
+                    preset=preset,
+                    options=options,
+                    budget=budget,
+                    samples=samples,
+                    seed=seed,
+                    out=folder,
+                    resume=resume,
+                    on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
+                )
         except KeyboardInterrupt:
             show_resume_hint(_kept(folder), "--resume")
             raise typer.Exit(130) from None
-
-
-def _run(env_id: str, adversary: str, *, executor: str, workers: int, **settings: Any) -> None:
-    from sada_gym.attack import attack as run_attack
-    from sada_gym.cli.progress import AttackProgress
-    from sada_gym.evaluation.executors import open_executor
-
-    with open_executor(executor, workers) as opened, AttackProgress(out) as progress:
-        result = run_attack(
-            env_id,
-            adversary,
-            executor=opened.executor,
-            workers=opened.workers,
-            on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
-            **settings,
-        )
     _show_result(result)
 
 

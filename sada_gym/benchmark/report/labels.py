@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import isotonic_regression
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,14 +155,9 @@ def _freeze(axes: Axes) -> float:
 def _spread(wanted: Values, gap: float, low: float, high: float) -> Values:
     """Move heights apart, as little as need be: at least a gap between any two, in order."""
     order = np.argsort(wanted, kind="stable")
-    blocks: list[list[float]] = []  # of names that touch: their number, the sum of their starts
-    for value in wanted[order] - gap * np.arange(len(wanted)):
-        blocks.append([1.0, float(value)])
-        while len(blocks) > 1 and blocks[-2][1] / blocks[-2][0] > blocks[-1][1] / blocks[-1][0]:
-            count, total = blocks.pop()
-            blocks[-1] = [blocks[-1][0] + count, blocks[-1][1] + total]
-    starts = np.concatenate([np.full(int(count), total / count) for count, total in blocks])
+    steps = gap * np.arange(len(wanted))
+    starts = isotonic_regression(wanted[order] - steps).x
     placed = np.clip(starts, low, max(low, high - gap * (len(wanted) - 1)))
     heights = np.empty(len(wanted))
-    heights[order] = placed + gap * np.arange(len(wanted))
+    heights[order] = placed + steps
     return heights
