@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sada_gym.benchmark.folder import BenchmarkSettings, rule
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
     FORMAT,
@@ -17,11 +16,9 @@ from sada_gym.benchmark.results import (
     rows_of_runs,
     run_order,
 )
-from sada_gym.benchmark.suite import Table
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import file_errors, read_model, write_model
-from sada_gym.runs.packages import in_order
-from sada_gym.runs.record import refuse_other
+from sada_gym.runs.record import common, refuse_other
 
 
 def merge_files(
@@ -84,22 +81,16 @@ def merge(
     """
     if not parts:
         raise UserError("Expected at least one file of results, got none.")
-    packages: dict[str, str] = {}
-    known: dict[str, Table] = {}
+    settings = parts[0].settings
     targets: dict[tuple[str, str], Target] = {}
     runs: dict[tuple[Any, ...], RunSummary] = {}
     for part in parts:
-        theirs = part.settings.packages  # an application names only what it loads
-        both = packages.keys() & theirs.keys()
-        _refuse_unlike(
-            "the packages",
-            {name: packages[name] for name in both},
-            {name: theirs[name] for name in both},
-        )
-        packages = in_order({**packages, **theirs})
-        for table in part.settings.tables:
-            first = known.setdefault(table.name, table)
-            _refuse_unlike(f"the rule of table {table.name}", rule(first), rule(table))
+        # an application names only the packages that it loads
+        _refuse_unlike("the packages", *common(settings.packages, part.settings.packages))
+        rules = common(settings.rules, part.settings.rules)
+        for name in rules[0]:
+            _refuse_unlike(f"the rule of table {name}", rules[0][name], rules[1][name])
+        settings = settings.plus(part.settings)
         for run in part.runs:
             key = (run.table, run.track, run.agent, run.label, run.seed)
             if key in runs:
@@ -111,7 +102,8 @@ def merge(
             _refuse_unlike(
                 f"{target.track} against {target.agent}", other.model_dump(), same.model_dump()
             )
-    refuse_unknown("table", tables, list(known))
+    known = [table.name for table in settings.tables]
+    refuse_unknown("table", tables, known)
     refuse_unknown("track", tracks, sorted({run.track for run in runs.values()}))
     refuse_unknown("adversary", contenders, sorted({run.label for run in runs.values()}))
     chosen = sorted(
@@ -122,7 +114,7 @@ def merge(
             and (not tracks or run.track in tracks)
             and (not contenders or run.label in contenders)
         ),
-        key=lambda run: run_order(run, list(known)),
+        key=lambda run: run_order(run, known),
     )
     if runs and not chosen:
         raise UserError(
@@ -132,12 +124,10 @@ def merge(
     for run in chosen:
         seeds.setdefault((run.track, run.agent), set()).add(run.seed)
     filled = {run.table for run in chosen}
+    kept = tuple(table for table in settings.tables if table.name in filled)
     return Results(
         format=FORMAT,
-        settings=BenchmarkSettings(
-            tables=tuple(table for name, table in known.items() if name in filled),
-            packages=packages,
-        ),
+        settings=settings.model_copy(update={"tables": kept}),
         targets=tuple(
             targets[place].model_copy(update={"seeds": tuple(sorted(own))})
             for place, own in seeds.items()

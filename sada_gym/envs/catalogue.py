@@ -18,19 +18,6 @@ APPLICATIONS = ("analytic", "detection", "driving", "uav", "digits", "pixel")
 
 
 @dataclass(frozen=True)
-class Track:
-    """A track of the leaderboard: an id that fixes keywords.
-
-    Attributes:
-        suffix: What the id adds to the application's name, such as `Car`.
-        kwargs: The keywords.
-    """
-
-    suffix: str
-    kwargs: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class AgentCard:
     """A shipped agent.
 
@@ -50,36 +37,6 @@ class AgentCard:
     def path(self) -> Path:
         """Where the weights lie."""
         return Path(__file__).parent / self.file
-
-
-@dataclass(frozen=True)
-class InnerTask:
-    """A Gymnasium environment on which an application's agents are trained.
-
-    Attributes:
-        id: Its id, with the version.
-        entry_point: `module:class` of the scalar environment.
-        vector_entry_point: `module:class` of the batch.
-    """
-
-    id: str
-    entry_point: str
-    vector_entry_point: str
-
-
-@dataclass(frozen=True)
-class ReferenceSize:
-    """How large the reference set of a track is.
-
-    Attributes:
-        points: Sobol points.
-        seeds: Evaluations of each point.
-        sobol_seed: What the Sobol points are scrambled by.
-    """
-
-    points: int = 4_000
-    seeds: int = 3
-    sobol_seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -133,28 +90,34 @@ class ApplicationCard:
         name: The general id without its version, such as `SADA-Detection`.
         application: `module:class` of the `Application`.
         version: The version of its ids.
-        tracks: The ids that fix its keywords.
+        tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
+            name, such as `Car`.
         same_as: The suffix of the track that the general id is by default; None where it is none.
         agents: The agents that are shipped for it, the default first.
         agent_kind: What its agents are called in messages, such as `detector`.
         agent_loader: `module:function` that turns a file of weights into an agent.
-        tasks: What its agents are trained on.
+        tasks: The environments on which its agents are trained: by id, `module:class` of the scalar
+            environment and of the batch.
         packages: The packages that a score can depend on, beside those of every run.
-        reference: The size of its tracks' reference sets.
+        reference_points: The number of Sobol points in the reference set of a track.
+        reference_seeds: The number of evaluations of each of these points.
+        sobol_seed: The seed by which these points are scrambled.
         case: What the tests of all ids need to know.
     """
 
     name: str
     application: str
     version: int = 0
-    tracks: tuple[Track, ...] = ()
+    tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     same_as: str | None = None
     agents: tuple[AgentCard, ...] = ()
     agent_kind: str = "agent"
     agent_loader: str = ""
-    tasks: tuple[InnerTask, ...] = ()
+    tasks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     packages: tuple[str, ...] = ()
-    reference: ReferenceSize = ReferenceSize()
+    reference_points: int = 4_000
+    reference_seeds: int = 3
+    sobol_seed: int = 0
     case: RegistryCase = RegistryCase()
 
     @property
@@ -169,7 +132,7 @@ class ApplicationCard:
     @property
     def track_ids(self) -> tuple[str, ...]:
         """The ids of all tracks."""
-        return tuple(self.track_id(track.suffix) for track in self.tracks)
+        return tuple(map(self.track_id, self.tracks))
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -47,19 +48,14 @@ class Standing:
         value: The adversary's figure.
         interval: The figure's interval; None where it is unknown.
         rank: The rank, 1 for the best; None for a control.
-        shared: Whether another adversary has the same rank.
+        label: The rank as tables show it: `1`, `1=` where it is shared, `-` for a control.
     """
 
     name: str
     value: float
     interval: Interval | None
     rank: int | None
-    shared: bool
-
-    @property
-    def label(self) -> str:
-        """Write the rank as tables show it: `1`, `1=` where it is shared, `-` for a control."""
-        return "-" if self.rank is None else f"{self.rank}{'=' if self.shared else ''}"
+    label: str
 
 
 def interquartile_mean(values: npt.ArrayLike) -> float:
@@ -179,15 +175,10 @@ def shared_ranks(
     ranks = {
         name: 1 + max(above[o] for o in ranked if values[o] >= values[name]) for name in ranked
     }
-    shares = list(ranks.values())
+    count = Counter(ranks.values())
+    labels = {name: f"{rank}=" if count[rank] > 1 else str(rank) for name, rank in ranks.items()}
     return tuple(
-        Standing(
-            name,
-            values[name],
-            intervals[name],
-            rank=ranks.get(name),
-            shared=name in ranks and shares.count(ranks[name]) > 1,
-        )
+        Standing(name, values[name], intervals[name], ranks.get(name), labels.get(name, "-"))
         for name in sorted(values, key=lambda name: -values[name])
     )
 

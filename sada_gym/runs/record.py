@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from typing_extensions import Self
@@ -17,6 +17,8 @@ from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file,
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.runs.measure import Distances, Measures, Search
+
+Value = TypeVar("Value")
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -242,6 +244,14 @@ def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[st
         elif before != now:
             found.append(f"{name} was {before!r} and is {now!r}")
     return found
+
+
+def common(
+    old: Mapping[str, Value], new: Mapping[str, Value]
+) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Give the entries of two records that both have."""
+    shared = old.keys() & new.keys()
+    return {name: old[name] for name in shared}, {name: new[name] for name in shared}
 
 
 def refuse_other(

@@ -1,11 +1,4 @@
-"""Contracts as test classes: subclass one, and pytest checks your adversary or application.
-
-from sada_gym.testing.contracts import AdversaryContract
-
-class TestMine(AdversaryContract):
-    def make(self, dimension, seed):
-        return Mine(dimension, seed=seed)
-"""
+"""Contracts as test classes: subclass one, and pytest checks your adversary or application."""
 
 # ruff: noqa: D102 - a test's name says what it tests
 
@@ -21,19 +14,18 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sada_gym.adversaries.base import Adversary
+from sada_gym.adversaries.fresh import row_keys
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.evaluation.oracle import Oracle
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import FoolingRate, attack_fooling_rate
 from sada_gym.parameters import validate_mu
 from sada_gym.testing import rules
-from sada_gym.testing.landscapes import FunctionOracle
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
 from sada_gym.testing.scales import scales
-
-__all__ = ["AdversaryContract", "ApplicationContract", "RecordingOracle", "assert_pure"]
 
 _SAFE_SUFFIXES = {".safetensors", ".json", ".npz", ".toml"}
 
@@ -109,11 +101,9 @@ class AdversaryContract:
         self, *, dimension: int | None = None, seed: int = 0, budget: int | None = None
     ) -> tuple[Adversary, RecordingOracle]:
         """Make and train an adversary on the analytic application."""
-        dimension = self.dimension if dimension is None else dimension
-        oracle = RecordingOracle(
-            AnalyticApplication(dimension=dimension),
-            budget=self.budget if budget is None else budget,
-        )
+        dimension = dimension or self.dimension
+        application = AnalyticApplication(dimension=dimension)
+        oracle = RecordingOracle(application, budget=budget or self.budget)
         adversary = self.make(dimension, seed)
         adversary.train(oracle)
         return adversary, oracle
@@ -125,11 +115,6 @@ class AdversaryContract:
         adversary, oracle = cls().train()
         return Training(adversary, oracle, adversary.sample(100))
 
-    @pytest.fixture
-    def trained(self, training: Training) -> tuple[Adversary, RecordingOracle]:
-        """Give a trained adversary and the oracle that it was trained on."""
-        return training.adversary, training.oracle
-
     @pytest.mark.parametrize("dimension", [1, 2, 16])
     def test_samples_lie_in_the_box(self, dimension: int) -> None:
         adversary, _ = self.train(dimension=dimension)
@@ -139,16 +124,15 @@ class AdversaryContract:
             assert samples.dtype == np.float32
             assert (np.abs(samples) <= 1.0).all()
 
-    def test_samples_are_fresh(self, trained: tuple[Adversary, RecordingOracle]) -> None:
+    def test_samples_are_fresh(self, training: Training) -> None:
         if not self.continuous:
             pytest.skip("draws from a finite set")
-        adversary, oracle = trained
-        samples = adversary.sample(10_000)
+        samples = training.adversary.sample(10_000)
         assert len(np.unique(samples, axis=0)) == len(samples)
-        assert not {row.tobytes() for row in samples} & {row.tobytes() for row in oracle.queries}
+        assert not row_keys(samples) & row_keys(training.oracle.queries)
 
-    def test_a_second_draw_goes_on(self, trained: tuple[Adversary, RecordingOracle]) -> None:
-        adversary, _ = trained
+    def test_a_second_draw_goes_on(self, training: Training) -> None:
+        adversary = training.adversary
         assert (adversary.sample(100) != adversary.sample(100)).any()
 
     def test_same_seed_same_result(self, training: Training) -> None:
@@ -161,8 +145,12 @@ class AdversaryContract:
         assert (other.sample(100) != training.first_samples).any()
 
     def test_same_result_in_another_process(self, training: Training) -> None:
-        there = in_fresh_process(_train_and_sample, self, 100, home=type(self))
+        there = in_fresh_process(self._first_samples, home=type(self))
         assert_array_equal(there, training.first_samples)
+
+    def _first_samples(self) -> npt.NDArray[np.float32]:
+        adversary, _ = self.train()
+        return adversary.sample(100)
 
     def test_a_small_budget_suffices_or_is_refused(self) -> None:
         for budget in (1, 3, 10):
@@ -174,21 +162,16 @@ class AdversaryContract:
                 assert oracle.remaining >= 0
                 assert adversary.sample(10).shape == (10, self.dimension)
 
-    def test_saved_and_loaded_goes_on_the_same(
-        self, trained: tuple[Adversary, RecordingOracle], tmp_path: Path
-    ) -> None:
-        adversary, _ = trained
+    def test_saved_and_loaded_goes_on_the_same(self, training: Training, tmp_path: Path) -> None:
+        adversary = training.adversary
         adversary.sample(7)
         adversary.save(tmp_path)
         loaded = type(adversary).load(tmp_path)
         assert loaded.dimension == self.dimension
         assert_array_equal(loaded.sample(100), adversary.sample(100))
 
-    def test_saved_files_hold_no_pickles(
-        self, trained: tuple[Adversary, RecordingOracle], tmp_path: Path
-    ) -> None:
-        adversary, _ = trained
-        adversary.save(tmp_path)
+    def test_saved_files_hold_no_pickles(self, training: Training, tmp_path: Path) -> None:
+        training.adversary.save(tmp_path)
         files = [path for path in tmp_path.rglob("*") if path.is_file()]
         assert files
         for path in files:
@@ -210,8 +193,11 @@ class AdversaryContract:
         uniform = np.random.default_rng(1).uniform(-1.0, 1.0, (5_000, self.dimension))
         for scale in scales(score(uniform.astype(np.float32))):
             threshold = float(scale.map(boxes.fooling_threshold))
-            oracle = FunctionOracle(
-                lambda mu, scale=scale: scale.map(score(mu)), self.budget, threshold
+            oracle = Oracle(
+                lambda mu, scale=scale: scale.map(score(mu)),
+                dimension=self.dimension,
+                threshold=threshold,
+                budget=self.budget,
             )
             adversary = self.make(self.dimension, 0)
             adversary.train(oracle)
@@ -219,10 +205,8 @@ class AdversaryContract:
             afr = attack_fooling_rate(score(mu), boxes.fooling_threshold)
             fooled = score(mu) <= boxes.fooling_threshold
             found.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
-        assert max(rate.low for _, rate, _ in found) <= min(rate.high for _, rate, _ in found), (
-            found
-        )
-        coverages = [coverage for _, _, coverage in found]
+        _, rates, coverages = zip(*found, strict=True)
+        assert max(rate.low for rate in rates) <= min(rate.high for rate in rates), found
         assert max(coverages) - min(coverages) <= 0.1, found
 
     def test_sampling_before_training_is_refused(self) -> None:
@@ -328,8 +312,3 @@ class ApplicationContract:
     def test_a_bad_seed_is_refused(self, application: Application, seed: Any) -> None:
         with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\), got"):
             application.evaluate(np.zeros((1, len(application.parameters))), [seed])
-
-
-def _train_and_sample(contract: AdversaryContract, n: int) -> npt.NDArray[np.float32]:
-    adversary, _ = contract.train()
-    return adversary.sample(n)
