@@ -11,10 +11,10 @@ from pydantic import Field
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
+from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
-from sada_gym.registration import ids_of
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -162,6 +162,9 @@ _IN_SUITES = tuple(c for c in CONTENDERS if c.label not in (*_RL, *_NOT_YET))
 RL asks in small rollouts, which makes it slow where there are worlds to simulate.
 """
 
+_WITH_RL = tuple(c for c in CONTENDERS if c.label != "sada")
+"""The rows of a suite whose worlds take next to no time."""
+
 CONTROLS = frozenset(contender.label for contender in CONTENDERS if not contender.ranked)
 """The labels of contenders that have no rank."""
 
@@ -194,50 +197,38 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
-    tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
-)
-_MAIN_TRACKS = tuple(track for track in CLASS_COLUMNS.values() if track in TABLE_1_COLUMNS.values())
-"""The classes that have a column in the paper's Table 1."""
+_TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+
+
+def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
+    """Make the suite of an application's tracks, as its card declares it."""
+    return Suite(
+        name=suite.name,
+        tracks=card.track_ids,
+        tables=tuple(_TABLES[name] for name in suite.tables),
+        contenders=_WITH_RL if suite.with_rl else _IN_SUITES,
+        seeds=suite.seeds,
+        seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
+        images=suite.images,
+    )
+
+
+_TABLE_1 = tuple(track for track in TABLE_1_COLUMNS.values() if track is not None)
 
 SUITES: tuple[Suite, ...] = (
-    Suite(
-        name="paper",
-        tracks=tuple(CLASS_COLUMNS.values()),
-        tables=(_PAPER_BUDGETS, _EQUAL_QUERIES),
-        contenders=_IN_SUITES,
-        seeds_of=dict.fromkeys(_MAIN_TRACKS, 3),
-    ),
+    *(_suite_of(card, card.suite) for card in cards() if card.suite is not None),
     Suite(
         name="quick",
-        tracks=_MAIN_TRACKS,
+        tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
         tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
         contenders=_IN_SUITES,
     ),
-    *(
-        Suite(
-            name=name,
-            tracks=tracks,
-            tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
-            contenders=_IN_SUITES,
-            seeds=3,
-        )
-        for name, tracks in (("driving", _DRIVING_TRACKS), ("racing", _RACING_TRACKS))
-    ),
-    Suite(
-        name="digits",
-        tracks=_DIGIT_TRACKS,
-        tables=(_PAPER_BUDGETS,),
-        contenders=tuple(c for c in CONTENDERS if c.label != "sada"),
-        seeds_of=dict.fromkeys(("SADA-Digits-3-v0", "SADA-Digits-8-v0"), 3),
-        images=0,
-    ),
     Suite(
         name="table-1",
-        tracks=(*CLASS_COLUMNS.values(), *_DRIVING_TRACKS, *_RACING_TRACKS),
+        tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
         tables=(_PAPER_BUDGETS,),
         contenders=_IN_SUITES,
-        seeds_of=dict.fromkeys((*_MAIN_TRACKS, *_DRIVING_TRACKS, *_RACING_TRACKS), 3),
+        seeds_of=dict.fromkeys(_TABLE_1, 3),
     ),
 )
 

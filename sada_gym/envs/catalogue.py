@@ -40,6 +40,27 @@ class AgentCard:
 
 
 @dataclass(frozen=True)
+class SuiteCard:
+    """The suite of an application's tracks in `sada-gym benchmark`.
+
+    Attributes:
+        name: What the command line calls it.
+        tables: The names of its tables: `paper-budgets`, `equal-queries`, `other-agents`.
+        seeds: Number of seeds on each track.
+        seeds_of: Another number for some tracks, by suffix.
+        images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
+        with_rl: Whether the RL adversaries take part, for which worlds must take next to no time.
+    """
+
+    name: str
+    tables: tuple[str, ...] = ("paper-budgets",)
+    seeds: int = 1
+    seeds_of: Mapping[str, int] = field(default_factory=dict)
+    images: int = 4
+    with_rl: bool = False
+
+
+@dataclass(frozen=True)
 class PurityCase:
     """Worlds and batch sizes with which the registry's tests check that scores are pure.
 
@@ -102,6 +123,7 @@ class ApplicationCard:
         reference_points: The number of Sobol points in the reference set of a track.
         reference_seeds: The number of evaluations of each of these points.
         sobol_seed: The seed by which these points are scrambled.
+        suite: The benchmark's suite of its tracks; None where there is none.
         case: What the tests of all ids need to know.
     """
 
@@ -118,6 +140,7 @@ class ApplicationCard:
     reference_points: int = 4_000
     reference_seeds: int = 3
     sobol_seed: int = 0
+    suite: SuiteCard | None = None
     case: RegistryCase = RegistryCase()
 
     @property

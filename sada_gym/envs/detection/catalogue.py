@@ -1,6 +1,6 @@
 """The card of object detection."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 _SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",
@@ -41,6 +41,11 @@ CARD = ApplicationCard(
     packages=("torch", "pybullet", "trimesh", "numba", "pillow"),
     reference_points=20_000,
     reference_seeds=8,
+    suite=SuiteCard(
+        name="paper",
+        tables=("paper-budgets", "equal-queries"),
+        seeds_of={"Bicycle": 3, "Motorbike": 3, "Truck": 3},
+    ),
     case=RegistryCase(
         quick_kwargs={"tile": 1},  # one image a call instead of a tile of them
         shipped_on="Car",

@@ -1,6 +1,6 @@
 """The card of self-driving."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Driving",
@@ -40,6 +40,7 @@ CARD = ApplicationCard(
         )
     },
     packages=("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
+    suite=SuiteCard(name="driving", tables=("paper-budgets", "other-agents"), seeds=3),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.driving.agent.swerving:Swerving",

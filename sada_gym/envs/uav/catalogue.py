@@ -1,6 +1,6 @@
 """The card of UAV racing."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-UAV",
@@ -30,6 +30,7 @@ CARD = ApplicationCard(
         )
     },
     packages=("torch", "stable-baselines3", "pybullet", "numba"),
+    suite=SuiteCard(name="racing", tables=("paper-budgets", "other-agents"), seeds=3),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.uav.agent.speechless:Speechless",
