@@ -82,8 +82,8 @@ class RegistryCase:
         slow: Whether an evaluation is a whole episode in closed loop, or many.
         quick_kwargs: Keywords that make an evaluation quick where any agent will do.
         quick_agent: `module:class` of an agent whose episodes are short, where one is needed.
-        shipped_on: The suffix of the track on which the shipped agent is tested; None tests it on
-            the general id.
+        shipped_on: The suffix of the track on which the shipped agent is tested; None takes the one
+            that the general id is by default, or the general id itself.
         purity: The least that would still catch a score that depends on its tile, its place or the
             size of the batch, tried on one track.
         purity_elsewhere: The same for the other tracks, which run the same code.

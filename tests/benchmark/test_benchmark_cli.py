@@ -91,7 +91,7 @@ def test_report_alone_runs_nothing(done, references):
     [
         (
             ["--suite", "papers"],
-            "Expected the suite to be one of paper, quick, driving, racing, digits, table-1; "
+            f"Expected the suite to be one of {', '.join(one.name for one in SUITES)}; "
             "got 'papers'",
         ),
         (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
