@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from sada_gym.application import Application
 from sada_gym.errors import UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
-from sada_gym.files import file_errors, write_folder, write_model
+from sada_gym.files import as_path, file_errors, write_folder, write_model
 from sada_gym.runs.assemble import find_target, make_adversary, make_settings
 from sada_gym.runs.record import (
     ADVERSARY_FOLDER,
@@ -24,14 +24,7 @@ from sada_gym.runs.record import (
     claim_folder,
     write_samples,
 )
-from sada_gym.runs.run import (
-    OnProgress,
-    Run,
-    RunContext,
-    RunProgress,
-    Stage,
-    ignore_progress,
-)
+from sada_gym.runs.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
@@ -100,7 +93,7 @@ def attack(
     Raises:
         TypeError, ValueError: If an argument is bad, or `out` holds another run.
     """
-    folder = Path(out)
+    folder = as_path(out, "the folder for the results")
     evaluator = Evaluator(
         environment,
         env_kwargs=env_kwargs,
@@ -132,33 +125,28 @@ def attack(
         with file_errors("make the folder", folder):
             claim_folder(folder, settings, resume=resume)
         evaluator.attach(folder / STORE_FILE)
-        context = RunContext(
-            evaluator, application, fooling_set, ideal_set, on_progress=on_progress
+        run = Run(
+            settings,
+            solver,
+            evaluator,
+            fooling_set=fooling_set,
+            ideal_set=ideal_set,
+            on_progress=on_progress,
         )
-        result = _run(Run(settings, solver, context), folder)
+        run.train()
+        # saved before it samples: loaded again, it gives the same samples
+        write_folder(folder / ADVERSARY_FOLDER, solver.save)
+        run.test()
+        report = run.measure()
+        write_samples(folder / SAMPLES_FILE, run.samples)
+        write_model(folder / RESULT_FILE, report)
+        drawn: tuple[Path, ...] = ()
         if pictures:
-            result = _draw(result, application, on_progress)
+            from sada_gym.plots.attack import draw_attack
+
+            on_progress(RunProgress("pictures"))
+            drawn = draw_attack(application, run.samples, run.queries, folder)
         now = False
     finally:
         evaluator.close(now=now)
-    return result
-
-
-def _run(run: Run, folder: Path) -> AttackResult:
-    """Do the run and write its folder; everything it needs is checked and open."""
-    run.train()
-    # saved before it samples: loaded again, it gives the same samples
-    write_folder(folder / ADVERSARY_FOLDER, run.adversary.save)
-    run.test()
-    report = run.measure()
-    write_samples(folder / SAMPLES_FILE, run.samples)
-    write_model(folder / RESULT_FILE, report)
-    return AttackResult(report, run.samples, run.queries, folder)
-
-
-def _draw(result: AttackResult, application: Application, on_progress: OnProgress) -> AttackResult:
-    from sada_gym.plots.attack import draw_attack
-
-    on_progress(RunProgress("pictures"))
-    drawn = draw_attack(application, result.samples, result.queries, result.folder)
-    return replace(result, pictures=drawn)
+    return AttackResult(report, run.samples, run.queries, folder, drawn)

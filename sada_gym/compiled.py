@@ -34,30 +34,12 @@ _APP_DIRS: Any = AppDirs
 _LOCK = threading.Lock()
 
 
-def kernel(function: _Function) -> _Function:
+def kernel(function: _Function, **options: Any) -> _Function:
     """Compile a function of numbers and arrays.
 
     Divisions are NumPy's (Python's check for zero costs a branch each), and there is no fast-math,
     so that equal numbers give equal bytes.
     """
-    return _compiled(function)
-
-
-def uncounted(function: _Function) -> _Function:
-    """Compile a kernel that makes no array, without counts of references.
-
-    Numba counts references wherever an array is passed on; drawing then takes a fifth longer.
-    """
-    return _compiled(function, _nrt=False)
-
-
-def inlined(function: _Function) -> _Function:
-    """Compile a function as a part of each kernel that calls it, even from another file."""
-    compiled: Any = nb.njit(inline="always", error_model="numpy")(function)
-    return cast(_Function, compiled)
-
-
-def _compiled(function: _Function, **options: Any) -> _Function:
     folder = machine_code_folder(Path(function.__code__.co_filename).resolve())
     options |= {"cache": folder is not None, "nogil": True, "error_model": "numpy"}
     with _LOCK:  # modules may be imported by several threads
@@ -67,6 +49,20 @@ def _compiled(function: _Function, **options: Any) -> _Function:
             compiled: Any = nb.njit(**options)(function)
         finally:
             _SETTINGS.CACHE_DIR = users
+    return cast(_Function, compiled)
+
+
+def uncounted(function: _Function) -> _Function:
+    """Compile a kernel that makes no array, without counts of references.
+
+    Numba counts references wherever an array is passed on; drawing then takes a fifth longer.
+    """
+    return kernel(function, _nrt=False)
+
+
+def inlined(function: _Function) -> _Function:
+    """Compile a function as a part of each kernel that calls it, even from another file."""
+    compiled: Any = nb.njit(inline="always", error_model="numpy")(function)
     return cast(_Function, compiled)
 
 

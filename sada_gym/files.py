@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, UserError, UserTypeError
 
 MAX_JSON_BYTES = 256 * 2**20
 MAX_ARRAYS_BYTES = 2**30
@@ -64,6 +64,17 @@ def _printable(text: str) -> str:
 
 OneLine = Annotated[str, AfterValidator(_printable)]
 """Text from a file that can be shown in a terminal: no line breaks, no control characters."""
+
+
+def as_path(given: Any, what: str) -> Path:
+    """Give the path that a user handed over, of what messages call `what`.
+
+    Raises:
+        UserTypeError: If it is no path.
+    """
+    if not isinstance(given, str | os.PathLike):
+        raise UserTypeError(f"Expected the path of {what}, got {given!r}.")
+    return Path(given)
 
 
 @contextmanager
@@ -157,7 +168,7 @@ def write_model(path: Path, model: Strict) -> None:
     Raises:
         FileError: If it cannot be written.
     """
-    text = json.dumps(model.model_dump(mode="json", by_alias=True), indent=2, allow_nan=False)
+    text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -15,25 +15,22 @@ from sada_gym.application import Application
 from sada_gym.envs.catalogue import cards
 from sada_gym.errors import UserError, refuse_unknown
 
-_ENV, _VECTOR_ENV = "sada_gym.envs:AdversaryEnv", "sada_gym.envs:AdversaryVectorEnv"
+_ENTRY_POINTS = ("sada_gym.envs:AdversaryEnv", "sada_gym.envs:AdversaryVectorEnv")
 
 
 def register_environments() -> None:
     """Register the ids of all cards with Gymnasium; doing it again changes nothing."""
     for card in cards():
         for env_id, keywords in ids_of(card.name).items():
-            _register(env_id, _ENV, _VECTOR_ENV, {"application": card.application, **keywords})
-        for task in card.tasks:
-            _register(task.id, task.entry_point, task.vector_entry_point, {})
+            _register(env_id, _ENTRY_POINTS, {"application": card.application, **keywords})
+        for env_id, entry_points in card.tasks.items():
+            _register(env_id, entry_points, {})
 
 
-def _register(
-    env_id: str, entry_point: str, vector_entry_point: str, kwargs: dict[str, Any]
-) -> None:
+def _register(env_id: str, entry_points: tuple[str, str], kwargs: dict[str, Any]) -> None:
     if env_id not in gym.registry:
-        gym.register(
-            env_id, entry_point=entry_point, vector_entry_point=vector_entry_point, kwargs=kwargs
-        )
+        env, vector_env = entry_points
+        gym.register(env_id, entry_point=env, vector_entry_point=vector_env, kwargs=kwargs)
 
 
 def ids_of(application: str | None = None) -> dict[str, Mapping[str, Any]]:
@@ -42,7 +39,7 @@ def ids_of(application: str | None = None) -> dict[str, Mapping[str, Any]]:
     for card in cards():
         if application in (None, card.name):
             found[card.id] = {}
-            found |= {card.track_id(track.suffix): track.kwargs for track in card.tracks}
+            found |= {card.track_id(suffix): card.tracks[suffix] for suffix in card.tracks}
     return found
 
 
@@ -58,7 +55,7 @@ def tracks() -> tuple[str, ...]:
 
 def task_ids() -> tuple[str, ...]:
     """Give the ids of the inner tasks, on which the agents under attack are trained."""
-    return tuple(task.id for card in cards() for task in card.tasks)
+    return tuple(env_id for card in cards() for env_id in card.tasks)
 
 
 def find_spec(env_id: str) -> EnvSpec:
@@ -85,10 +82,11 @@ def find_spec(env_id: str) -> EnvSpec:
                 f"{type(error).__name__}: {error}. Mend the module."
             ) from error
     if name not in gym.registry:
+        close = difflib.get_close_matches(name, gym.registry, n=3, cutoff=0.5)
+        hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
         raise UserError(
-            f"Expected a registered environment id, got {name!r}."
-            f"{_did_you_mean(name, gym.registry)} `sada-gym envs` lists the ids; write module:ID "
-            "for one that a module of yours registers."
+            f"Expected a registered environment id, got {name!r}.{hint} `sada-gym envs` lists the "
+            "ids; write module:ID for one that a module of yours registers."
         )
     return gym.registry[name]
 
@@ -132,8 +130,3 @@ def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
     # an AdversaryEnv takes any keywords and checks them itself, by its application's
     if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
         refuse_unknown(f"keyword of {spec.id}", env_kwargs, list(accepted))
-
-
-def _did_you_mean(word: str, known: Iterable[str]) -> str:
-    matches = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
-    return f" Did you mean {' or '.join(map(repr, matches))}?" if matches else ""

@@ -156,7 +156,14 @@ class AttackCallback(BaseCallback):
         return self.oracle.budget - self.oracle.remaining
 
     def _on_training_start(self) -> None:
-        self._writer = _summary_writer(self.model)
+        outputs = self.model.logger.output_formats
+        writers = [o.writer for o in outputs if isinstance(o, TensorBoardOutputFormat)]
+        if not writers:
+            raise UserError(
+                "Expected a model that writes to TensorBoard, got one that does not. Make it with "
+                "tensorboard_log=FOLDER."
+            )
+        self._writer = writers[0]
         self._written = self._spent
 
     def _on_step(self) -> bool:
@@ -186,18 +193,14 @@ class AttackCallback(BaseCallback):
             "attack/fooling_rate", (score <= self.oracle.threshold).mean(), step
         )
         self._writer.add_scalar("attack/budget_left", self.oracle.remaining, step)
-        for name, column in zip(self._names(), mu.T, strict=True):
+        application = self.oracle.application  # a function's parameters are numbered
+        numbers = map(str, range(mu.shape[1]))
+        names = numbers if application is None else application.parameters.names
+        for name, column in zip(names, mu.T, strict=True):
             self._writer.add_scalar(f"mu_mean/{name}", column.mean(), step)
             self._writer.add_scalar(f"mu_sd/{name}", column.std(), step)
             self._writer.add_histogram(f"mu/{name}", column, step)
         self._writer.flush()
-
-    def _names(self) -> list[str]:
-        """Return the parameters' names; the parameters of a function are numbered."""
-        application = self.oracle.application
-        if application is None:
-            return [str(i) for i in range(self.oracle.dimension)]
-        return list(application.parameters.names)
 
 
 def sample_policy(
@@ -249,13 +252,3 @@ def sample_policy(
             policy.reset_noise(n)
         mu, _ = model.predict(first, deterministic=False)
     return np.asarray(mu, np.float32)
-
-
-def _summary_writer(model: BaseAlgorithm) -> Any:
-    for output in model.logger.output_formats:
-        if isinstance(output, TensorBoardOutputFormat):
-            return output.writer
-    raise UserError(
-        "Expected a model that writes to TensorBoard, got one that does not. Make it with "
-        "tensorboard_log=FOLDER."
-    )

@@ -49,8 +49,8 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import load_reference
-from sada_gym.testing.landscapes import THRESHOLD, FunctionOracle, Landscape
 from sada_gym.testing.scales import scales
+from studies.landscapes import THRESHOLD, FunctionOracle, Landscape
 
 PLAIN: dict[str, Any] = {"starts": "centre", "dissimilarity": 0.0}
 NO_BONUS: dict[str, Any] = {"starts": "uniform", "dissimilarity": 0.0}

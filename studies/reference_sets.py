@@ -22,7 +22,7 @@ import numpy as np
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.envs.catalogue import ReferenceSize, find_card
+from sada_gym.envs.catalogue import ApplicationCard, find_card
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.files import write_file
@@ -64,19 +64,20 @@ def application(track: str, agent: str) -> Application:
     return make_application(track, agent=agent, **shared)
 
 
-def size_of(name: str) -> ReferenceSize:
+def card_of(name: str) -> ApplicationCard:
     card = find_card(name)
     assert card is not None
-    return card.reference
+    return card
 
 
 def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> None:
     """Write the scores of a block of points, (agents, points, seeds)."""
     applications = [application(track, name) for name in names]
-    size = size_of(applications[0].name)
-    rows = range(block * BLOCK, min((block + 1) * BLOCK, size.points))
-    mu = reference_mu(len(applications[0].parameters), size.points, size.sobol_seed)
-    pairs = [(row, seed) for row in rows for seed in reference_seeds(row, size.seeds)]
+    card = card_of(applications[0].name)
+    seeds = card.reference_seeds
+    rows = range(block * BLOCK, min((block + 1) * BLOCK, card.reference_points))
+    mu = reference_mu(len(applications[0].parameters), card.reference_points, card.sobol_seed)
+    pairs = [(row, seed) for row in rows for seed in reference_seeds(row, seeds)]
     scores: list[list[np.ndarray]] = [[] for _ in names]
     for start in range(0, len(pairs), CHUNK):
         chunk = pairs[start : start + CHUNK]
@@ -85,7 +86,7 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
         for of_agent, one in zip(scores, applications, strict=True):
             of_agent.append(one.evaluate(batch, [seed for _, seed in chunk]).score)
     buffer = io.BytesIO()
-    np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), size.seeds) for s in scores]))
+    np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), seeds) for s in scores]))
     write_file(path, buffer.getvalue())
 
 
@@ -101,12 +102,13 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for track in arguments.tracks:
             name = make_application(track).name
-            size = size_of(name)
+            card = card_of(name)
+            blocks = -(-card.reference_points // BLOCK)
             names = tuple(
                 n for n in agents.names(name) if arguments.agents is None or n in arguments.agents
             )
             stem = f"{track}-{'-'.join(names)}"
-            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(-(-size.points // BLOCK))]
+            paths = [arguments.work / f"{stem}-{i}.npy" for i in range(blocks)]
             missing = [i for i, path in enumerate(paths) if not path.exists()]
             started = time.monotonic()
             futures = [pool.submit(evaluate_block, track, names, i, paths[i]) for i in missing]
@@ -121,7 +123,7 @@ def main() -> None:
                     track,
                     make_application(track, agent=agent),
                     of_agent,
-                    sobol_seed=size.sobol_seed,
+                    sobol_seed=card.sobol_seed,
                 )
 
 

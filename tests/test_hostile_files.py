@@ -13,7 +13,7 @@ from quick import QUICK
 
 from sada_gym import adversaries, agents
 from sada_gym.errors import UserError
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 # SADA-Pixel's are those of SADA-Digits
 APPLICATIONS = ["SADA-Detection", "SADA-Driving", "SADA-UAV", "SADA-Digits"]

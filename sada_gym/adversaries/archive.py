@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.omega import Omega
+from sada_gym.parameters import Mu
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
 
@@ -30,7 +30,7 @@ class Archive(Learner):
         self.flags = [MEMORISED]
         self._points = self._induce(omega).chosen
 
-    def _draw(self, n: int) -> npt.NDArray[np.float32]:
+    def _draw(self, n: int) -> Mu:
         rounds = -(-n // len(self._points))
         order = [self.rng.permutation(len(self._points)) for _ in range(rounds)]
         return self._points[np.concatenate([*order, np.zeros(0, np.intp)])[:n].astype(np.intp)]

@@ -13,6 +13,7 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.options import Options, choose_options
 from sada_gym.errors import refuse_number
+from sada_gym.parameters import Mu
 
 MOST_DIMENSIONS = 1_000
 """The most semantic parameters: no application has nearly as many, and a covariance fits memory."""
@@ -95,7 +96,7 @@ class Adversary(ABC):
         """Spend the oracle's remaining budget to learn the fooling distribution."""
 
     @abstractmethod
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
+    def sample(self, n: int) -> Mu:
         """Draw n fresh mu from the learnt distribution: (n, d) float32 in [-1, 1].
 
         Raises:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -57,8 +58,7 @@ class Bayesian(MixtureLearner):
     the oracle's budget sets the number. S comes from the last 1,000 evaluations, or from all if
     there are fewer. The paper fits mixtures of several sizes and reports the best. We take the one
     of the best cross-validated likelihood, without a test sample. Draws outside the box are drawn
-    again.
-    See `BayesianOptions`.
+    again. See `BayesianOptions`.
     """
 
     name: ClassVar[str] = "bayesian"
@@ -115,18 +115,18 @@ def minimise(
         ValueError: If a score is not finite.
     """
     # one thread: the last bits of a product, and so the search, depend on their number
-    blas = ThreadpoolController()
+    one_thread = partial(ThreadpoolController().limit, limits=1, user_api="blas")
     kernel = None
     for stop in stages(len(omega), len(omega) + oracle.remaining):
-        with blas.limit(limits=1, user_api="blas"):
+        with one_thread():
             search = Search(
                 omega.mu, omega.score, kernel, rng, candidates=candidates, capacity=stop
             )
         while len(omega) < stop:
-            with blas.limit(limits=1, user_api="blas"):
+            with one_thread():
                 chosen = [search.choose() for _ in range(min(batch, stop - len(omega)))]
             found = evaluate(np.array(chosen), oracle)
-            with blas.limit(limits=1, user_api="blas"):
+            with one_thread():
                 search.observe(found.score)
             omega += found
         kernel = search.kernel

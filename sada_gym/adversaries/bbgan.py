@@ -1,13 +1,12 @@
-"""`bbgan`: a generative adversarial network on the induced set (Hamdi, Mueller, Ghanem 2020)."""
+"""`bbgan`, a generative adversarial network on the induced set, and `bbgan-boost` (Algorithm 2)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -15,10 +14,12 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.bbgan_training import train_gan
-from sada_gym.adversaries.learner import Arrays, Learner, take
-from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.learner import Arrays, Learner, part, take
+from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.options import option
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.determinism import one_thread
+from sada_gym.parameters import Mu
 
 _CALIBRATION_DRAWS = 4096
 
@@ -26,8 +27,9 @@ _CALIBRATION_DRAWS = 4096
 class BBGAN(Learner):
     """A GAN that learns the fooling distribution from the points of a uniform pool that fool.
 
-    All of the budget goes into Omega. The `paper` preset is the authors' own setting. The `default`
-    preset departs from it where it loses whole fooling regions. See `BBGANOptions`.
+    It is the adversary of Hamdi, Mueller & Ghanem 2020. All of the budget goes into Omega. The
+    `paper` preset is the authors' own setting. The `default` preset departs from it where it loses
+    whole fooling regions. See `BBGANOptions`.
 
     The other arguments are those of `Adversary`.
 
@@ -63,7 +65,7 @@ class BBGAN(Learner):
         self._generator = torch.Generator()
         self._g: Generator
         self._d: Discriminator
-        self._ceiling = torch.zeros(())
+        self._ceiling: Tensor
 
     def train(self, oracle: Query) -> None:
         """Evaluate Omega with all of the budget, induce S, and train the GAN on it.
@@ -79,11 +81,8 @@ class BBGAN(Learner):
                 self._log.close()
 
     def _fit(self, omega: Omega) -> None:
-        self._seed_networks()
-        self._train_networks(omega)
-
-    def _seed_networks(self) -> None:
         self._generator.manual_seed(int(self.rng.integers(2**62)))
+        self._train_networks(omega)
 
     def _train_networks(self, omega: Omega) -> None:
         """Train G and D afresh on the set induced from omega."""
@@ -91,30 +90,26 @@ class BBGAN(Learner):
         induced = self._induce(omega, self.options.induced_size)
         with one_thread():
             self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
-            self._ceiling = self._refusal_ceiling()
+            # the logit above which no sample is refused: a quantile over G's own samples
+            with torch.no_grad():
+                mu, _ = self._g(_CALIBRATION_DRAWS, self._generator)
+                logits = self._d(mu)
+            self._ceiling = torch.quantile(logits, self.options.acceptance)
 
-    def _refusal_ceiling(self) -> Tensor:
-        """Give the logit above which no sample is refused: a quantile over G's own samples."""
-        with torch.no_grad():
-            logits = self._d(self._g(_CALIBRATION_DRAWS, self._generator))
-        return torch.quantile(logits, self.options.acceptance)
+    def _draw(self, n: int) -> Mu:
+        return self._propose(n, 0.0)
 
-    def _propose(self, n: int, noise: float) -> npt.NDArray[np.float32]:
-        return self._generate(2 * n + 64, noise)
-
-    def _draw(self, n: int) -> npt.NDArray[np.float32]:
-        return self._generate(n, 0.0)
-
-    def _generate(self, n: int, noise: float) -> npt.NDArray[np.float32]:
-        """Draw n samples of the generator; without noise, leave out those that D refuses."""
+    def _propose(self, n: int, noise: float) -> Mu:
+        """Draw samples of the generator; without noise, leave out those that D refuses."""
+        n = 2 * n + 64
         with torch.no_grad(), one_thread():
-            mu = self._g(n, self._generator)
+            mu, _ = self._g(n, self._generator)
             if noise:
                 mu = mu + noise * torch.randn(mu.shape, generator=self._generator)
             elif self.options.acceptance:
                 odds = (self._d(mu) - self._ceiling).exp()
                 mu = mu[torch.rand(n, generator=self._generator) < odds]
-        rows: npt.NDArray[np.float32] = mu.numpy()
+        rows: Mu = mu.numpy()
         return rows
 
     def _arrays(self) -> Arrays:
@@ -127,7 +122,67 @@ class BBGAN(Learner):
         self._g = Generator(self.dimension, self.options, self._generator)
         self._d = Discriminator(self.dimension, self.options, self._generator)
         for prefix, network in (("generator.", self._g), ("discriminator.", self._d)):
-            own = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
-            network.load_state_dict({k: torch.tensor(v) for k, v in own.items()})
+            weights = part(arrays, prefix)
+            network.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})
         self._ceiling = torch.tensor(take(arrays, "ceiling"))
         self._generator.set_state(torch.tensor(take(arrays, "random_state", None)))
+
+
+@dataclass(frozen=True)
+class BoostOptions(BBGANOptions):
+    """The options of `bbgan`, and of its boosting.
+
+    Attributes:
+        stages: K, the number of times that samples of the last GAN join Omega.
+        share: How many join each time, as a share of N, the uniform points at the start.
+        copies: The number of copies of each sample in Omega: 5 copies of 0.1 N are the paper's
+            beta N at beta = 0.5; 1 keeps points unique.
+    """
+
+    stages: int = option(2, 0, 100)
+    share: float = option(0.25, 0.001, 10)
+    copies: int = option(1, 1, 1_000)
+
+
+class BoostedBBGAN(BBGAN):
+    """BBGANs in stages, each trained afresh on all points so far, the last one's samples too.
+
+    All of the budget is spent: N uniform points, and K stages of about share * N samples.
+    Samples that failed to fool join the rest of Omega: a region has to confirm itself. The
+    arguments are those of `BBGAN`, the options those of `BoostOptions`.
+    """
+
+    name: ClassVar[str] = "bbgan-boost"
+    uniform_queries: ClassVar[bool] = False  # stages query the generator's own samples
+    options_class = BoostOptions
+    presets: ClassVar[Mapping[str, BoostOptions]] = {
+        "default": BoostOptions(),
+        "paper": BoostOptions(**PAPER, share=0.1, copies=5),
+    }
+    options: BoostOptions
+
+    def extra_queries(self, queries: int) -> int:
+        """Count the samples of all stages, which the paper adds to its uniform points."""
+        return self.options.stages * round(queries * self.options.share)
+
+    def _train(self, oracle: Query) -> Omega:
+        """Spend the budget on uniform points and on the samples of each stage's GAN."""
+        uniform, share = split_budget(oracle.remaining, self.options)
+        omega = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        self._fit(omega)
+        for stage in range(self.options.stages if share else 0):
+            self._know(omega)
+            sampled = evaluate(self._fresh(share), oracle)
+            omega += sampled
+            for _ in range(self.options.copies):
+                boosted += sampled
+            if self._log:
+                self._log.start(f"stage{stage + 1}")
+            self._train_networks(boosted)
+        return omega
+
+
+def split_budget(budget: int, o: BoostOptions) -> tuple[int, int]:
+    """Split a budget B into N and the samples of a stage: N + stages * samples = B."""
+    share = int(budget * o.share / (1.0 + o.stages * o.share))
+    return budget - o.stages * share, share

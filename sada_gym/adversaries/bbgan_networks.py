@@ -70,12 +70,7 @@ class Generator(nn.Module):
             nn.init.zeros_(last.weight)
             nn.init.zeros_(last.bias)
 
-    def forward(self, n: int, generator: torch.Generator) -> Tensor:
-        """Draw n samples: (n, d)."""
-        mu, _ = self.draw(n, generator)
-        return mu
-
-    def draw(self, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def forward(self, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Draw n samples, and say how far each was moved: both (n, d)."""
         z = torch.randn(n, self.options.latent, generator=generator)
         if self.options.transport:

@@ -56,7 +56,7 @@ def train_gan(
 
         for _ in range(o.discriminator_updates):
             with torch.no_grad():
-                fake = g(o.batch, generator)
+                fake, _ = g(o.batch, generator)
             batches = [_draw(real, o.batch, generator), fake]
             if weight:
                 batches.append(_draw(rest, o.batch, generator))
@@ -69,7 +69,7 @@ def train_gan(
             optimiser_d.step()
 
         for _ in range(o.generator_updates):
-            fake, shift = g.draw(o.batch, generator)
+            fake, shift = g(o.batch, generator)
             loss_g = softplus(-d(fake, generator)).mean()  # non-saturating
             if o.tether:
                 loss_g = loss_g + o.tether * shift.square().sum(dim=1).mean()
@@ -89,7 +89,7 @@ def train_gan(
             # a generator of their own: a log must not change the result
             shown = torch.Generator().manual_seed(step)
             with torch.no_grad():
-                log.samples(step, average_g(500, shown).numpy())
+                log.samples(step, average_g(500, shown)[0].numpy())
     # a last step may have ruined weights that still gave a finite loss
     for network in (average_g, average_d):
         if not all(bool(weights.isfinite().all()) for weights in network.parameters()):

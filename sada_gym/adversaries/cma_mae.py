@@ -7,22 +7,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Arrays, Learner, take
-from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import MissingExtra
 
 if TYPE_CHECKING:
-    from ribs.archives import CVTArchive
     from ribs.schedulers import Scheduler
 
-Array = npt.NDArray[np.float64]
 
 _THRESHOLD_MIN = -0.01  # below every objective, so that Q = 1 may enter the archive too
 
@@ -63,8 +60,8 @@ class CMAMAE(Learner):
     square of its fooling rate, which favours cells where fooling was not luck. Then it picks one of
     the cell's points that fooled, and takes a Gaussian step from there. The
     step's expected length is half the distance to the nearest other fooling point, and its
-    deviation is at most `sigma` in each dimension.
-    See `CMAMAEOptions`.
+    deviation is at most `sigma` in each dimension. Training raises `ModuleNotFoundError` where
+    ribs is not installed. See `CMAMAEOptions`.
     """
 
     name: ClassVar[str] = "cma-mae"
@@ -72,13 +69,7 @@ class CMAMAE(Learner):
     options_class = CMAMAEOptions
     options: CMAMAEOptions
 
-    def train(self, oracle: Query) -> None:
-        """Spend the oracle's budget on a uniform part and on the evolution strategies.
-
-        Raises:
-            ValueError: If there is no budget, or a score is not finite.
-            ModuleNotFoundError: If ribs is not installed.
-        """
+    def _query(self, oracle: Query) -> Omega:
         try:
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
@@ -86,9 +77,6 @@ class CMAMAE(Learner):
                 "Expected ribs for cma-mae, but it is not installed. Install it with: "
                 "pip install 'sada-gym[qd]'"
             ) from error
-        super().train(oracle)
-
-    def _query(self, oracle: Query) -> Omega:
         uniform = math.ceil(self.options.uniform_share * oracle.remaining)
         omega = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         halton = qmc.Halton(self.dimension, rng=self.rng)
@@ -117,6 +105,10 @@ class CMAMAE(Learner):
             seed=self._seed(),
         )
         archive.add(omega.mu, 1.0 - omega.score, omega.mu)
+        elites = archive.data(["solution", "objective"])
+        fools = elites["objective"] >= 1.0 - self.threshold
+        starts = elites["solution"][fools] if fools.any() else elites["solution"]
+        shape = self.options.emitters, self.dimension
         emitters = [
             EvolutionStrategyEmitter(
                 archive,
@@ -127,16 +119,9 @@ class CMAMAE(Learner):
                 restart_rule="basic",
                 seed=self._seed(),
             )
-            for start in self._starts(archive)
+            for start in np.resize(self.rng.permutation(starts), shape)
         ]
         return Scheduler(archive, emitters)
-
-    def _starts(self, archive: CVTArchive) -> Array:
-        """Pick an elite for each strategy, of those that fool if any do: (emitters, d)."""
-        elites = archive.data(["solution", "objective"])
-        fools = elites["objective"] >= 1.0 - self.threshold
-        solutions = elites["solution"][fools] if fools.any() else elites["solution"]
-        return np.resize(self.rng.permutation(solutions), (self.options.emitters, self.dimension))
 
     def _fit(self, omega: Omega) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
@@ -40,32 +39,8 @@ class CrossEntropyOptions(Options):
     defensive: float = option(0.05, 0, 1, inside=True)
 
 
-@dataclass(frozen=True)
-class _Proposal:
-    """The distribution of one stage: a truncated mixture, and a share of uniform points.
-
-    Attributes:
-        mixture: The mixture; None for the first stage, which is all uniform.
-        mass: The mixture's mass in the box.
-        defensive: The share of uniform points.
-        count: The number of points drawn.
-    """
-
-    mixture: Mixture | None
-    mass: float
-    defensive: float
-    count: int
-
-    def log_ratio(self, points: Array) -> Array:
-        """Give the log of its density over the uniform distribution's at points (n, d): (n,)."""
-        if self.mixture is None:
-            return np.zeros(len(points))
-        truncated = self.mixture.log_density(points) - math.log(self.mass)
-        truncated += points.shape[1] * math.log(2.0)
-        mixed: Array = np.logaddexp(
-            math.log(self.defensive), math.log1p(-self.defensive) + truncated
-        )
-        return mixed
+_Stage = tuple[int, Mixture | None, float]
+"""How many points were drawn, from which mixture (None is uniform), its mass in the box."""
 
 
 class CrossEntropy(Learner):
@@ -87,8 +62,7 @@ class CrossEntropy(Learner):
     Samples are those of the last mixture, thinned by an estimate of p from all evaluated points
     (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
     edges of a fooling set. Where Q is fixed this leaves the target as it is; where it is random
-    samples lean towards higher p.
-    See `CrossEntropyOptions`.
+    samples lean towards higher p. See `CrossEntropyOptions`.
     """
 
     name: ClassVar[str] = "cross-entropy"
@@ -99,15 +73,17 @@ class CrossEntropy(Learner):
     def _query(self, oracle: Query) -> Omega:
         first, *later = self._split(oracle.remaining)
         newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        self._proposals = [_Proposal(None, 1.0, 1.0, first)]
+        self._stages: list[_Stage] = [(first, None, 1.0)]
         level = math.inf
         for count in later:
             quantile = float(np.quantile(newest.score, self.options.elite, method="lower"))
             level = max(min(level, quantile), self.threshold)
             mixture = self._fit_mixture(omega, level)
-            mass = mixture.mass_in_box(self.rng)
-            self._proposals.append(_Proposal(mixture, mass, self.options.defensive, count))
-            newest = evaluate(self._draw_stage(mixture, count), oracle)
+            self._stages.append((count, mixture, mixture.mass_in_box(self.rng)))
+            points = mixture.sample(count, self.rng)
+            uniform = self.rng.random(count) < self.options.defensive
+            points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
+            newest = evaluate(points.astype(np.float32), oracle)
             omega += newest
         return omega
 
@@ -117,35 +93,7 @@ class CrossEntropy(Learner):
             self.flags.append(NONE_FOOLED)
             level = float(np.sort(omega.score)[:FALLBACK_SIZE][-1])
         self._mixture = self._fit_mixture(omega, level)
-        self._learn_odds(omega, level)
-
-    def _split(self, budget: int) -> list[int]:
-        """Split the budget into the first, uniform stage and later ones, none of them empty."""
-        uniform = math.ceil(budget * self.options.uniform_share)
-        ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
-        return [uniform, *(int(count) for count in np.diff(ends) if count)]
-
-    def _fit_mixture(self, omega: Omega, level: float) -> Mixture:
-        """Fit the uniform density over the points at or below the level."""
-        elite = omega.mu[omega.score <= level].astype(np.float64)
-        log_density = logsumexp(
-            [math.log(stage.count) + stage.log_ratio(elite) for stage in self._proposals], axis=0
-        )
-        weights = np.exp(log_density.min() - log_density)
-        return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
-
-    @property
-    def _sizes(self) -> list[int]:
-        return [2**i for i in range(self.options.components.bit_length())]
-
-    def _draw_stage(self, mixture: Mixture, n: int) -> npt.NDArray[np.float32]:
-        points = mixture.sample(n, self.rng)
-        uniform = self.rng.random(n) < self.options.defensive
-        points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
-        return points.astype(np.float32)
-
-    def _learn_odds(self, omega: Omega, level: float) -> None:
-        """Fit mixtures to the points at or below the level and above it, which thin the samples."""
+        # mixtures of the points at or below the level and above it, which thin the samples
         fooled = omega.score <= level
         self._classes: list[Mixture] = []
         self._log_odds = self._ceiling = 0.0
@@ -158,6 +106,37 @@ class CrossEntropy(Learner):
         self._log_odds = math.log(fooled.sum() / (~fooled).sum())
         odds = self._odds(self._mixture.sample(_CALIBRATION_DRAWS, self.rng))
         self._ceiling = float(np.quantile(odds, _ACCEPTANCE))
+
+    def _split(self, budget: int) -> list[int]:
+        """Split the budget into the first, uniform stage and later ones, none of them empty."""
+        uniform = math.ceil(budget * self.options.uniform_share)
+        ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
+        return [uniform, *(int(count) for count in np.diff(ends) if count)]
+
+    def _fit_mixture(self, omega: Omega, level: float) -> Mixture:
+        """Fit the uniform density over the points at or below the level."""
+        elite = omega.mu[omega.score <= level].astype(np.float64)
+        log_density = logsumexp(
+            [self._log_density(elite, *stage) for stage in self._stages], axis=0
+        )
+        weights = np.exp(log_density.min() - log_density)
+        return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
+
+    def _log_density(
+        self, points: Array, count: int, mixture: Mixture | None, mass: float
+    ) -> Array:
+        """Give the log of a stage's points per volume at points (n, d), up to a constant: (n,)."""
+        if mixture is None:
+            return np.full(len(points), math.log(count))
+        truncated = mixture.log_density(points) - math.log(mass)
+        truncated += points.shape[1] * math.log(2.0)
+        uniform = self.options.defensive
+        mixed: Array = np.logaddexp(math.log(uniform), math.log1p(-uniform) + truncated)
+        return math.log(count) + mixed
+
+    @property
+    def _sizes(self) -> list[int]:
+        return [2**i for i in range(self.options.components.bit_length())]
 
     def _odds(self, points: Array) -> Array:
         """Estimate the probability that points (n, d) fool: (n,)."""

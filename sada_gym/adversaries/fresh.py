@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.errors import AdversaryError
+from sada_gym.parameters import Mu
 
 _ROUNDS_WITHOUT_NOISE = 100
 _FIRST_NOISE, _MOST_NOISE = 1e-4, 0.5
@@ -16,7 +17,7 @@ _WINDOW = 20
 _LEAST_NEW = 0.1
 
 
-def row_keys(mu: npt.NDArray[np.float32]) -> set[bytes]:
+def row_keys(mu: Mu) -> set[bytes]:
     """Give a key of each row of mu (n, d); equal rows have equal keys."""
     # adding 0 turns -0 into 0: equal rows have equal bytes
     return {row.tobytes() for row in mu + np.float32(0.0)}
@@ -26,7 +27,7 @@ def fresh_rows(
     propose: Callable[[int, float], npt.NDArray[np.floating[Any]]],
     shape: tuple[int, int],
     known: set[bytes],
-) -> npt.NDArray[np.float32]:
+) -> Mu:
     """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
 
     After 100 rounds the proposals get noise of 1e-4. Whenever less than a tenth of the proposals of
@@ -42,7 +43,7 @@ def fresh_rows(
     Raises:
         AdversaryError: If a proposal is not finite, or so many different rows cannot be drawn.
     """
-    chosen: dict[bytes, npt.NDArray[np.float32]] = {}
+    chosen: dict[bytes, Mu] = {}
     rounds = proposed = found = 0
     noise = _FIRST_NOISE
     while len(chosen) < shape[0]:
@@ -65,15 +66,11 @@ def fresh_rows(
         proposed, found = proposed + len(drawn), found + len(chosen) - before
         if rounds % _WINDOW == 0:
             if found <= _LEAST_NEW * proposed:
-                noise = _more(noise, len(chosen), shape[0])
+                if noise > _MOST_NOISE:
+                    raise AdversaryError(
+                        f"Expected {shape[0]:,} different samples, but after {len(chosen):,} the "
+                        "adversary draws hardly anything new. Ask for fewer, or train it again."
+                    )
+                noise *= 10.0
             proposed = found = 0
     return np.array(list(chosen.values()), np.float32).reshape(shape)
-
-
-def _more(noise: float, found: int, wanted: int) -> float:
-    if noise > _MOST_NOISE:
-        raise AdversaryError(
-            f"Expected {wanted:,} different samples, but after {found:,} the adversary draws "
-            "hardly anything new. Ask for fewer, or train it again."
-        )
-    return 10.0 * noise

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
 from sada_gym.adversaries.learner import Learner
-from sada_gym.adversaries.models.mixture import Mixture, fit_mixture
+from sada_gym.adversaries.models.mixture import Array, Mixture, fit_mixture
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
 
@@ -32,7 +29,7 @@ class MixtureLearner(Learner):
 
     _mixture: Mixture
 
-    def _draw(self, n: int) -> npt.NDArray[np.float64]:
+    def _draw(self, n: int) -> Array:
         return self._mixture.sample(n, self.rng)
 
 

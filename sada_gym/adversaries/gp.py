@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.learner import Arrays, Floats, take
 from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
+from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
@@ -47,7 +47,7 @@ class GP(Selection):
         self._kernel = fit_kernel(x[: self.options.subset], y[: self.options.subset])
         self._weights = scale * fit_weights(self._kernel, x, y)
 
-    def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
+    def _predict(self, mu: Array) -> Floats:
         x = self.omega.mu[: len(self._weights)].astype(np.float64)
         return self._mean + predict_mean(self._kernel, x, self._weights, mu)
 

@@ -20,8 +20,10 @@ from sada_gym.adversaries.omega import Induced, Omega, draw_uniform, evaluate_un
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import OneLine, Strict, write_file, write_model
+from sada_gym.parameters import Mu
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+Floats = npt.NDArray[np.floating[Any]]
 
 NONE_FOOLED = "no point of Omega fooled: learnt from the lowest scores instead"
 
@@ -64,15 +66,11 @@ class Learner(Adversary):
         threshold: The fooling threshold of the training.
     """
 
-    def __init__(
-        self, dimension: int, *, seed: int | None = None, preset: str = "default", **options: Any
-    ) -> None:
-        super().__init__(dimension, seed=seed, preset=preset, **options)
-        self.omega = Omega(np.zeros((0, self.dimension), np.float32), np.zeros(0))
-        self.threshold = 0.0
-        self._trained = False
-        self._known: set[bytes] = set()
-        self._before_fit: Mapping[str, Any] = {}
+    omega: Omega
+    threshold: float
+    _trained = False
+    _known: set[bytes]
+    _before_fit: Mapping[str, Any]
 
     def _query(self, oracle: Query) -> Omega:
         """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
@@ -83,7 +81,7 @@ class Learner(Adversary):
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _draw(self, n: int) -> Floats:
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
     def _arrays(self) -> Arrays:
@@ -94,12 +92,12 @@ class Learner(Adversary):
         """Restore what `_arrays` gave; `omega` is known. Here it fits again."""
         self._fit(self.omega)
 
-    def _propose(self, n: int, noise: float) -> npt.NDArray[np.floating[Any]]:
+    def _propose(self, n: int, noise: float) -> Floats:
         """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
 
-    def _uniform(self, n: int) -> npt.NDArray[np.float32]:
+    def _uniform(self, n: int) -> Mu:
         """Draw n uniform mu, (n, d)."""
         return draw_uniform(n, self.dimension, self.rng)
 
@@ -128,7 +126,7 @@ class Learner(Adversary):
         self._fit(omega)
         return omega
 
-    def sample(self, n: int) -> npt.NDArray[np.float32]:
+    def sample(self, n: int) -> Mu:
         """Draw n fresh mu: (n, d) float32 in [-1, 1], no two equal and none a query.
 
         Raises:
@@ -138,7 +136,7 @@ class Learner(Adversary):
         self._refuse_untrained("sample")
         return self._fresh(n)
 
-    def _fresh(self, n: int) -> npt.NDArray[np.float32]:
+    def _fresh(self, n: int) -> Mu:
         return fresh_rows(self._propose, (n, self.dimension), self._known)
 
     def _know(self, omega: Omega) -> None:
@@ -196,8 +194,12 @@ class Learner(Adversary):
         adversary = cls(record.dimension, seed=0, **options.as_dict())
         adversary.threshold = record.threshold
         arrays = load((folder / _ARRAYS).read_bytes())
-        refuse_bad_numbers(arrays)
-        adversary._know(_omega(arrays, adversary.dimension))
+        _refuse_bad_numbers(arrays)
+        score = take(arrays, "omega.score", None)
+        mu = take(arrays, "omega.mu", len(score), adversary.dimension)
+        if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
+            raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
+        adversary._know(Omega(mu, score))
         adversary._before_fit = record.before_fit
         adversary.rng.bit_generator.state = record.before_fit
         adversary._restore(arrays)
@@ -221,34 +223,25 @@ def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
     if name not in arrays:
         raise UserError(f"the array {name} is missing")
     array = arrays[name]
-    fits = len(array.shape) == len(shape) and all(
-        length is None or length == own for own, length in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
+    if array.ndim != len(shape) or any(
+        length not in (None, own) for own, length in zip(array.shape, shape, strict=True)
+    ):
         wanted = ", ".join("any" if length is None else str(length) for length in shape)
         raise UserError(f"{name} has the shape {array.shape}, not ({wanted})")
     return array
 
 
-def refuse_bad_numbers(arrays: Arrays) -> None:
-    """Refuse arrays from a file that hold anything but finite numbers.
+def part(arrays: Arrays, prefix: str) -> Arrays:
+    """Give the arrays whose names start with a prefix, by the rest of their names."""
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
-    Raises:
-        ValueError: If an array holds anything else.
-    """
+
+def _refuse_bad_numbers(arrays: Arrays) -> None:
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
             raise UserError(f"{name} holds {array.dtype}, not numbers")
         if not np.isfinite(array).all():
             raise UserError(f"{name} holds NaN or infinite numbers")
-
-
-def _omega(arrays: Arrays, dimension: int) -> Omega:
-    score = take(arrays, "omega.score", None)
-    mu = take(arrays, "omega.mu", len(score), dimension)
-    if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
-        raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
-    return Omega(mu, score)
 
 
 def _in_a_line(error: Exception) -> str:

@@ -1,23 +1,25 @@
-"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own)."""
+"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own).
+
+`sada` is `level-set` as it was when the published results were made.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
-from sada_gym.adversaries.models.mixture import reflect
+from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
+from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.measures.coverage import density_and_coverage
-
-Array = npt.NDArray[np.float64]
+from sada_gym.parameters import Mu
 
 LEAST_BUDGET = 20
 
@@ -76,9 +78,7 @@ class LevelSet(Learner):
 
     Attributes:
         ranks: Whether the surrogate predicts ranks of scores.
-        omega: All points evaluated in training.
         level: Samples are drawn where p >= level.
-        flags: What a reader of the result must know, such as that no point fooled.
     """
 
     name: ClassVar[str] = "level-set"
@@ -94,16 +94,15 @@ class LevelSet(Learner):
             raise BudgetTooSmall(
                 f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
             )
-        first = (
-            budget
-            if not self.options.rounds
-            else max(int(self.options.uniform * budget), LEAST_BUDGET)
-        )
+        rounds = self.options.rounds
+        first = max(int(self.options.uniform * budget), LEAST_BUDGET) if rounds else budget
         omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
-        for part in _split(budget - first, self.options.rounds):
-            surrogate = self._fit_surrogate(omega, self.rng)
-            pool = self._uniform(max(_pool_size(budget), 4 * part))
-            omega += evaluate(self._choose(surrogate, pool, part), oracle)
+        for i in range(1, rounds + 1):
+            part = first + (budget - first) * i // rounds - len(omega)
+            if part:
+                surrogate = self._fit_surrogate(omega, self.rng)
+                pool = self._uniform(max(_pool_size(budget), 4 * part))
+                omega += evaluate(self._choose(surrogate, pool, part), oracle)
         return omega
 
     def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
@@ -111,9 +110,7 @@ class LevelSet(Learner):
             omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
         )
 
-    def _choose(
-        self, surrogate: Surrogate, pool: npt.NDArray[np.float32], count: int
-    ) -> npt.NDArray[np.float32]:
+    def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
         """Choose the next queries from the pool: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
@@ -121,22 +118,17 @@ class LevelSet(Learner):
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _acquisition(self, surrogate: Surrogate, pool: npt.NDArray[np.float32], p: Array) -> Array:
+    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:  # noqa: ARG002
         """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
-        del surrogate, pool
         return p * (1.0 - p)
 
     def _fit(self, omega: Omega) -> None:
-        """Fit the last surrogate, and choose the level."""
+        """Fit the last surrogate, choose the level, and keep points for the walk to start from."""
         if (omega.score > self.threshold).all():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
         self._surrogate = self._fit_surrogate(omega, rng)
-        self._find_level(_pool_size(len(omega)))
-
-    def _find_level(self, size: int) -> None:
-        """Choose the level, and keep the points that the walk starts from."""
-        pool, p = self._predict_pool(size)
+        pool, p = self._predict_pool(_pool_size(len(omega)))
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
@@ -150,9 +142,7 @@ class LevelSet(Learner):
         self._share = float(inside.mean())
         self._starts = pool[inside][:_LEAST_SET]
 
-    def _raise_level(
-        self, pool: npt.NDArray[np.float32], p: Array, rows: npt.NDArray[np.intp], highest: float
-    ) -> None:
+    def _raise_level(self, pool: Mu, p: Array, rows: npt.NDArray[np.intp], highest: float) -> None:
         """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
         real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
         least = self.options.coverage * self._predict_coverage(pool, p, others, real)
@@ -162,23 +152,22 @@ class LevelSet(Learner):
                 return
             self.level = level
 
-    def _predict_pool(self, size: int) -> tuple[npt.NDArray[np.float32], Array]:
+    def _predict_pool(self, size: int) -> tuple[Mu, Array]:
         """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
-        pools: list[npt.NDArray[np.float32]] = []
-        predicted: list[Array] = []
-        while len(pools) < _MOST_POOLS:
-            pools.append(self._uniform(size))
-            predicted.append(self._surrogate(pools[-1]))
-            if sum((p >= 0.5).sum() for p in predicted) >= 4 * _LEAST_SET:
+        pool, p = self._uniform(0), np.zeros(0)
+        for _ in range(_MOST_POOLS):
+            drawn = self._uniform(size)
+            pool, p = np.concatenate([pool, drawn]), np.append(p, self._surrogate(drawn))
+            if (p >= 0.5).sum() >= 4 * _LEAST_SET:
                 break
-        return np.concatenate(pools), np.concatenate(predicted)
+        return pool, p
 
     def _predict_coverage(
         self,
-        pool: npt.NDArray[np.float32],
+        pool: Mu,
         p: Array,
         rows: npt.NDArray[np.intp],
-        real: npt.NDArray[np.float32],
+        real: Mu,
     ) -> float:
         """Predict the coverage of samples from some rows of the pool, that fool with chance p."""
         covered = []
@@ -189,13 +178,13 @@ class LevelSet(Learner):
             covered.append(density_and_coverage(held, fooling).coverage)
         return float(np.mean(covered))
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _draw(self, n: int) -> Floats:
         if self._share < _RARE:
             return self._walk(n)
         pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MOST_POOLS * _MOST_POOL))
         return pool[self._surrogate(pool) >= self.level]
 
-    def _walk(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _walk(self, n: int) -> Floats:
         """Walk within {p >= level} from the points known to lie in it (Metropolis; Ter Braak 2006).
 
         Steps are differences of two random points of the set, so that they have its shape.
@@ -211,11 +200,16 @@ class LevelSet(Learner):
         return mu
 
 
+class SADA(LevelSet):
+    """Learns from the scores themselves, not from their ranks; all else is as in `level-set`.
+
+    The published results hold rows of this adversary. It will be removed when they hold those of
+    `level-set`.
+    """
+
+    name: ClassVar[str] = "sada"
+    ranks: ClassVar[bool] = False
+
+
 def _pool_size(queries: int) -> int:
     return min(max(_POOL_PER_QUERY * queries, _LEAST_POOL), _MOST_POOL)
-
-
-def _split(total: int, parts: int) -> list[int]:
-    """Split a budget into parts of nearly one size; none is empty."""
-    sizes = [total * (i + 1) // parts - total * i // parts for i in range(parts)]
-    return [size for size in sizes if size]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
 from sada_gym.errors import BudgetTooSmall, UserError
+from sada_gym.parameters import Mu
 
 FALLBACK_SIZE = 100
 """The size of S where no point fools: the paper's s."""
@@ -23,7 +24,7 @@ class Omega:
         score: (n,) float64, the score Q of each point.
     """
 
-    mu: npt.NDArray[np.float32]
+    mu: Mu
     score: npt.NDArray[np.float64]
 
     def __len__(self) -> int:
@@ -49,12 +50,12 @@ class Induced:
         fallback: True where no point fooled, and S holds the lowest scores instead.
     """
 
-    chosen: npt.NDArray[np.float32]
-    rest: npt.NDArray[np.float32]
+    chosen: Mu
+    rest: Mu
     fallback: bool
 
 
-def evaluate(mu: npt.NDArray[np.float32], oracle: Query) -> Omega:
+def evaluate(mu: Mu, oracle: Query) -> Omega:
     """Query the oracle about mu, (n, d).
 
     Raises:
@@ -69,7 +70,7 @@ def evaluate(mu: npt.NDArray[np.float32], oracle: Query) -> Omega:
     return Omega(mu, score)
 
 
-def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
     """Draw n uniform mu: (n, d) in [-1, 1]."""
     return rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32)
 

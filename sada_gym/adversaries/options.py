@@ -49,26 +49,26 @@ class Rule:
         if not isinstance(value, wanted) or isinstance(value, bool) != (self.kind is bool):
             raise ValueError
         value = self.kind(value)
-        if self.choices:
-            allowed = value in self.choices
-        elif self.kind in _NUMBERS:
-            low = -math.inf if self.low is None else self.low
-            high = math.inf if self.high is None else self.high
-            inside = low < value < high if self.inside else low <= value <= high
-            allowed = inside and math.isfinite(value)
-        else:
-            allowed = True
-        if not allowed:
+        if self.choices and value not in self.choices:
+            raise ValueError
+        if self.kind in _NUMBERS and not (math.isfinite(value) and self._in_range(value)):
             raise ValueError
         return value
+
+    def _in_range(self, value: float) -> bool:
+        low = -math.inf if self.low is None else self.low
+        high = math.inf if self.high is None else self.high
+        return low < value < high if self.inside else low <= value <= high
 
     def __str__(self) -> str:
         """Say it as a part of a sentence: `an int from 1 to 100`."""
         one = f"one of {', '.join(self.choices)}" if self.choices else _NAMES[self.kind]
         if self.low is not None and self.high is not None:
-            ends = f"{_number(self.low)} {{}} {_number(self.high)}"
-            between = f" between {ends.format('and')}, both excluded"
-            one += between if self.inside else f" from {ends.format('to')}"
+            low, high = (
+                f"{n:,}" if isinstance(n, int) else f"{n:g}" for n in (self.low, self.high)
+            )
+            between = f" between {low} and {high}, both excluded"
+            one += between if self.inside else f" from {low} to {high}"
         if self.most:
             one = f"a list of 1 to {self.most} items, each {one}"
         return f"{one}, or None" if self.optional else one
@@ -96,10 +96,10 @@ def option(
         choices: The texts allowed; none for any.
         most: The most items of a tuple.
     """
-    found = _rule_of(default, kind, most)
-    rule = replace(found, low=low, high=high, inside=inside, choices=choices)
-    declared: T = field(default=default, metadata={_RULE: rule})
-    return declared
+    several = isinstance(default, tuple)
+    kind = kind or type(default[0] if isinstance(default, tuple) else default)
+    rule = Rule(kind, low, high, inside, choices, most * several, optional=default is None)
+    return field(default=default, metadata={_RULE: rule})
 
 
 @dataclass(frozen=True)
@@ -152,19 +152,12 @@ def choose_options(
     return replace(default, **given)
 
 
-def _rule_of(default: Any, kind: type | None, most: int) -> Rule:
-    if isinstance(default, tuple):
-        return Rule(kind or type(default[0]), most=most)
-    return Rule(kind or type(default), optional=default is None)
-
-
 def _checked(declared: Field[Any], value: Any) -> Any:
     """Give an option's value in the declared type; a default that is no text or number is free."""
-    rule = declared.metadata.get(_RULE)
-    if rule is None:
-        if type(declared.default) not in _NAMES:
-            return value
-        rule = _rule_of(declared.default, None, 0)
+    kind = type(declared.default)
+    if _RULE not in declared.metadata and kind not in _NAMES:
+        return value
+    rule = declared.metadata.get(_RULE, Rule(kind))
     try:
         return rule.accept(value)
     except (ValueError, OverflowError) as error:  # an int beyond all floats overflows
@@ -172,7 +165,3 @@ def _checked(declared: Field[Any], value: Any) -> Any:
         raise UserError(
             f"Expected {declared.name} to be {rule}{example}; got {value!r}."
         ) from error
-
-
-def _number(value: float) -> str:
-    return f"{value:,}" if isinstance(value, int) else f"{value:g}"

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals
 from sada_gym.adversaries.rl_sb3 import SB3Adversary, SB3Options
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,8 @@ class PPO(SB3Adversary):
     """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
 
     This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
-    the order of the uniform queries' scores, because they are no actions of the policy.
-    See `PPOOptions`.
+    the order of the uniform queries' scores, because they are no actions of the policy. See
+    `PPOOptions`.
     """
 
     name: ClassVar[str] = "ppo"
@@ -53,39 +52,28 @@ class PPO(SB3Adversary):
     def _settings(self, queries: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
         o = self.options
         return {
+            "policy_kwargs": {"net_arch": list(o.hidden), "log_std_init": o.log_deviation},
             "n_steps": o.rollout,
             "batch_size": o.rollout,
             "n_epochs": o.epochs,
             "ent_coef": o.entropy,
         }
 
-    def _policy_settings(self) -> dict[str, Any]:
-        return {**super()._policy_settings(), "log_std_init": self.options.log_deviation}
-
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         normal = self._model.policy.get_distribution(start).distribution
         return normal.mean, normal.stddev
 
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        import torch
-
-        start, action = (
-            torch.as_tensor(array, dtype=torch.float32)
-            for array in (proposals.start, proposals.action)
-        )
+        rows = proposals.start, proposals.action
+        tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
         with torch.no_grad():
-            values, log_densities, _ = self._model.policy.evaluate_actions(start, action)
+            values, log_densities, _ = self._model.policy.evaluate_actions(*tensors)
         buffer = self._model.rollout_buffer
         buffer.reset()
         begun = np.ones(1)
-        for i in range(len(rewards)):
-            buffer.add(
-                proposals.start[i],
-                proposals.action[i],
-                rewards[i],
-                begun,
-                values[i],
-                log_densities[i],
-            )
+        for start, action, reward, value, log_density in zip(
+            *rows, rewards, values, log_densities, strict=True
+        ):
+            buffer.add(start, action, reward, begun, value, log_density)
         buffer.compute_returns_and_advantage(last_values=torch.zeros(1), dones=np.ones(1))
         return self._update()

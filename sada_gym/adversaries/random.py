@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.omega import Omega
+from sada_gym.parameters import Mu
 
 
 class Random(Learner):
@@ -22,12 +22,12 @@ class Random(Learner):
     packages = ()
 
     def _query(self, oracle: Query) -> Omega:  # noqa: ARG002 - there is nothing to ask
-        return self.omega
+        return Omega(self._uniform(0), np.zeros(0))
 
     def _fit(self, omega: Omega) -> None:
         """Learn nothing."""
 
-    def _draw(self, n: int) -> npt.NDArray[np.float32]:
+    def _draw(self, n: int) -> Mu:
         return self._uniform(n)
 
     _fresh = _draw

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+import torch
 from scipy.special import softmax
+from torch import Tensor
 
 from sada_gym.adversaries.learner import Arrays, take
 from sada_gym.adversaries.models.mixture import Array
@@ -54,23 +56,18 @@ class Reinforce(RLAdversary):
     options: ReinforceOptions
 
     def _begin(self, queries: int) -> None:  # noqa: ARG002 - it keeps none
-        import torch
-
         o, shape = self.options, (self.options.components, self.dimension)
         means = self.rng.uniform(-1.0, 1.0, shape) if o.components > 1 else np.zeros(shape)
-        self._logits = torch.zeros(o.components, dtype=torch.float64, requires_grad=True)
-        self._means = torch.tensor(means, requires_grad=True)
-        self._log_deviations = torch.full(
-            shape, math.log(o.deviation), dtype=torch.float64, requires_grad=True
-        )
-        self._adam = torch.optim.Adam(self._parameters, o.learning_rate)
-
-    @property
-    def _parameters(self) -> list[Any]:
-        return [self._logits, self._means, self._log_deviations]
+        start = {
+            "logits": np.zeros(o.components),
+            "means": means,
+            "log_deviations": np.full(shape, math.log(o.deviation)),
+        }
+        self._parameters = {k: torch.tensor(v, requires_grad=True) for k, v in start.items()}
+        self._adam = torch.optim.Adam(self._parameters.values(), o.learning_rate)
 
     def _act(self, n: int) -> Proposals:
-        logits, means, log_deviations = (p.detach().numpy() for p in self._parameters)
+        logits, means, log_deviations = self._arrays().values()
         chosen = self.rng.choice(len(logits), n, p=softmax(logits))
         noise = self.rng.normal(size=(n, self.dimension))
         with np.errstate(over="ignore", invalid="ignore"):  # what diverged is refused by name
@@ -78,8 +75,6 @@ class Reinforce(RLAdversary):
         return Proposals(np.zeros_like(action), action)
 
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        import torch
-
         with one_thread():
             log_density = self._log_density(torch.as_tensor(proposals.action))
             reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
@@ -88,22 +83,19 @@ class Reinforce(RLAdversary):
             self._adam.zero_grad()
             torch.autograd.backward(loss)
             self._adam.step()
-        return all(bool(parameter.isfinite().all()) for parameter in self._parameters)
+        return all(bool(parameter.isfinite().all()) for parameter in self._parameters.values())
 
-    def _log_density(self, points: Any) -> Any:
+    def _log_density(self, points: Tensor) -> Tensor:
         """Give the mixture's log density at points (n, d), before reflection: (n,)."""
-        scaled = (points[:, None] - self._means) / self._log_deviations.exp()
-        normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - self._log_deviations
-        return (normal.sum(dim=2) + self._logits.log_softmax(dim=0)).logsumexp(dim=1)
+        logits, means, log_deviations = self._parameters.values()
+        scaled = (points[:, None] - means) / log_deviations.exp()
+        normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - log_deviations
+        return (normal.sum(dim=2) + logits.log_softmax(dim=0)).logsumexp(dim=1)
 
     def _arrays(self) -> Arrays:
-        named = zip(("logits", "means", "log_deviations"), self._parameters, strict=True)
-        return {name: parameter.detach().numpy() for name, parameter in named}
+        return {name: value.detach().numpy() for name, value in self._parameters.items()}
 
     def _restore(self, arrays: Arrays) -> None:
-        import torch
-
-        count = self.options.components
-        self._logits = torch.tensor(take(arrays, "logits", count))
-        self._means = torch.tensor(take(arrays, "means", count, self.dimension))
-        self._log_deviations = torch.tensor(take(arrays, "log_deviations", count, self.dimension))
+        count, d = self.options.components, self.dimension
+        shapes = {"logits": (count,), "means": (count, d), "log_deviations": (count, d)}
+        self._parameters = {k: torch.tensor(take(arrays, k, *s)) for k, s in shapes.items()}

@@ -7,15 +7,18 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.failure_reward import failure_rewards
 from sada_gym.adversaries.learner import NONE_FOOLED, Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import BudgetTooSmall, TrainingDiverged
+from sada_gym.parameters import Mu
+
+MEMORY = 1_000
+"""The dissimilarity bonus remembers so many failures, the latest ones."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Proposals:
     action: Array
 
     @property
-    def mu(self) -> npt.NDArray[np.float32]:
+    def mu(self) -> Mu:
         """The ends of the steps, reflected at the faces of the box: (n, d) in [-1, 1]."""
         return reflect(self.start + self.action).astype(np.float32)
 
@@ -135,5 +138,53 @@ class RLAdversary(Learner):
             f"{self.options.learning_rate:g})."
         )
 
-    def _draw(self, n: int) -> npt.NDArray[np.float32]:
+    def _draw(self, n: int) -> Mu:
         return self._act(n).mu
+
+
+def failure_rewards(
+    asked: Omega, seen: Omega, threshold: float, *, rank: float, dissimilarity: float
+) -> Array:
+    """Give the rewards of a rollout's queries: (n,).
+
+    A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
+    missed so far, these included, whose score is above its own (half of the equal ones count). So
+    only the order of scores matters, and Q, Q**4 and log Q give the same rewards.
+
+    The dissimilarity bonus (Corso et al. 2019, "Adaptive stress testing with reward augmentation
+    for autonomous vehicle validation") is added where a query fooled: `dissimilarity` times its
+    `novelties`.
+
+    Args:
+        asked: The rollout's queries.
+        seen: All queries before it.
+        threshold: The fooling threshold.
+        rank: The highest reward of a query that did not fool.
+        dissimilarity: The weight of the bonus.
+    """
+    fooled = asked.score <= threshold
+    scores = np.concatenate([seen.score, asked.score])
+    misses = np.sort(scores[scores > threshold])
+    places = sum(np.searchsorted(misses, asked.score, side=side) for side in ("left", "right"))
+    above = 1.0 - 0.5 * np.asarray(places, np.float64) / max(len(misses), 1)
+    rewards: Array = np.where(fooled, 1.0, rank * above)
+    if dissimilarity and fooled.any():
+        failures = seen.mu[seen.score <= threshold][-MEMORY:]
+        rewards[fooled] += dissimilarity * novelties(asked.mu[fooled], failures)
+    return rewards
+
+
+def novelties(mu: Mu, failures: Mu) -> Array:
+    """Give how far from known failures each mu (n, d) lies: (n,) in [0, 1].
+
+    A distance has no meaning by itself: in eight dimensions every two points are far apart. So it
+    is compared to those among the failures themselves, (m, d): the result is the share of them
+    whose nearest other failure is closer than the mu's nearest failure. With fewer than two
+    failures every mu has novelty 1.
+    """
+    if len(failures) < 2:
+        return np.ones(len(mu))
+    tree = KDTree(failures)
+    usual = np.sort(tree.query(failures, k=2)[0][:, 1])
+    shares: Array = np.searchsorted(usual, tree.query(mu)[0], side="left") / len(usual)
+    return shares

@@ -6,22 +6,18 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+import torch
+from torch import Tensor
 
-from sada_gym.adversaries.learner import Arrays
+from sada_gym.adversaries.learner import Arrays, part
 from sada_gym.adversaries.models.mixture import Array
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
 from sada_gym.determinism import generators_kept, one_thread
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-_PREFIX = "policy."
 
 
 @dataclass(frozen=True)
@@ -64,10 +60,6 @@ class SB3Adversary(RLAdversary):
     def _settings(self, queries: int) -> dict[str, Any]:
         """Give the model's keywords beside those that all share, for so many queries."""
 
-    def _policy_settings(self) -> dict[str, Any]:
-        """Give the keywords of the model's policy."""
-        return {"net_arch": list(self.options.hidden)}
-
     @abstractmethod
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         """Give mean and standard deviation of the actions at the starts (n, d), each (n, d)."""
@@ -82,20 +74,17 @@ class SB3Adversary(RLAdversary):
 
         env: gym.Env[Any, Any] = gym.Env()  # nobody steps it; the model takes its spaces
         env.observation_space = env.action_space = gym.spaces.Box(-1.0, 1.0, (self.dimension,))
+        settings = {
+            "learning_rate": self.options.learning_rate,
+            "policy_kwargs": {"net_arch": list(self.options.hidden)},
+            **self._settings(queries),
+        }
+        model = getattr(stable_baselines3, self.algorithm)
         with self._seeded():
-            self._model = getattr(stable_baselines3, self.algorithm)(
-                "MlpPolicy",
-                env,
-                learning_rate=self.options.learning_rate,
-                policy_kwargs=self._policy_settings(),
-                device="cpu",
-                **self._settings(queries),
-            )
+            self._model = model("MlpPolicy", env, device="cpu", **settings)
         self._model.set_logger(configure(None, []))
 
     def _act(self, n: int) -> Proposals:
-        import torch
-
         start = np.zeros((n, self.dimension))
         if self.options.starts == "uniform":
             start = self.rng.uniform(-1.0, 1.0, (n, self.dimension))
@@ -128,54 +117,9 @@ class SB3Adversary(RLAdversary):
 
     def _arrays(self) -> Arrays:
         weights = self._model.policy.state_dict()
-        return {f"{_PREFIX}{name}": tensor.numpy() for name, tensor in weights.items()}
+        return {f"policy.{name}": tensor.numpy() for name, tensor in weights.items()}
 
     def _restore(self, arrays: Arrays) -> None:
-        import torch
-
         self._begin(queries=1)
-        weights = {
-            name.removeprefix(_PREFIX): torch.tensor(array)
-            for name, array in arrays.items()
-            if name.startswith(_PREFIX)
-        }
-        self._model.policy.load_state_dict(weights)
-
-
-@dataclass(frozen=True)
-class OffPolicyOptions(SB3Options):
-    """The options of `sac` and `td3` that they share, beside those of `SB3Options`.
-
-    Attributes:
-        updates: Number of steps of Adam for each query.
-        batch: Number of queries in a step of Adam.
-    """
-
-    updates: float = option(0.5, 0, 100, inside=True)
-    batch: int = option(128, 1, 100_000)
-
-
-class OffPolicyAdversary(SB3Adversary):
-    """An adversary of Stable-Baselines3 that learns from all queries, the uniform ones included."""
-
-    options: OffPolicyOptions
-
-    def _settings(self, queries: int) -> dict[str, Any]:
-        return {"buffer_size": queries}
-
-    def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
-        mu = omega.mu.astype(np.float64)
-        start = np.zeros_like(mu)
-        if self.options.starts == "uniform":  # an action reaches no further than 1
-            start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
-        self._remember(Proposals(start, mu - start), rewards)
-
-    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        self._remember(proposals, rewards)
-        steps = max(1, round(self.options.updates * self.options.rollout))
-        return self._update(gradient_steps=steps, batch_size=self.options.batch)
-
-    def _remember(self, proposals: Proposals, rewards: Array) -> None:
-        over = np.ones(1)
-        for start, action, reward in zip(proposals.start, proposals.action, rewards, strict=True):
-            self._model.replay_buffer.add(start, start, action, reward, over, [{}])
+        weights = part(arrays, "policy.")
+        self._model.policy.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.learner import Floats, Learner
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
 
@@ -49,11 +49,7 @@ class Selection(Learner):
     options: SelectionOptions
 
     @abstractmethod
-    def _fit(self, omega: Omega) -> None:
-        """Learn to predict the score from all of Omega."""
-
-    @abstractmethod
-    def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
+    def _predict(self, mu: npt.NDArray[np.float64]) -> Floats:
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
     def _train(self, oracle: Query) -> Omega:
@@ -65,7 +61,7 @@ class Selection(Learner):
             self._fit(omega)
         return omega
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
+    def _draw(self, n: int) -> Floats:
         size = max(self.options.pool or len(self.omega), _LEAST_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):

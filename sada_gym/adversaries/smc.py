@@ -63,8 +63,7 @@ class SMC(Learner):
     of its nearest neighbours among these (SMOTE, Chawla et al. 2002). Unlike the samples of a
     kernel, these hardly leave the fooling set at its edges; the price is a little of the spread.
     Each point that fooled in any stage counts once, however long a chain stayed there: in so few
-    steps the length says little, and it would draw samples to lucky points.
-    See `SMCOptions`.
+    steps the length says little, and it would draw samples to lucky points. See `SMCOptions`.
     """
 
     name: ClassVar[str] = "smc"

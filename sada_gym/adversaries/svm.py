@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.learner import Arrays, Floats, take
+from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
 
-Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
 ONE_CLASS = "all scores of Omega fall into one of the five bins: samples are uniform"
 
+_UNIT_VARIANCE = math.sqrt(3.0)  # the scale at which the uniform distribution has it
 _EDGES = (0.2, 0.4, 0.6, 0.8)
 _PENALTIES = (0.1, 1.0, 10.0, 100.0)
 _WIDTHS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -46,7 +47,7 @@ class SVM(Selection):
     packages = ("scikit-learn",)
 
     def _fit(self, omega: Omega) -> None:
-        x, label = _standardise(omega.mu.astype(np.float64)), np.digitize(omega.score, _EDGES)
+        x, label = _UNIT_VARIANCE * omega.mu.astype(np.float64), np.digitize(omega.score, _EDGES)
         self._classes = np.unique(label)
         self._gamma = 0.0
         self._vectors = np.zeros((0, self.dimension))
@@ -54,7 +55,11 @@ class SVM(Selection):
         if len(self._classes) == 1:
             self.flags.append(ONE_CLASS)
             return
-        rows = self._stratified(label)
+        # rows such that every class has its share of them, and of each fold
+        shuffled = self.rng.permutation(len(label))
+        order = shuffled[np.argsort(label[shuffled], kind="stable")]
+        count = min(self.options.subset, len(label))
+        rows = order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
         penalty, self._gamma = _cross_validate(x[rows], label[rows], np.arange(len(rows)) % _FOLDS)
         machine = _machine(penalty, self._gamma).fit(x, label)
         self._vectors, self._intercepts = machine.support_vectors_, machine.intercept_
@@ -62,17 +67,10 @@ class SVM(Selection):
         if len(self._classes) == 2:  # scikit-learn turns the sign of a single pair
             self._coefficients, self._intercepts = -self._coefficients, -self._intercepts
 
-    def _stratified(self, label: Labels) -> npt.NDArray[np.intp]:
-        """Pick rows such that every class has its share of them, and of each fold."""
-        shuffled = self.rng.permutation(len(label))
-        order = shuffled[np.argsort(label[shuffled], kind="stable")]
-        count = min(self.options.subset, len(label))
-        return order[np.linspace(0, len(label) - 1, count).astype(np.intp)]
-
-    def _predict(self, mu: npt.NDArray[np.float64]) -> npt.NDArray[np.floating[Any]]:
+    def _predict(self, mu: Array) -> Floats:
         """Give each mu the class that wins most of the pairs; the lower class wins ties."""
         votes = np.zeros((len(mu), len(self._classes)))
-        x = _standardise(mu)
+        x = _UNIT_VARIANCE * mu
         for start in range(0, len(mu), _BLOCK):
             rows = slice(start, start + _BLOCK)
             kernel = np.exp(-self._gamma * cdist(x[rows], self._vectors, "sqeuclidean"))
@@ -102,11 +100,6 @@ class SVM(Selection):
         self._vectors = take(arrays, "vectors", None, self.dimension)
         self._coefficients = take(arrays, "coefficients", len(self._vectors), pairs)
         self._intercepts = take(arrays, "intercepts", pairs)
-
-
-def _standardise(mu: Array) -> Array:
-    """Scale mu such that the uniform distribution over the box has unit variance."""
-    return mu * math.sqrt(3.0)
 
 
 def _machine(penalty: float, gamma: float) -> SVC:

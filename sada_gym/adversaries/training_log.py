@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from sada_gym.errors import MissingExtra
 from sada_gym.files import file_errors
+from sada_gym.parameters import Mu
 
 
 class TrainingLog:
@@ -44,7 +42,7 @@ class TrainingLog:
         for name, value in values.items():
             self._writer.add_scalar(self._prefix + name, value, step)
 
-    def samples(self, step: int, mu: npt.NDArray[np.float32]) -> None:
+    def samples(self, step: int, mu: Mu) -> None:
         """Write mu, (n, d), as a histogram a dimension and a scatter plot of the first two."""
         from matplotlib.figure import Figure
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
 
-_POOL = 20_000
-_MOST_POOLS = 10
+_POOL, _PART = 200_000, 20_000
 
 
 @dataclass(frozen=True)
@@ -34,9 +32,7 @@ class Trees(Learner):
     """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
 
     The reference for every adversary that learns a surrogate: thirty lines around scikit-learn.
-    Where no candidate of 200,000 reaches the level, the likeliest are taken.
-
-    See `TreesOptions`.
+    Where no candidate of 200,000 reaches the level, the likeliest are taken. See `TreesOptions`.
     """
 
     name: ClassVar[str] = "trees"
@@ -54,17 +50,14 @@ class Trees(Learner):
             self.options.trees, random_state=int(self.rng.integers(2**31))
         ).fit(omega.mu, fooled)
 
-    def _draw(self, n: int) -> npt.NDArray[np.floating[Any]]:
-        pools: list[npt.NDArray[np.float32]] = []
-        predicted: list[npt.NDArray[np.float64]] = []
-        for _ in range(_MOST_POOLS):
-            pool = self._uniform(_POOL)
+    def _draw(self, n: int) -> Floats:
+        pool, p = self._uniform(0), np.zeros(0)
+        while len(pool) < _POOL:
+            drawn = self._uniform(_PART)
             # one column where every query fooled, or none
-            p = self._forest.predict_proba(pool)[:, -1]
-            kept: npt.NDArray[np.float32] = pool[p >= self.options.level]
+            p = np.append(p, self._forest.predict_proba(drawn)[:, -1])
+            pool = np.concatenate([pool, drawn])
+            kept = pool[p >= self.options.level]
             if len(kept):
                 return kept
-            pools.append(pool)
-            predicted.append(p)
-        likeliest = np.argsort(-np.concatenate(predicted), kind="stable")[:n]
-        return np.concatenate(pools)[likeliest]
+        return pool[np.argsort(-p, kind="stable")[:n]]

@@ -7,6 +7,7 @@ stacked, and that images were normalised, but not by which statistics.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -45,25 +46,22 @@ class Predictor(Protocol):
         ...
 
 
-class Transform(Protocol):
+class Transform(ABC):
     """Does to observations what one wrapper did in training."""
 
-    def start(self, count: int) -> None:
+    def start(self, count: int) -> None:  # noqa: B027 - most remember nothing
         """Begin `count` new episodes."""
 
+    @abstractmethod
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:
         """Change the observations of some episodes."""
-        ...
 
 
-class TransposeImage:
+class TransposeImage(Transform):
     """Does what `VecTransposeImage` does: an image's channels come first."""
 
     def __init__(self, wrapper: VecTransposeImage) -> None:
         self._wrapper = wrapper
-
-    def start(self, count: int) -> None:
-        """Begin new episodes; nothing is remembered."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Transpose the images among the observations."""
@@ -71,14 +69,11 @@ class TransposeImage:
         return changed
 
 
-class Normalize:
+class Normalize(Transform):
     """Does what `VecNormalize` does, with frozen statistics."""
 
     def __init__(self, wrapper: VecNormalize) -> None:
         self._wrapper = wrapper
-
-    def start(self, count: int) -> None:
-        """Begin new episodes; nothing is remembered."""
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Normalise the observations."""
@@ -86,7 +81,7 @@ class Normalize:
         return changed
 
 
-class StackFrames:
+class StackFrames(Transform):
     """Does what `VecFrameStack` does: lays the last frames behind one another, zeros at first."""
 
     def __init__(self, stacked: StackedObservations[Any]) -> None:

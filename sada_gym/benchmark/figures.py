@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t
 
 from sada_gym.files import Strict
-from sada_gym.measures.statistics import Interval, Standing, estimate, shared_ranks
+from sada_gym.measures.statistics import Interval, estimate, shared_ranks
 
 Runs = Sequence[Sequence[float]]
 """One figure for each run, by track and then by seed."""
@@ -29,7 +29,7 @@ class Figure(Strict):
     rank: str | None = None
 
 
-def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure:
+def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure | None:
     """Average runs over seeds, then over tracks, with a 95 % interval.
 
     Where all tracks have as many seeds it is the bootstrap of
@@ -41,7 +41,12 @@ def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure:
     Args:
         runs: One figure for each run.
         samples: M of each track, where the figures are rates among M test samples.
+
+    Returns:
+        The figure; None without runs.
     """
+    if not runs:
+        return None
     if len({len(seeds) for seeds in runs}) == 1:
         plain = estimate(runs, samples=None if samples is None else list(samples))
         return Figure(value=plain.value, interval_95=plain.interval)
@@ -53,18 +58,12 @@ def figure(runs: Runs, samples: Sequence[int] | None = None) -> Figure:
 def ranked(figures: Mapping[str, Figure], unranked: Sequence[str]) -> dict[str, Figure]:
     """Rank figures, higher being better; those whose difference is in doubt share a rank."""
     intervals = {name: one.interval_95 for name, one in figures.items()}
-    if all(interval is None for interval in intervals.values()):
+    if not any(intervals.values()):
         return dict(figures)
     values = {name: one.value for name, one in figures.items()}
-    standings: dict[str, Standing] = {
-        standing.name: standing for standing in shared_ranks(values, intervals, controls=unranked)
-    }
-    return {
-        name: one.model_copy(
-            update={"rank": standings[name].label if standings[name].rank else None}
-        )
-        for name, one in figures.items()
-    }
+    standings = shared_ranks(values, intervals, controls=unranked)
+    ranks = {one.name: one.label if one.rank else None for one in standings}
+    return {name: one.model_copy(update={"rank": ranks[name]}) for name, one in figures.items()}
 
 
 def _put_together(value: float, runs: Runs, samples: Sequence[int]) -> Interval:

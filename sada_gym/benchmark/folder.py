@@ -6,12 +6,16 @@ import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+from typing_extensions import Self
 
 from sada_gym.benchmark.plan import Group, Plan
 from sada_gym.benchmark.suite import Table
 from sada_gym.errors import StoreInUse, UserError
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.store import Context
 from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
 from sada_gym.files import Strict, read_model, write_file, write_folder, write_model
 from sada_gym.runs.packages import in_order
@@ -22,6 +26,7 @@ from sada_gym.runs.record import (
     RunKey,
     RunReport,
     RunSettings,
+    common,
     refuse_other,
     write_samples,
 )
@@ -44,6 +49,18 @@ class BenchmarkSettings(Strict):
     tables: tuple[Table, ...]
     packages: dict[str, str]
 
+    @property
+    def rules(self) -> dict[str, dict[str, object]]:
+        """Give the part of each table that decides its runs' results, by name."""
+        parts = {"budget", "budget_of", "samples"}
+        return {table.name: table.model_dump(mode="json", include=parts) for table in self.tables}
+
+    def plus(self, other: Self) -> Self:
+        """Add the tables and packages that only the other settings have."""
+        added = [table for table in other.tables if table.name not in self.rules]
+        packages = in_order({**self.packages, **other.packages})
+        return self.model_copy(update={"tables": (*self.tables, *added), "packages": packages})
+
 
 class Timing(Strict):
     """What a run cost when it was made: timing.json beside its result.
@@ -63,6 +80,28 @@ class Timing(Strict):
     known: int
     wall_s: float
     peak_memory_mib: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class RunDone:
+    """A finished run as a worker gives it back.
+
+    Attributes:
+        result: The run's report, or why it failed.
+        timing: The time and memory that it took.
+        samples: Its test samples; None after a failure.
+        picture: The comparison of images as a PNG, if there is one.
+        context: What its scores belong to.
+        evaluations: The evaluations that the group's store still lacks; none where the worker had
+            it open.
+    """
+
+    result: RunReport | RunFailure
+    timing: Timing
+    samples: Evaluations | None
+    picture: bytes | None
+    context: Context
+    evaluations: tuple[Evaluations, ...]
 
 
 def run_folder(out: Path, run: RunKey) -> Path:
@@ -85,33 +124,27 @@ def claim(out: Path, plan: Plan) -> None:
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"Expected a folder for the results, got the file {out}. Name another.")
-    path, tables, packages = out / SETTINGS_FILE, plan.suite.tables, plan.packages
-    known: tuple[Table, ...] = ()
+    path = out / SETTINGS_FILE
+    settings = BenchmarkSettings(tables=plan.suite.tables, packages=plan.packages)
+    known = None
     if path.exists():
-        settings = read_model(path, BenchmarkSettings)
-        known = settings.tables
-        wanted = {table.name: rule(table) for table in tables}
-        there = {table.name: rule(table) for table in known if table.name in wanted}
-        shared = settings.packages.keys() & packages.keys()
+        known = read_model(path, BenchmarkSettings)
+        old, new = common(known.packages, settings.packages)
+        old_rules, new_rules = common(known.rules, settings.rules)
         refuse_other(
             f"the settings that the benchmark in {out} was started with",
-            {"packages": {name: settings.packages[name] for name in shared}, **there},
-            {
-                "packages": {name: packages[name] for name in shared},
-                **{name: wanted[name] for name in there},
-            },
+            {"packages": old, **old_rules},
+            {"packages": new, **new_rules},
         )
-        packages = in_order({**settings.packages, **packages})
+        settings = known.plus(settings)
     elif out.exists() and any(not entry.name.startswith(".") for entry in out.iterdir()):
         raise UserError(
             f"Expected a new folder, an empty one or a benchmark's, got {out}, which holds "
             f"something else. Name another."
         )
     out.mkdir(parents=True, exist_ok=True)
-    added = [table for table in tables if table.name not in {old.name for old in known}]
-    now = BenchmarkSettings(tables=(*known, *added), packages=packages)
-    if not path.exists() or now != settings:
-        write_model(path, now)
+    if settings != known:
+        write_model(path, settings)
 
 
 @contextmanager
@@ -177,59 +210,37 @@ def _refuse_other_run(
 
 def read_runs(out: Path) -> list[tuple[RunReport | RunFailure, Path]]:
     """Read all finished runs, those of earlier calls too, each with its folder."""
-    return [(_read_run(folder), folder) for folder in finished_runs(out)]
+    runs: list[tuple[RunReport | RunFailure, Path]] = []
+    for folder in finished_runs(out):
+        if (folder / FAILURE_FILE).exists():
+            runs.append((read_model(folder / FAILURE_FILE, RunFailure), folder))
+        else:
+            runs.append((read_model(folder / RESULT_FILE, RunReport), folder))
+    return runs
 
 
 def finished_runs(out: Path) -> list[Path]:
     """List the folders of all finished runs."""
-    return [
-        folder
-        for folder in sorted((out / RUNS).glob("*/*/*"))
-        if not folder.name.startswith(".")
-        and any((folder / name).exists() for name in (RESULT_FILE, FAILURE_FILE))
-    ]
+    files = (out / RUNS).glob("*/*/*/*.json")
+    folders = {file.parent for file in files if file.name in (RESULT_FILE, FAILURE_FILE)}
+    return sorted(folder for folder in folders if not folder.name.startswith("."))
 
 
-def _read_run(folder: Path) -> RunReport | RunFailure:
-    if (folder / FAILURE_FILE).exists():
-        return read_model(folder / FAILURE_FILE, RunFailure)
-    return read_model(folder / RESULT_FILE, RunReport)
-
-
-def write_run(
-    out: Path,
-    result: RunReport | RunFailure,
-    timing: Timing,
-    samples: Evaluations | None,
-    picture: bytes | None,
-) -> None:
-    """Put a finished run in place, whole or not at all.
-
-    Args:
-        out: The benchmark's folder.
-        result: The run's report, or why it failed.
-        timing: The time and memory that it took.
-        samples: Its test samples; None after a failure.
-        picture: The comparison of images as a PNG, if there is one.
-    """
+def write_run(out: Path, done: RunDone) -> None:
+    """Put a finished run in place, whole or not at all."""
 
     def fill(folder: Path) -> None:
-        name = FAILURE_FILE if isinstance(result, RunFailure) else RESULT_FILE
-        write_model(folder / name, result)
-        if samples is not None:
-            write_samples(folder / SAMPLES_FILE, samples)
-        if picture is not None:
-            write_file(folder / NOVELTY_PICTURE, picture)
-        write_model(folder / TIMING_FILE, timing)
+        failed = isinstance(done.result, RunFailure)
+        write_model(folder / (FAILURE_FILE if failed else RESULT_FILE), done.result)
+        if done.samples is not None:
+            write_samples(folder / SAMPLES_FILE, done.samples)
+        if done.picture is not None:
+            write_file(folder / NOVELTY_PICTURE, done.picture)
+        write_model(folder / TIMING_FILE, done.timing)
 
-    folder = run_folder(out, result.settings)
+    folder = run_folder(out, done.result.settings)
     folder.parent.mkdir(parents=True, exist_ok=True)
     write_folder(folder, fill)
-
-
-def rule(table: Table) -> dict[str, object]:
-    """Give the part of a table that decides its runs' results."""
-    return table.model_dump(mode="json", include={"budget", "budget_of", "samples"})
 
 
 def _place(track: str, agent: str) -> str:

@@ -11,20 +11,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from sada_gym import adversaries
-from sada_gym.application import Application
-from sada_gym.benchmark.folder import Timing, store_file
+from sada_gym.benchmark.folder import RunDone, Timing, store_file
+from sada_gym.benchmark.plan import Group
 from sada_gym.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.store import Context
-from sada_gym.parameters import Mu
 from sada_gym.plots.novelty import novelty_sheet
 from sada_gym.plots.style import png
 from sada_gym.runs.assemble import make_adversary
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunFailure, RunReport, RunSettings
-from sada_gym.runs.run import OnProgress, Run, RunContext, ignore_progress
+from sada_gym.runs.run import OnProgress, Run, ignore_progress
 
 _PATIENCE_S = 60.0
 
@@ -39,47 +37,19 @@ class RunJob:
 
     Attributes:
         settings: The settings of the run.
-        keywords: The environment's keywords that name the agent.
-        fooling_set: The points that coverage is measured by, see `RunContext`.
-        ideal_set: The points that ideal samples are drawn from, see `RunContext`.
+        group: The runs that it belongs to, with all that they share.
         workers: The number of processes that evaluate; 1 evaluates in the worker's own.
-        adversaries: The names of all adversaries of the group, whose modules are loaded at once.
         out: The benchmark's folder. The worker may be on a machine that lacks it.
         token: The content of the folder's token, see `sada_gym.benchmark.progress`.
         stored: The bytes of the group's store, for a worker that doesn't see the folder.
     """
 
     settings: RunSettings
-    keywords: dict[str, str]
-    fooling_set: Mu | None
-    ideal_set: Mu | None
+    group: Group
     workers: int
-    adversaries: tuple[str, ...]
     out: Path
     token: str
-    stored: bytes | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class RunDone:
-    """A finished run as a worker gives it back.
-
-    Attributes:
-        result: The run's report, or why it failed.
-        timing: The time and memory that it took.
-        samples: Its test samples; None after a failure.
-        picture: The comparison of images as a PNG, if there is one.
-        context: What its scores belong to.
-        evaluations: The evaluations that the group's store still lacks; none where the worker had
-            it open.
-    """
-
-    result: RunReport | RunFailure
-    timing: Timing
-    samples: Evaluations | None
-    picture: bytes | None
-    context: Context
-    evaluations: tuple[Evaluations, ...]
+    stored: bytes | None
 
 
 def do_run(job: RunJob) -> RunDone:
@@ -96,7 +66,7 @@ def do_run(job: RunJob) -> RunDone:
     evaluator = _evaluator(job)
     try:
         with _store(evaluator, job, visible):
-            done = _do(job, evaluator, on_progress, keep=not visible)
+            return _do(job, evaluator, on_progress, keep=not visible)
     except BaseException as error:
         _forget()
         if isinstance(error, (StoreError, WorkerError, Abandoned)) or not isinstance(
@@ -104,14 +74,10 @@ def do_run(job: RunJob) -> RunDone:
         ):
             raise
         raise RunError(f"{type(error).__name__} in {job.settings}: {error}") from error
-    return done
 
 
 def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: bool) -> RunDone:
-    settings, application = job.settings, _application(evaluator)
-    context = RunContext(
-        evaluator, application, job.fooling_set, job.ideal_set, on_progress=on_progress
-    )
+    settings, group = job.settings, job.group
     started = time.monotonic()
     _forget_peak_memory()
     adversary = make_adversary(
@@ -120,39 +86,42 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
         seed=settings.seed,
         preset=settings.preset,
         options=settings.options,
-        ideal_set=job.ideal_set,
+        ideal_set=group.ideal_set,
     )
-    run = Run(settings, adversary, context)
+    run = Run(
+        settings,
+        adversary,
+        evaluator,
+        fooling_set=group.fooling_set,
+        ideal_set=group.ideal_set,
+        on_progress=on_progress,
+    )
     result: RunReport | RunFailure
     picture = None
     try:
         run.train()
         run.test()
     except AdversaryError as error:
-        threshold = float(application.fooling_threshold)
+        threshold = float(run.application.fooling_threshold)
         result = RunFailure(settings=settings, fooling_threshold=threshold, error=str(error))
     else:
         result = run.measure()
         if run.images is not None:
-            picture = png(novelty_sheet(run.images.ours, run.images.ideal))
+            picture = png(novelty_sheet(*run.images))
     return RunDone(
         result=result,
-        timing=_timing(run, time.monotonic() - started),
+        timing=Timing(
+            training_s=round(run.process_s - run.evaluation_s, 3),
+            evaluation_s=round(run.evaluation_s, 3),
+            evaluated=run.evaluated,
+            known=run.known,
+            wall_s=round(time.monotonic() - started, 3),
+            peak_memory_mib=_peak_memory_mib(),
+        ),
         samples=run.samples if isinstance(result, RunReport) else None,
         picture=picture,
-        context=Context.of(application),
+        context=Context.of(run.application),
         evaluations=run.evaluations if keep else (),
-    )
-
-
-def _timing(run: Run, wall_s: float) -> Timing:
-    return Timing(
-        training_s=round(run.process_s - run.evaluation_s, 3),
-        evaluation_s=round(run.evaluation_s, 3),
-        evaluated=run.evaluated,
-        known=run.known,
-        wall_s=round(wall_s, 3),
-        peak_memory_mib=_peak_memory_mib(),
     )
 
 
@@ -160,37 +129,28 @@ class _Kept(threading.local):
     """The evaluator of this thread's last run: the next one is mostly on the same track."""
 
     def __init__(self) -> None:
-        self.key: tuple[object, ...] | None = None
-        self.evaluator: Evaluator | None = None
+        self.evaluators: dict[tuple[object, ...], Evaluator] = {}
 
 
 _kept = _Kept()
 
 
 def _evaluator(job: RunJob) -> Evaluator:
-    key = (job.settings.track, tuple(sorted(job.keywords.items())), job.workers)
-    if _kept.evaluator is None or _kept.key != key:
+    group = job.group
+    key = (group.track, tuple(sorted(group.keywords.items())), job.workers)
+    if key not in _kept.evaluators:
         _forget()
-        for name in job.adversaries:  # all modules are loaded now, not hours later
-            if name != IDEAL:
-                adversaries.resolve(name, {})
-        _kept.evaluator = Evaluator(
-            job.settings.track, env_kwargs=job.keywords, workers=job.workers
+        for name in {run.adversary for run in group.runs} - {IDEAL}:
+            adversaries.resolve(name, {})  # all modules are loaded now, not hours later
+        _kept.evaluators[key] = Evaluator(
+            group.track, env_kwargs=group.keywords, workers=job.workers
         )
-        _kept.key = key
-    return _kept.evaluator
+    return _kept.evaluators[key]
 
 
 def _forget() -> None:
-    evaluator, _kept.evaluator, _kept.key = _kept.evaluator, None, None
-    if evaluator is not None:
-        evaluator.close(now=True)
-
-
-def _application(evaluator: Evaluator) -> Application:
-    application = evaluator.application
-    assert application is not None
-    return application
+    while _kept.evaluators:
+        _kept.evaluators.popitem()[1].close(now=True)
 
 
 @contextmanager
@@ -215,13 +175,11 @@ def _attach(evaluator: Evaluator, path: Path) -> None:
     end = time.monotonic() + _PATIENCE_S
     while True:
         try:
-            evaluator.attach(path)
+            return evaluator.attach(path)
         except StoreInUse:
             if time.monotonic() > end:
                 raise
             time.sleep(0.2)
-        else:
-            return
 
 
 def _forget_peak_memory() -> None:

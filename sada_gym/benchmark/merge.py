@@ -6,40 +6,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sada_gym.benchmark.folder import BenchmarkSettings, rule
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import (
-    FORMAT,
     RESULTS_FILE,
     Results,
     RunSummary,
     Target,
-    rows_of_runs,
-    run_order,
+    put_together,
 )
-from sada_gym.benchmark.suite import Table
 from sada_gym.errors import UserError, refuse_unknown
 from sada_gym.files import file_errors, read_model, write_model
-from sada_gym.runs.packages import in_order
-from sada_gym.runs.record import refuse_other
+from sada_gym.runs.record import common, refuse_other
 
 
-def merge_files(
-    files: Sequence[Path],
-    out: Path,
-    *,
-    tables: Sequence[str] = (),
-    tracks: Sequence[str] = (),
-    contenders: Sequence[str] = (),
-) -> Results:
+def merge_files(files: Sequence[Path], out: Path, **chosen: Sequence[str]) -> Results:
     """Merge files of results, and write results.json and table.md.
 
     Args:
         files: Each a results.json, or a folder that holds one.
         out: The folder to write to; it is made.
-        tables: Names of the tables to take over; all by default.
-        tracks: Ids of the environments to take over; all by default.
-        contenders: Labels of the rows to take over; all by default.
+        chosen: The tables, tracks and contenders to take over, see `merge`.
 
     Raises:
         ValueError: If a file is none of ours, they do not belong together, or `out` is the folder
@@ -49,7 +35,7 @@ def merge_files(
     if out.resolve() in {path.parent.resolve() for path in paths}:
         raise UserError(f"Expected a folder of its own for the report, got {out}, which is merged.")
     parts = [read_model(path, Results) for path in paths]
-    merged = merge(parts, tables=tables, tracks=tracks, contenders=contenders)
+    merged = merge(parts, **chosen)
     with file_errors("make the folder", out):
         out.mkdir(parents=True, exist_ok=True)
     write_model(out / RESULTS_FILE, merged)
@@ -84,22 +70,16 @@ def merge(
     """
     if not parts:
         raise UserError("Expected at least one file of results, got none.")
-    packages: dict[str, str] = {}
-    known: dict[str, Table] = {}
+    settings = parts[0].settings
     targets: dict[tuple[str, str], Target] = {}
     runs: dict[tuple[Any, ...], RunSummary] = {}
     for part in parts:
-        theirs = part.settings.packages  # an application names only what it loads
-        both = packages.keys() & theirs.keys()
-        _refuse_unlike(
-            "the packages",
-            {name: packages[name] for name in both},
-            {name: theirs[name] for name in both},
-        )
-        packages = in_order({**packages, **theirs})
-        for table in part.settings.tables:
-            first = known.setdefault(table.name, table)
-            _refuse_unlike(f"the rule of table {table.name}", rule(first), rule(table))
+        # an application names only the packages that it loads
+        _refuse_unlike("the packages", *common(settings.packages, part.settings.packages))
+        rules = common(settings.rules, part.settings.rules)
+        for name in rules[0]:
+            _refuse_unlike(f"the rule of table {name}", rules[0][name], rules[1][name])
+        settings = settings.plus(part.settings)
         for run in part.runs:
             key = (run.table, run.track, run.agent, run.label, run.seed)
             if key in runs:
@@ -111,40 +91,24 @@ def merge(
             _refuse_unlike(
                 f"{target.track} against {target.agent}", other.model_dump(), same.model_dump()
             )
-    refuse_unknown("table", tables, list(known))
+    known = [table.name for table in settings.tables]
+    refuse_unknown("table", tables, known)
     refuse_unknown("track", tracks, sorted({run.track for run in runs.values()}))
     refuse_unknown("adversary", contenders, sorted({run.label for run in runs.values()}))
-    chosen = sorted(
-        (
-            run
-            for run in runs.values()
-            if (not tables or run.table in tables)
-            and (not tracks or run.track in tracks)
-            and (not contenders or run.label in contenders)
-        ),
-        key=lambda run: run_order(run, list(known)),
-    )
+    chosen = [
+        run
+        for run in runs.values()
+        if run.table in (tables or known)
+        and (not tracks or run.track in tracks)
+        and (not contenders or run.label in contenders)
+    ]
     if runs and not chosen:
         raise UserError(
             "Expected runs of these tables, tracks and adversaries, got none in common."
         )
-    seeds: dict[tuple[str, str], set[int]] = {}
-    for run in chosen:
-        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
     filled = {run.table for run in chosen}
-    return Results(
-        format=FORMAT,
-        settings=BenchmarkSettings(
-            tables=tuple(table for name, table in known.items() if name in filled),
-            packages=packages,
-        ),
-        targets=tuple(
-            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
-            for place, own in seeds.items()
-        ),
-        rows=tuple(rows_of_runs(chosen)),
-        runs=tuple(chosen),
-    )
+    kept = tuple(table for table in settings.tables if table.name in filled)
+    return put_together(settings.model_copy(update={"tables": kept}), targets, chosen)
 
 
 def _refuse_unlike(what: str, first: Mapping[str, object], other: Mapping[str, object]) -> None:

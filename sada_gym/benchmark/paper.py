@@ -129,5 +129,13 @@ def table_1(label: str, column: str) -> float | None:
 
 
 def class_row(label: str) -> ClassRow | None:
-    """The row of the appendix's table; None where there is none."""
+    """Give the row of the appendix's table; None where there is none."""
     return CLASS_TABLE[ROWS[label]] if label in ROWS else None
+
+
+def class_rate(label: str, class_name: str | None) -> float | None:
+    """Give the AFR of the appendix's table for a class or `AVERAGE`; None where it has none."""
+    row = class_row(label)
+    if row is not None and class_name in CLASS_COLUMNS:
+        return row.afr[list(CLASS_COLUMNS).index(class_name)]
+    return row.average if row is not None and class_name == AVERAGE else None

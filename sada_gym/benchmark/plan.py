@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,14 +88,31 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
         for c in suite.contenders
         if c.missing
     ]
-    _refuse_doubles([c.label for c in contenders])
+    for label, times in Counter(c.label for c in contenders).items():
+        if times > 1:
+            raise UserError(f"Expected distinct contenders, got {label!r} twice. Name it once.")
     groups = []
     for track in suite.tracks:
         for target, keywords, tables in _targets(suite, track, references):
             to_cover, to_draw = target.halves
-            solvers = _solvers(contenders, target)
             if to_cover is None:
                 notes.append(_no_reference(target))
+            # each is made once, so that what is wrong with one shows before anything runs
+            solvers = [
+                (
+                    one,
+                    make_adversary(
+                        one.adversary,
+                        target.dimension,
+                        seed=0,
+                        preset=one.preset,
+                        options=one.options,
+                        ideal_set=to_draw,
+                    ),
+                )
+                for one in contenders
+                if one.adversary != IDEAL or to_draw is not None
+            ]
             for seed in suite.seeds_on(track):
                 runs = tuple(
                     _settings(suite, table, target, contender, solver, seed)
@@ -103,8 +121,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
                     if table.includes(contender)
                 )
                 name = target.application.agent_name
-                group = Group(track, keywords, name, seed, runs, to_cover, to_draw)
-                groups.append(group)
+                groups.append(Group(track, keywords, name, seed, runs, to_cover, to_draw))
             target.application.close()
     if not any(group.runs for group in groups):
         raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
@@ -134,28 +151,6 @@ def _targets(
         yield RunTarget(track, application, reference), keywords, tuple(tables)
     if default not in chosen:
         first.close()
-
-
-def _solvers(
-    contenders: Sequence[Contender], target: RunTarget
-) -> list[tuple[Contender, Adversary]]:
-    """Make each adversary once, so that what is wrong with one shows before anything runs."""
-    ideal_set = target.halves[1]
-    return [
-        (
-            one,
-            make_adversary(
-                one.adversary,
-                target.dimension,
-                seed=0,
-                preset=one.preset,
-                options=one.options,
-                ideal_set=ideal_set,
-            ),
-        )
-        for one in contenders
-        if one.adversary != IDEAL or ideal_set is not None
-    ]
 
 
 def _settings(
@@ -192,17 +187,10 @@ def _settings(
 
 
 def _no_reference(target: RunTarget) -> str:
-    agent = (
-        f" with the agent {target.application.agent_name}" if target.application.agent_name else ""
-    )
+    name = target.application.agent_name
+    agent = f" with the agent {name}" if name else ""
     what = "no reference set" if target.reference is None else "hardly any fooling reference point"
     return (
         f"{target.track}{agent} has {what}: the ideal row, coverage, density and novelty beside "
         "the ideal are blank there."
     )
-
-
-def _refuse_doubles(labels: list[str]) -> None:
-    for label in labels:
-        if labels.count(label) > 1:
-            raise UserError(f"Expected distinct contenders, got {label!r} twice. Name it once.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from sada_gym.benchmark.folder import (
 )
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
 from sada_gym.errors import UserError
-from sada_gym.files import Strict, file_errors, read_model, write_model
+from sada_gym.files import OneLine, Strict, file_errors, read_model, write_model
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
@@ -68,24 +68,7 @@ class RunSummary(RunKey):
     error: str | None
     measures: Measures | None
     search: Search | None
-    flags: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Mean:
-    """A measure that a row gives the mean of: how it is read and how the tables show it.
-
-    Attributes:
-        of: Reads it off a run's measures; None where the run has none.
-        title: The column's title; empty for no column.
-        places: Decimal places; None shows per cent.
-        legend: A line of the legend. Where no row has the measure, such a column is left out.
-    """
-
-    of: Callable[[Measures], float | None]
-    title: str = ""
-    places: int | None = None
-    legend: str = ""
+    flags: tuple[OneLine, ...]
 
 
 class Row(Strict):
@@ -130,42 +113,49 @@ class Row(Strict):
     afr_iqm: float | None
     coverage: Figure | None
     relative_coverage: Figure | None
-    density: Annotated[float | None, Mean(lambda m: m.density, "density", 2)]
-    mu_std: Annotated[float | None, Mean(lambda m: m.mu_std, "μ_std", 3)]
-    mean_score: Annotated[float | None, Mean(lambda m: m.mean_score, "mean Q", 3)]
-    novelty: Annotated[
-        float | None, Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3)
-    ]
-    novelty_ratio: Annotated[
-        float | None, Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2)
-    ]
-    novelty_fifth_ratio: Annotated[
-        float | None, Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None)
-    ]
-    image_novelty_ratio: Annotated[
-        float | None,
-        Mean(
-            lambda m: m.image_novelty.ratio if m.image_novelty else None,
-            "image novelty / ideal",
-            2,
-        ),
-    ]
-    afr_feasible: Annotated[
-        float | None,
-        Mean(
-            lambda m: m.feasible.afr if m.feasible else None,
-            "AFR, feasible, %",
-            legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
-            "masters.\n",
-        ),
-    ] = None
+    density: float | None
+    mu_std: float | None
+    mean_score: float | None
+    novelty: float | None
+    novelty_ratio: float | None
+    novelty_fifth_ratio: float | None
+    image_novelty_ratio: float | None
+    afr_feasible: float | None = None
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A measure that a row gives the mean of: how it is read and how the tables show it.
+
+    Attributes:
+        of: Reads it off a run's measures; None where the run has none.
+        title: The column's title; empty for no column.
+        places: Decimal places; None shows per cent.
+        legend: A line of the legend. Where no row has the measure, such a column is left out.
+    """
+
+    of: Callable[[Measures], float | None]
+    title: str = ""
+    places: int | None = None
+    legend: str = ""
 
 
 MEANS: Mapping[str, Mean] = {
-    name: mean
-    for name, field in Row.model_fields.items()
-    for mean in field.metadata
-    if isinstance(mean, Mean)
+    "density": Mean(lambda m: m.density, "density", 2),
+    "mu_std": Mean(lambda m: m.mu_std, "μ_std", 3),
+    "mean_score": Mean(lambda m: m.mean_score, "mean Q", 3),
+    "novelty": Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3),
+    "novelty_ratio": Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2),
+    "novelty_fifth_ratio": Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None),
+    "image_novelty_ratio": Mean(
+        lambda m: m.image_novelty.ratio if m.image_novelty else None, "image novelty / ideal", 2
+    ),
+    "afr_feasible": Mean(
+        lambda m: m.feasible.afr if m.feasible else None,
+        "AFR, feasible, %",
+        legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
+        "masters.\n",
+    ),
 }
 """The measures that rows give the mean of, by the row's field."""
 
@@ -222,22 +212,52 @@ def write_results(out: Path) -> Results:
     if not there:
         raise UserError(f"Expected finished runs in {out}, got none yet. Run the benchmark.")
     tables = [table.name for table in settings.tables]
-    there.sort(key=lambda one: run_order(one[0].settings, tables))
-    runs = tuple(_summary(result) for result, _ in there)
-    results = Results(
-        format=FORMAT,
-        settings=settings,
-        targets=_targets([result for result, _ in there]),
-        rows=tuple(rows_of_runs(runs)),
-        runs=runs,
-    )
+    there.sort(key=lambda one: _run_order(one[0].settings, tables))
+    targets = {
+        (result.settings.track, result.settings.agent): Target(
+            **result.settings.model_dump(include=set(Target.model_fields)),
+            fooling_threshold=result.fooling_threshold,
+            seeds=(),
+        )
+        for result, _ in there
+    }
+    results = put_together(settings, targets, [_summary(result) for result, _ in there])
     write_model(out / RESULTS_FILE, results)
     timings = [_timing(result.settings, folder) for result, folder in there]
     write_model(out / TIMINGS_FILE, Timings(runs=tuple(timings)))
     return results
 
 
-def run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
+def put_together(
+    settings: BenchmarkSettings,
+    targets: Mapping[tuple[str, str], Target],
+    runs: Sequence[RunSummary],
+) -> Results:
+    """Put runs in order, and sum them up.
+
+    Args:
+        settings: What all runs have in common.
+        targets: What was attacked, by track and agent; its seeds are found anew.
+        runs: The runs.
+    """
+    tables = [table.name for table in settings.tables]
+    ordered = sorted(runs, key=lambda run: _run_order(run, tables))
+    seeds: dict[tuple[str, str], set[int]] = {}
+    for run in ordered:
+        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
+    return Results(
+        format=FORMAT,
+        settings=settings,
+        targets=tuple(
+            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
+            for place, own in seeds.items()
+        ),
+        rows=tuple(rows_of_runs(ordered)),
+        runs=tuple(ordered),
+    )
+
+
+def _run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
     """Give a key to sort runs by: known names in their order, then other names."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
@@ -270,26 +290,6 @@ def _timing(settings: RunSettings, folder: Path) -> RunTiming:
     return RunTiming(**settings.model_dump(include=set(RunKey.model_fields)), **costs.model_dump())
 
 
-def _targets(results: Sequence[RunReport | RunFailure]) -> tuple[Target, ...]:
-    found: dict[tuple[str, str], Target] = {}
-    for result in results:
-        settings = result.settings
-        key = (settings.track, settings.agent)
-        seeds = {settings.seed, *(found[key].seeds if key in found else ())}
-        found[key] = Target(
-            track=settings.track,
-            agent=settings.agent,
-            application=settings.application,
-            version=settings.version,
-            application_settings=settings.application_settings,
-            fingerprint=settings.fingerprint,
-            fooling_threshold=result.fooling_threshold,
-            reference=settings.reference,
-            seeds=tuple(sorted(seeds)),
-        )
-    return tuple(found.values())
-
-
 def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
     """Give the rows of each table and agent: over all tracks, then of each track."""
     for table, agent in dict.fromkeys((run.table, run.agent) for run in runs):
@@ -306,15 +306,14 @@ def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
 
 
 def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, int]]) -> Row:
-    first, good = runs[0], [run for run in runs if run.measures is not None]
+    first = runs[0]
+    good = [(run, run.measures) for run in runs if run.measures is not None]
 
     def measured(get: Callable[[Measures], float | None]) -> list[list[float]]:
         """Give a measure of all runs by track, less what has none."""
         by_track: dict[str, list[float]] = {}
-        for run in good:
-            assert run.measures is not None
-            value = get(run.measures)
-            if value is not None:
+        for run, measures in good:
+            if (value := get(measures)) is not None:
                 by_track.setdefault(run.track, []).append(value)
         return list(by_track.values())
 
@@ -322,10 +321,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
     rates = measured(lambda m: m.afr)
-    samples = {run.track: run.samples for run in good}
-    means: dict[str, Any] = {name: mean(measured(one.of)) for name, one in MEANS.items()}
-    coverage, relative = measured(lambda m: m.coverage), measured(lambda m: m.relative_coverage)
-    spent = [[run.search.queries] for run in good if run.search is not None]
+    samples = {run.track: run.samples for run, _ in good}
     return Row(
         table=first.table,
         agent=first.agent,
@@ -334,23 +330,22 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         tracks=len(rates),
         runs=len(good),
         failed=len(runs) - len(good),
-        complete={(run.track, run.seed) for run in good} == every,
+        complete={(run.track, run.seed) for run, _ in good} == every,
         budget=float(np.mean([run.budget for run in runs])),
-        queries=mean(spent),
-        afr=figure(rates, list(samples.values())) if rates else None,
+        queries=mean([[run.search.queries] for run, _ in good if run.search is not None]),
+        afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
-        coverage=figure(coverage) if coverage else None,
-        relative_coverage=figure(relative) if relative else None,
-        **means,
+        coverage=figure(measured(lambda m: m.coverage)),
+        relative_coverage=figure(measured(lambda m: m.relative_coverage)),
+        **{name: mean(measured(one.of)) for name, one in MEANS.items()},
     )
 
 
 def _with_ranks(rows: Sequence[Row]) -> list[Row]:
     """Rank the contenders of one table, agent and track by AFR and by coverage."""
     unranked = [row.label for row in rows if row.label in CONTROLS or not row.complete]
-    changes: dict[str, dict[str, Figure]] = {row.label: {} for row in rows}
     for name in ("afr", "coverage", "relative_coverage"):
         there = {row.label: one for row in rows if (one := getattr(row, name)) is not None}
-        for label, one in ranked(there, unranked).items():
-            changes[label][name] = one
-    return [row.model_copy(update=changes[row.label]) for row in rows]
+        with_ranks = ranked(there, unranked)
+        rows = [row.model_copy(update={name: with_ranks.get(row.label)}) for row in rows]
+    return list(rows)

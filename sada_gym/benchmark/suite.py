@@ -11,10 +11,10 @@ from pydantic import Field
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
+from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
-from sada_gym.registration import ids_of
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -134,40 +134,36 @@ class Suite(Strict):
         return range(self.seeds_of.get(track, self.seeds))
 
 
+_RL = ("reinforce", "ppo", "sac", "td3")
+
+
+def _by_name(*names: str) -> list[Contender]:
+    """Give contenders that are called as their adversaries are."""
+    return [Contender(label=name, adversary=name) for name in names]
+
+
 CONTENDERS: tuple[Contender, ...] = (
     Contender(label=IDEAL, adversary=IDEAL, ranked=False),
     Contender(label="random", adversary="random"),
     Contender(label="archive", adversary="archive", ranked=False),
-    Contender(label="svm", adversary="svm"),
-    Contender(label="gp", adversary="gp"),
-    Contender(label="gaussian", adversary="gaussian"),
-    Contender(label="gmm10", adversary="gmm10"),
-    Contender(label="gmm50", adversary="gmm50"),
-    Contender(label="bayesian", adversary="bayesian"),
+    *_by_name("svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
     Contender(label="bbgan (paper)", adversary="bbgan", preset="paper"),
     Contender(label="bbgan-boost (paper)", adversary="bbgan-boost", preset="paper"),
-    Contender(label="bbgan", adversary="bbgan"),
-    Contender(label="bbgan-boost", adversary="bbgan-boost"),
-    Contender(label="cross-entropy", adversary="cross-entropy"),
-    Contender(label="smc", adversary="smc"),
+    *_by_name("bbgan", "bbgan-boost", "cross-entropy", "smc"),
     Contender(label="cma-mae", adversary="cma-mae", requires="ribs"),
-    Contender(label="sada", adversary="sada"),
-    Contender(label="trees", adversary="trees"),
-    Contender(label="level-set", adversary="level-set"),
-    Contender(label="reinforce", adversary="reinforce"),
-    Contender(label="ppo", adversary="ppo"),
-    Contender(label="sac", adversary="sac"),
-    Contender(label="td3", adversary="td3"),
+    *_by_name("sada", "trees", "level-set", *_RL),
 )
 """All rows: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
 
-_RL = ("reinforce", "ppo", "sac", "td3")
 _NOT_YET = ("trees", "level-set")
 _IN_SUITES = tuple(c for c in CONTENDERS if c.label not in (*_RL, *_NOT_YET))
 """The rows of most suites, as docs/results has them; the others are chosen by name.
 
 RL asks in small rollouts, which makes it slow where there are worlds to simulate.
 """
+
+_WITH_RL = tuple(c for c in CONTENDERS if c.label != "sada")
+"""The rows of a suite whose worlds take next to no time."""
 
 CONTROLS = frozenset(contender.label for contender in CONTENDERS if not contender.ranked)
 """The labels of contenders that have no rank."""
@@ -201,54 +197,38 @@ _OTHER_AGENTS = Table(
     agents="others",
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_DRIVING_TRACKS, _RACING_TRACKS, _DIGIT_TRACKS = (
-    tuple(ids_of(name))[1:] for name in ("SADA-Driving", "SADA-UAV", "SADA-Digits")
-)
-_MAIN_TRACKS = tuple(track for track in CLASS_COLUMNS.values() if track in TABLE_1_COLUMNS.values())
-"""The classes that have a column in the paper's Table 1."""
+_TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+
+
+def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
+    """Make the suite of an application's tracks, as its card declares it."""
+    return Suite(
+        name=suite.name,
+        tracks=card.track_ids,
+        tables=tuple(_TABLES[name] for name in suite.tables),
+        contenders=_WITH_RL if suite.with_rl else _IN_SUITES,
+        seeds=suite.seeds,
+        seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
+        images=suite.images,
+    )
+
+
+_TABLE_1 = tuple(track for track in TABLE_1_COLUMNS.values() if track is not None)
 
 SUITES: tuple[Suite, ...] = (
-    Suite(
-        name="paper",
-        tracks=tuple(CLASS_COLUMNS.values()),
-        tables=(_PAPER_BUDGETS, _EQUAL_QUERIES),
-        contenders=_IN_SUITES,
-        seeds_of=dict.fromkeys(_MAIN_TRACKS, 3),
-    ),
+    *(_suite_of(card, card.suite) for card in cards() if card.suite is not None),
     Suite(
         name="quick",
-        tracks=_MAIN_TRACKS,
+        tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
         tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
         contenders=_IN_SUITES,
     ),
     Suite(
-        name="driving",
-        tracks=_DRIVING_TRACKS,
-        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
-        contenders=_IN_SUITES,
-        seeds=3,
-    ),
-    Suite(
-        name="racing",
-        tracks=_RACING_TRACKS,
-        tables=(_PAPER_BUDGETS, _OTHER_AGENTS),
-        contenders=_IN_SUITES,
-        seeds=3,
-    ),
-    Suite(
-        name="digits",
-        tracks=_DIGIT_TRACKS,
-        tables=(_PAPER_BUDGETS,),
-        contenders=tuple(c for c in CONTENDERS if c.label != "sada"),
-        seeds_of=dict.fromkeys(("SADA-Digits-3-v0", "SADA-Digits-8-v0"), 3),
-        images=0,
-    ),
-    Suite(
         name="table-1",
-        tracks=(*CLASS_COLUMNS.values(), *_DRIVING_TRACKS, *_RACING_TRACKS),
+        tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
         tables=(_PAPER_BUDGETS,),
         contenders=_IN_SUITES,
-        seeds_of=dict.fromkeys((*_MAIN_TRACKS, *_DRIVING_TRACKS, *_RACING_TRACKS), 3),
+        seeds_of=dict.fromkeys(_TABLE_1, 3),
     ),
 )
 
@@ -269,19 +249,18 @@ def find_contender(text: str) -> Contender:
     Raises:
         ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
     """
-    for contender in CONTENDERS:
-        if text == contender.label:
-            return contender
+    known = {contender.label: contender for contender in CONTENDERS}
+    if text in known:
+        return known[text]
     name, colon, rest = text.partition(":")
     if not colon:
-        refuse_unknown("adversary", [text], [*(c.label for c in CONTENDERS), "module:Class"])
+        refuse_unknown("adversary", [text], [*known, "module:Class"])
     if name not in adversaries.names():
         return Contender(label=text, adversary=text)
     if rest == "default":
         return find_contender(name)
     label = f"{name} ({rest})"
-    known = [contender for contender in CONTENDERS if contender.label == label]
-    return known[0] if known else Contender(label=label, adversary=name, preset=rest)
+    return known.get(label) or Contender(label=label, adversary=name, preset=rest)
 
 
 def choose(

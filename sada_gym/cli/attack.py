@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -12,15 +12,17 @@ from rich.text import Text
 
 from sada_gym import adversaries
 from sada_gym.cli.console import (
+    WORKERS_HELP,
+    ExecutorName,
     cores,
     errors_as_sentences,
     key_values,
+    option,
     out,
     refuse_stray,
     say,
     show_resume_hint,
 )
-from sada_gym.cli.executor import EXECUTOR_HELP, PROCESSES, open_named
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
@@ -37,51 +39,36 @@ def attack(
         str, typer.Argument(metavar="ID", help="The environment; `sada-gym envs` lists them.")
     ],
     adversary: Annotated[
-        str, typer.Option("--adversary", "-a", help="`sada-gym adversaries` lists them.")
+        str, option("`sada-gym adversaries` lists them.", "--adversary", "-a")
     ] = "bbgan",
     preset: Annotated[
-        str | None, typer.Option(help="A named set of the adversary's options, such as `paper`.")
+        str | None, option("A named set of the adversary's options, such as `paper`.")
     ] = None,
     env_kwargs: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="k=v", help="A keyword of the environment, as object_class=car; repeatable."
-        ),
+        option("A keyword of the environment, as object_class=car; repeatable.", metavar="k=v"),
     ] = None,
     agent: Annotated[
         str | None,
-        typer.Option(metavar="NAME|FILE", help="The agent under test: a shipped one, or weights."),
+        option("The agent under test: a shipped one, or weights.", metavar="NAME|FILE"),
     ] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", metavar="k=v", help="An option of the adversary, as steps=600; repeatable."
-        ),
+        option("An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"),
     ] = None,
-    budget: Annotated[int, typer.Option(min=0, help="Number of training queries.")] = 2_000,
+    budget: Annotated[int, option("Number of training queries.", least=0)] = 2_000,
     samples: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of test samples.", show_default="the environment's own"),
+        int | None, option("Number of test samples.", least=1, default="the environment's own")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Fixes the whole result.")] = 0,
+    seed: Annotated[int, option("Fixes the whole result.", least=0)] = 0,
     workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Processes; the result does not depend on it.",
-            show_default=f"the cores, at most {_MANY}",
-        ),
+        int | None, option(WORKERS_HELP, least=1, default=f"the cores, at most {_MANY}")
     ] = None,
-    executor: Annotated[str, typer.Option(metavar="NAME", help=EXECUTOR_HELP)] = PROCESSES,
+    executor: ExecutorName = "processes",
     out_folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", metavar="DIR", help="Results.", show_default="runs/ID-ADVERSARY-SEED"
-        ),
+        Path | None, option("Results.", "--out", metavar="DIR", default="runs/ID-ADVERSARY-SEED")
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the run that DIR holds.")
-    ] = False,
+    resume: Annotated[bool, option("Go on with the run that DIR holds.", "--resume")] = False,
 ) -> None:
     """Train an adversary against an agent and measure how often its samples fool it.
 
@@ -100,39 +87,33 @@ def attack(
         options = key_values(set_ or [], "--set")
         if preset is not None and "preset" in options:
             raise UserError("Expected the preset once, got it by --preset and --set.")
+        from sada_gym.attack import attack as run_attack
+        from sada_gym.cli.progress import AttackProgress
+        from sada_gym.evaluation.executors import open_executor
+
         try:
-            _run(
-                env_id,
-                adversary,
-                executor=executor,
-                workers=workers or min(cores(), _MANY),
-                env_kwargs=keywords,
-                preset=preset,
-                options=options,
-                budget=budget,
-                samples=samples,
-                seed=seed,
-                out=folder,
-                resume=resume,
-            )
+            with (
+                open_executor(executor, workers or min(cores(), _MANY)) as opened,
+                AttackProgress(out) as progress,
+            ):
+                result = run_attack(
+                    env_id,
+                    adversary,
+                    executor=opened.executor,
+                    workers=opened.workers,
+                    env_kwargs=keywords,
+                    preset=preset,
+                    options=options,
+                    budget=budget,
+                    samples=samples,
+                    seed=seed,
+                    out=folder,
+                    resume=resume,
+                    on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
+                )
         except KeyboardInterrupt:
             show_resume_hint(_kept(folder), "--resume")
             raise typer.Exit(130) from None
-
-
-def _run(env_id: str, adversary: str, *, executor: str, workers: int, **settings: Any) -> None:
-    from sada_gym.attack import attack as run_attack
-    from sada_gym.cli.progress import AttackProgress
-
-    with open_named(executor, workers) as (chosen, count), AttackProgress(out) as progress:
-        result = run_attack(
-            env_id,
-            adversary,
-            executor=chosen,
-            workers=count,
-            on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
-            **settings,
-        )
     _show_result(result)
 
 

@@ -12,14 +12,16 @@ from rich.table import Table
 
 from sada_gym.benchmark.suite import SUITES, choose, find_suite
 from sada_gym.cli.console import (
+    WORKERS_HELP,
+    ExecutorName,
     cores,
     errors_as_sentences,
+    option,
     out,
     refuse_stray,
     say,
     show_resume_hint,
 )
-from sada_gym.cli.executor import EXECUTOR_HELP, PROCESSES, open_named
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.run import BenchmarkResult
@@ -30,68 +32,54 @@ SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
 
 def benchmark(
     context: typer.Context,
-    suite: Annotated[str, typer.Option(metavar="NAME", help=SUITES_HELP)] = "quick",
+    suite: Annotated[str, option(SUITES_HELP, metavar="NAME")] = "quick",
     tracks: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID", help="An environment; repeatable.", show_default="the suite's own"
-        ),
+        option("An environment; repeatable.", metavar="ID", default="the suite's own"),
     ] = None,
     tables: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A table of the suite; repeatable.", show_default="all"),
+        option("A table of the suite; repeatable.", metavar="NAME", default="all"),
     ] = None,
     agents: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="An agent; repeatable.", show_default="the tables' own"),
+        list[str] | None, option("An agent; repeatable.", metavar="NAME", default="the tables' own")
     ] = None,
     adversaries: Annotated[
         list[str] | None,
-        typer.Option(
-            "--adversaries",
-            "-a",
+        option(
+            "A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
+            *("--adversaries", "-a"),
             metavar="NAME",
-            help="A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
-            show_default="the suite's own",
+            default="the suite's own",
         ),
     ] = None,
     seeds: Annotated[
-        int | None,
-        typer.Option(min=1, help="Seeds on every track.", show_default="the suite's own"),
+        int | None, option("Seeds on every track.", least=1, default="the suite's own")
     ] = None,
     budget: Annotated[
-        int | None,
-        typer.Option(min=1, help="Training queries.", show_default="the tables' own"),
+        int | None, option("Training queries.", least=1, default="the tables' own")
     ] = None,
     samples: Annotated[
-        int | None,
-        typer.Option(min=1, help="Test samples.", show_default="the environments' own"),
+        int | None, option("Test samples.", least=1, default="the environments' own")
     ] = None,
     images: Annotated[
         int | None,
-        typer.Option(
-            min=0,
-            help="Samples, on the first seed, whose nearest queries are compared as images.",
-            show_default="the suite's own",
+        option(
+            "Samples, on the first seed, whose nearest queries are compared as images.",
+            least=0,
+            default="the suite's own",
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Processes; the result does not depend on it.", show_default="the cores"
-        ),
-    ] = None,
-    executor: Annotated[str, typer.Option(metavar="NAME", help=EXECUTOR_HELP)] = PROCESSES,
+    workers: Annotated[int | None, option(WORKERS_HELP, least=1, default="the cores")] = None,
+    executor: ExecutorName = "processes",
     out_folder: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Results.", show_default="runs/benchmark-SUITE"),
+        Path | None, option("Results.", "--out", metavar="DIR", default="runs/benchmark-SUITE")
     ] = None,
     references: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The reference sets.", show_default="the shipped ones"),
+        Path | None, option("The reference sets.", metavar="DIR", default="the shipped ones")
     ] = None,
     report: Annotated[
-        bool, typer.Option("--report", help="Run nothing; report what DIR holds by now.")
+        bool, option("Run nothing; report what DIR holds by now.", "--report")
     ] = False,
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
@@ -105,6 +93,7 @@ def benchmark(
         refuse_stray(context.args, "--tracks A --tracks B")
         from sada_gym.benchmark.run import report_benchmark, run_benchmark
         from sada_gym.cli.benchmark_progress import BenchmarkProgress
+        from sada_gym.evaluation.executors import open_executor
         from sada_gym.measures.reference import FOLDER
 
         known = references or FOLDER
@@ -126,14 +115,14 @@ def benchmark(
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         try:
             with (
-                open_named(executor, workers or cores()) as (opened, count),
+                open_executor(executor, workers or cores()) as opened,
                 BenchmarkProgress(out) as progress,
             ):
                 result = run_benchmark(
                     chosen,
                     folder,
-                    workers=count,
-                    executor=opened,
+                    workers=opened.workers,
+                    executor=opened.executor,
                     references=known,
                     callback=progress,
                 )
@@ -159,17 +148,12 @@ def _show_result(result: BenchmarkResult) -> None:
         for column in ("adversary", "AFR, %", "rank", "coverage / ideal, %", "rank", "runs"):
             table.add_column(column, justify="left" if column == "adversary" else "right")
         for row in results.rows_of(name, agent, None):
-            figures = (row.afr, row.relative_coverage)
-            cells = [
-                text
-                for figure in figures
-                for text in (
-                    f"{100 * figure.value:.1f}" if figure else "-",
-                    (figure.rank or "") if figure else "",
-                )
-            ]
+            cells = [escape(row.label)]
+            for figure in (row.afr, row.relative_coverage):
+                cells.append(f"{100 * figure.value:.1f}" if figure else "-")
+                cells.append((figure and figure.rank) or "")
             failed = f" ({row.failed} failed)" if row.failed else ""
-            table.add_row(escape(row.label), *cells, f"{row.runs}{failed}")
+            table.add_row(*cells, f"{row.runs}{failed}")
         out.print(table)
     for note in result.notes:
         say("[yellow]Mind:[/] ", note)

@@ -6,19 +6,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
-from typing_extensions import Self
 
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import Plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.tables import short_name
-from sada_gym.cli.console import say
 from sada_gym.cli.kernels import COMPILING, will_compile
-from sada_gym.cli.progress import Ticker, clock
+from sada_gym.cli.progress import Display, clock
 from sada_gym.runs.record import RunKey, RunSettings
 from sada_gym.runs.run import RunProgress
 
@@ -27,7 +24,7 @@ _WINDOW_S = 30.0
 _Group = tuple[str, str, int]
 
 
-class BenchmarkProgress(BenchmarkCallback):
+class BenchmarkProgress(Display, BenchmarkCallback):
     """A context manager that shows a benchmark's progress; pass it on as `callback`.
 
     Where the output is no terminal, each finished run gets a line instead, and so does every half
@@ -38,8 +35,8 @@ class BenchmarkProgress(BenchmarkCallback):
     """
 
     def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bars = Progress(
+        super().__init__(console)
+        self._bars = self._live = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
@@ -55,24 +52,7 @@ class BenchmarkProgress(BenchmarkCallback):
         self._doing: dict[_Group, str] = {}
         self._evaluated: dict[_Group, int] = {}  # by each group's present run
         self._recent: deque[tuple[float, int]] = deque()
-        self._lock = threading.RLock()  # the ticker's thread reads what the other one writes
-        self._ticker = Ticker(console, self._show_line)
-
-    def __enter__(self) -> Self:
-        """Start showing."""
-        self._bars.start()
-        self._ticker.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop showing."""
-        self._ticker.__exit__(kind, error, traceback)
-        self._bars.stop()
+        self._lock = threading.RLock()  # the thread of `_line` reads what the other one writes
 
     def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
         """Show what there is to do."""
@@ -82,18 +62,17 @@ class BenchmarkProgress(BenchmarkCallback):
         self._all = self._bars.add_task(
             "Runs", total=self._total, completed=self._done, detail=detail
         )
-        if detail == COMPILING and not self._console.is_terminal:
-            say("", COMPILING, console=self._console)
+        if detail == COMPILING:
+            self._print(COMPILING)
 
     def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Show how far a run is."""
         with self._lock:
-            task = self._task(run)
             self._count(run, progress.evaluated)
             counts = f" {progress.done:,}/{progress.total:,}" if progress.total else ""
             detail = f"{run.label} ({run.table}): {progress.stage}{counts}"
             self._doing[_group(run)] = f"{short_name(run.track)} seed {run.seed}, {detail}"
-            self._bars.update(task, detail=detail)
+            self._bars.update(self._task(run), detail=detail)
             self._refresh()
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
@@ -110,10 +89,8 @@ class BenchmarkProgress(BenchmarkCallback):
             if not any(_group(other) == group for other in self._left):
                 self._bars.remove_task(task)
                 del self._tasks[group]
-            if not self._console.is_terminal:
-                took = clock(timing.wall_s)
-                line = f"{self._done}/{self._total} runs: {run}, {took}; {self._outlook()}"
-                say("", line, console=self._console)
+            took, outlook = clock(timing.wall_s), self._outlook()
+            self._print(f"{self._done}/{self._total} runs: {run}, {took}; {outlook}")
             self._refresh()
 
     def _task(self, run: RunSettings) -> TaskID:
@@ -138,12 +115,11 @@ class BenchmarkProgress(BenchmarkCallback):
         assert self._all is not None
         self._bars.update(self._all, completed=self._done, detail=self._outlook())
 
-    def _show_line(self) -> None:
-        """Print one line on all runs that are going on."""
+    def _line(self) -> str:
+        """Write one line on all runs that are going on."""
         with self._lock:
             doing = "; ".join(self._doing.values()) or "starting"
-            line = f"{self._done}/{self._total} runs, {self._outlook()}: {doing}"
-        say("", line, console=self._console)
+            return f"{self._done}/{self._total} runs, {self._outlook()}: {doing}"
 
     def _outlook(self) -> str:
         """Write the rate of evaluations, and the time left by the duration of the runs so far."""

@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from sada_gym.cli.console import errors_as_sentences, key_values, out, say
+from sada_gym.cli.console import EnvKwargs, errors_as_sentences, key_values, out, say
 
 _INDENTED: dict[str, Any] = {
     "initial_indent": "  ",
@@ -24,10 +24,7 @@ def envs(
     env_id: Annotated[
         str | None, typer.Argument(metavar="[ID]", help="Show this one's parameters.")
     ] = None,
-    env_kwargs: Annotated[
-        list[str] | None,
-        typer.Option(metavar="k=v", help="A keyword of the environment; repeatable."),
-    ] = None,
+    env_kwargs: EnvKwargs = None,
 ) -> None:
     """List the environments, or show one's parameters, units and fooling threshold."""
     with errors_as_sentences():

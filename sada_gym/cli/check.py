@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from sada_gym.cli.console import errors_as_sentences, key_values, out, refuse_stray
+from sada_gym.cli.console import EnvKwargs, errors_as_sentences, key_values, out, refuse_stray
 from sada_gym.errors import UserError
 
 
@@ -20,10 +20,7 @@ def check(
             metavar="ID|FILE.py", help="An environment's id, or a file that defines applications."
         ),
     ],
-    env_kwargs: Annotated[
-        list[str] | None,
-        typer.Option(metavar="k=v", help="A keyword of the environment; repeatable."),
-    ] = None,
+    env_kwargs: EnvKwargs = None,
 ) -> None:
     """Check an application against the contract: scores, seeds, purity, Gymnasium.
 

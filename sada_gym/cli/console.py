@@ -8,7 +8,7 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -19,6 +19,37 @@ out = Console()
 err = Console(stderr=True)
 
 _debug = False
+
+
+def option(
+    text: str,
+    *names: str,
+    metavar: str | None = None,
+    least: int | None = None,
+    default: str | bool = True,
+) -> Any:
+    """Describe an option of a command.
+
+    Args:
+        text: Its help.
+        names: Its names; none takes the parameter's name.
+        metavar: What the help calls its value.
+        least: The smallest number that it takes.
+        default: What the help says of its default; True shows the value.
+    """
+    return typer.Option(*names, help=text, metavar=metavar, min=least, show_default=default)
+
+
+EnvKwargs = Annotated[
+    list[str] | None, option("A keyword of the environment; repeatable.", metavar="k=v")
+]
+WORKERS_HELP = "Processes; the result does not depend on it."
+ExecutorName = Annotated[
+    str,
+    option(
+        "`processes`, `dask` (a local cluster), or `dask:ADDRESS` of a scheduler.", metavar="NAME"
+    ),
+]
 
 
 def set_debug(on: bool) -> None:

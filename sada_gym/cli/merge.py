@@ -7,31 +7,28 @@ from typing import Annotated
 
 import typer
 
-from sada_gym.cli.console import errors_as_sentences, say
+from sada_gym.cli.console import errors_as_sentences, option, say
 
 
 def merge(
     results: Annotated[
         list[Path], typer.Argument(metavar="RESULTS ...", help="results.json, or their folders.")
     ],
-    out_folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="The report.")],
+    out_folder: Annotated[Path, option("The report.", "--out", metavar="DIR")],
     tables: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="A table to take over; repeatable.", show_default="all"),
+        list[str] | None, option("A table to take over; repeatable.", metavar="NAME", default="all")
     ] = None,
     tracks: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="ID", help="An environment to take over; repeatable.", show_default="all"
-        ),
+        option("An environment to take over; repeatable.", metavar="ID", default="all"),
     ] = None,
     adversaries: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "A row to take over, as the tables name it; repeatable.",
             *("--adversaries", "-a"),
             metavar="NAME",
-            help="A row to take over, as the tables name it; repeatable.",
-            show_default="all",
+            default="all",
         ),
     ] = None,
 ) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress import Progress
 from rich.progress_bar import ProgressBar
 from rich.spinner import Spinner
 from rich.table import Table
@@ -35,52 +34,54 @@ _LEAST_BAR = 8
 _BESIDE_BAR = 66  # columns that the rest of a line takes
 
 
-class Ticker:
-    """A context manager that calls a function every half minute, for output that is no terminal.
+class Display:
+    """A context manager that shows progress: live on a terminal, elsewhere by a line now and then.
 
     Args:
-        console: The output. On a terminal nothing is called.
-        tick: The function to call, in a thread.
+        console: The console to print to.
     """
 
-    def __init__(self, console: Console, tick: Callable[[], None]) -> None:
-        self._tick, self._active = tick, not console.is_terminal
+    _live: Live | Progress
+    """What a terminal shows."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = threading.Thread(target=self._show_lines, daemon=True)
 
     def __enter__(self) -> Self:
-        """Start."""
-        if self._active:
-            self._thread.start()
+        """Start showing."""
+        (self._live if self._console.is_terminal else self._thread).start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop."""
+    def __exit__(self, *error: object) -> None:
+        """Stop showing."""
         self._stop.set()
-        if self._active:
+        if self._console.is_terminal:
+            self._live.stop()
+        else:
             self._thread.join()
 
-    def _run(self) -> None:
+    def _print(self, line: str) -> None:
+        """Print a line where the output is no terminal."""
+        if not self._console.is_terminal:
+            say("", line, console=self._console)
+
+    def _show_lines(self) -> None:
         while not self._stop.wait(LINE_EVERY_S):
-            self._tick()
+            self._print(self._line())
+
+    def _line(self) -> str:
+        """Write one line on what is going on; a thread of its own calls this."""
+        raise NotImplementedError
 
 
 @dataclass
 class _Count:
     """The progress of one stage.
 
-    Attributes:
-        done: The number of evaluations so far.
-        total: The number of evaluations at the end; 0 where there is nothing to count.
-        known: The number of evaluations so far that the store knew.
-        spent_s: The time spent, without the current visit.
-        first: The number of evaluations in the first chunk, which compiles and starts workers.
-        first_s: The time spent on the first chunk; None before its end.
+    `spent_s` leaves the current visit out. `first` counts the evaluations of the first chunk, which
+    compiles kernels and starts workers; `first_s` is the time until its end.
     """
 
     done: int = 0
@@ -91,7 +92,7 @@ class _Count:
     first_s: float | None = None
 
 
-class AttackProgress:
+class AttackProgress(Display):
     """A context manager that shows an attack's progress; call it as `attack` reports progress.
 
     Each stage shows its own time: training switches between querying and learning.
@@ -101,34 +102,19 @@ class AttackProgress:
     """
 
     def __init__(self, console: Console) -> None:
-        self._console = console
+        super().__init__(console)
         self._counts: dict[Stage, _Count] = {}
         self._current: Stage | None = None
         self._since = time.monotonic()
         self._compiling = self._started = False
         self._spinner = Spinner("dots")
         self._live = Live(get_renderable=self._render, console=console, refresh_per_second=8)
-        self._ticker = Ticker(console, self._show_line)
 
-    def __enter__(self) -> Self:
-        """Start showing."""
-        if self._console.is_terminal:
-            self._live.start()
-        self._ticker.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop showing."""
         self._leave()
         self._current = None
-        self._ticker.__exit__(kind, error, traceback)
-        if self._console.is_terminal:
-            self._live.stop()
+        super().__exit__(*error)
 
     def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
         """Show that a stage goes on, and that `done` of its `total` evaluations are there."""
@@ -143,8 +129,7 @@ class AttackProgress:
             self._started, self._compiling = True, False
         elif total and not self._started and not self._compiling and will_compile():
             self._compiling = True
-            if not self._console.is_terminal:
-                say("", COMPILING, console=self._console)
+            self._print(COMPILING)
         if count.first_s is None and done > known:
             count.first, count.first_s = done - known, self._spent(stage)
 
@@ -207,19 +192,16 @@ class AttackProgress:
             table.add_row(self._spinner, Text(COMPILING))
         return table
 
-    def _show_line(self) -> None:
-        """Print one line on the current stage."""
-        stage = self._current
-        if stage is None:
-            say("", "Starting", console=self._console)
-        else:
-            text = ", ".join(self._detail(stage))
-            doing = " (compiling kernels)" if self._compiling else ""
-            say("", f"{_NAMES[stage]}{doing}: {text}", console=self._console)
+    def _line(self) -> str:
+        """Write one line on the current stage."""
+        if self._current is None:
+            return "Starting"
+        doing = " (compiling kernels)" if self._compiling else ""
+        return f"{_NAMES[self._current]}{doing}: {', '.join(self._detail(self._current))}"
 
 
-def clock(seconds: float | None) -> str:
+def clock(seconds: float) -> str:
     """Write a time span as h:mm:ss, or m:ss where it is shorter than an hour."""
-    whole = int(seconds or 0)
+    whole = int(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
     return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"

@@ -27,7 +27,7 @@ from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
 from sada_gym.lazy import load
 from sada_gym.proposals import Observation, Proposals, proposal_spaces
-from sada_gym.resets import check_reset_options, checked_seed
+from sada_gym.resets import check_reset_options, checked_seed, spread_seeds
 
 
 class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
@@ -100,7 +100,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self.application = _made(application, keywords)
-        self.metadata = _metadata(self.application, self.metadata)
+        self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
         self.horizon = horizon
         dimension = len(self.application.parameters)
         self.action_space, self.observation_space = proposal_spaces(dimension)
@@ -180,7 +180,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
     ) -> None:
         self.application = _made(application, keywords)
         super().__init__(num_envs=num_envs, render_mode=render_mode)
-        self.metadata = _metadata(self.application, self.metadata)
+        self.metadata = {**self.metadata, "render_fps": self.application.render_fps}
         self.horizon = horizon
         dimension = len(self.application.parameters)
         self.single_action_space, self.single_observation_space = proposal_spaces(dimension)
@@ -201,8 +201,9 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
                 from 0 up, see `AdversaryEnv.reset`.
             options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
         """
-        for i, given in self._reseeded(seed, options):
-            self._episodes.begin(i, self._next_seed(i) if given is None else given)
+        seeds = [_folded(given) for given in spread_seeds(seed, self.num_envs)]
+        for i, given in self._reseeded(seeds, options):
+            self._episodes.begin(i, _draw_seed(self._generators[i]) if given is None else given)
         return self._episodes.observation.copy(), {}
 
     def step(
@@ -223,7 +224,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
             if terminated[i]:
                 last = self._episodes.observation[i].copy()
                 infos = self._add_info(infos, {"final_obs": last, "final_info": info}, i)
-                self._episodes.begin(i, self._next_seed(i), autoreset=True)
+                self._episodes.begin(i, _draw_seed(self._generators[i]), autoreset=True)
             else:
                 infos = self._add_info(infos, info, i)
         truncated = np.zeros(self.num_envs, dtype=np.bool_)
@@ -245,12 +246,6 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
         """Free what the application holds."""
         if hasattr(self, "application"):  # older Gymnasiums close what was refused, too
             self.application.close()
-
-    def _own_seed(self, given: int | None) -> int | None:
-        return _folded(given)
-
-    def _next_seed(self, index: int) -> int:
-        return _draw_seed(self._generators[index])
 
 
 class _Episodes(Proposals):
@@ -319,10 +314,6 @@ def _made(
     made = named(**keywords)
     refuse_undeclared(made)
     return made
-
-
-def _metadata(application: Application, metadata: Mapping[str, Any]) -> dict[str, Any]:
-    return {**metadata, "render_fps": application.render_fps}
 
 
 def _folded(seed: int | None) -> int | None:

@@ -18,19 +18,6 @@ APPLICATIONS = ("analytic", "detection", "driving", "uav", "digits", "pixel")
 
 
 @dataclass(frozen=True)
-class Track:
-    """A track of the leaderboard: an id that fixes keywords.
-
-    Attributes:
-        suffix: What the id adds to the application's name, such as `Car`.
-        kwargs: The keywords.
-    """
-
-    suffix: str
-    kwargs: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class AgentCard:
     """A shipped agent.
 
@@ -53,33 +40,24 @@ class AgentCard:
 
 
 @dataclass(frozen=True)
-class InnerTask:
-    """A Gymnasium environment on which an application's agents are trained.
+class SuiteCard:
+    """The suite of an application's tracks in `sada-gym benchmark`.
 
     Attributes:
-        id: Its id, with the version.
-        entry_point: `module:class` of the scalar environment.
-        vector_entry_point: `module:class` of the batch.
+        name: What the command line calls it.
+        tables: The names of its tables: `paper-budgets`, `equal-queries`, `other-agents`.
+        seeds: Number of seeds on each track.
+        seeds_of: Another number for some tracks, by suffix.
+        images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
+        with_rl: Whether the RL adversaries take part, for which worlds must take next to no time.
     """
 
-    id: str
-    entry_point: str
-    vector_entry_point: str
-
-
-@dataclass(frozen=True)
-class ReferenceSize:
-    """How large the reference set of a track is.
-
-    Attributes:
-        points: Sobol points.
-        seeds: Evaluations of each point.
-        sobol_seed: What the Sobol points are scrambled by.
-    """
-
-    points: int = 4_000
-    seeds: int = 3
-    sobol_seed: int = 0
+    name: str
+    tables: tuple[str, ...] = ("paper-budgets",)
+    seeds: int = 1
+    seeds_of: Mapping[str, int] = field(default_factory=dict)
+    images: int = 4
+    with_rl: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,28 +111,36 @@ class ApplicationCard:
         name: The general id without its version, such as `SADA-Detection`.
         application: `module:class` of the `Application`.
         version: The version of its ids.
-        tracks: The ids that fix its keywords.
+        tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
+            name, such as `Car`.
         same_as: The suffix of the track that the general id is by default; None where it is none.
         agents: The agents that are shipped for it, the default first.
         agent_kind: What its agents are called in messages, such as `detector`.
         agent_loader: `module:function` that turns a file of weights into an agent.
-        tasks: What its agents are trained on.
+        tasks: The environments on which its agents are trained: by id, `module:class` of the scalar
+            environment and of the batch.
         packages: The packages that a score can depend on, beside those of every run.
-        reference: The size of its tracks' reference sets.
+        reference_points: The number of Sobol points in the reference set of a track.
+        reference_seeds: The number of evaluations of each of these points.
+        sobol_seed: The seed by which these points are scrambled.
+        suite: The benchmark's suite of its tracks; None where there is none.
         case: What the tests of all ids need to know.
     """
 
     name: str
     application: str
     version: int = 0
-    tracks: tuple[Track, ...] = ()
+    tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     same_as: str | None = None
     agents: tuple[AgentCard, ...] = ()
     agent_kind: str = "agent"
     agent_loader: str = ""
-    tasks: tuple[InnerTask, ...] = ()
+    tasks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     packages: tuple[str, ...] = ()
-    reference: ReferenceSize = ReferenceSize()
+    reference_points: int = 4_000
+    reference_seeds: int = 3
+    sobol_seed: int = 0
+    suite: SuiteCard | None = None
     case: RegistryCase = RegistryCase()
 
     @property
@@ -169,7 +155,7 @@ class ApplicationCard:
     @property
     def track_ids(self) -> tuple[str, ...]:
         """The ids of all tracks."""
-        return tuple(self.track_id(track.suffix) for track in self.tracks)
+        return tuple(map(self.track_id, self.tracks))
 
 
 @cache

@@ -39,15 +39,11 @@ class SeededVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDArr
         """The generators, one for each environment."""
         return tuple(self._generators)
 
-    def _own_seed(self, given: int | None) -> int | None:
-        """Turn the seed of a reset into the environment's own."""
-        return given
-
     def _reseeded(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
     ) -> Iterator[tuple[int, int | None]]:
         """Seed the generators of the environments to reset, and give these with their seeds."""
-        seeds = [self._own_seed(given) for given in spread_seeds(seed, self.num_envs)]
+        seeds = spread_seeds(seed, self.num_envs)
         for i in reset_mask(options, self.num_envs):
             given = seeds[i]
             if given is not None:

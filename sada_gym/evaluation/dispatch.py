@@ -42,6 +42,11 @@ class Chunk:
     seeds: list[int]
 
 
+Settle = Callable[[Chunk, Scores], None]
+Running = dict[Future[Scores | None], Chunk]
+"""The chunks that were handed out; None as the result of one asks for the task's payload."""
+
+
 class Dispatcher:
     """Hands chunks to an executor, a few for each worker, and takes their scores back.
 
@@ -71,7 +76,7 @@ class Dispatcher:
             self._asked, self._asked_at = count_workers(self._executor), time.monotonic()
         return self._asked or self._given_workers
 
-    def run(self, chunks: Iterable[Chunk], settle: Callable[[Chunk, Scores], None]) -> None:
+    def run(self, chunks: Iterable[Chunk], settle: Settle) -> None:
         """Evaluate all chunks.
 
         Args:
@@ -83,7 +88,7 @@ class Dispatcher:
                 before this or any other error were given to `settle`.
         """
         waiting, deaths = deque(chunks), Counter[Chunk]()
-        running: dict[Future[Scores | None], Chunk] = {}
+        running: Running = {}
         ahead = _AHEAD * self.workers
         self._payloads_to_send = self.workers
         try:
@@ -98,11 +103,9 @@ class Dispatcher:
         finally:
             for future, chunk in running.items():
                 if not future.cancel():
-                    _settle_if_done(future, chunk, settle)
+                    _settled(future, chunk, settle)
 
-    def _hand_out(
-        self, waiting: deque[Chunk], running: dict[Future[Scores | None], Chunk], ahead: int
-    ) -> None:
+    def _hand_out(self, waiting: deque[Chunk], running: Running, ahead: int) -> None:
         executor = self._open()
         while waiting and len(running) < ahead:
             chunk = waiting[0]
@@ -131,12 +134,7 @@ class Dispatcher:
             return self._task
         return replace(self._task, payload=None)
 
-    def _take_back(
-        self,
-        waiting: deque[Chunk],
-        running: dict[Future[Scores | None], Chunk],
-        settle: Callable[[Chunk, Scores], None],
-    ) -> None:
+    def _take_back(self, waiting: deque[Chunk], running: Running, settle: Settle) -> None:
         for future in self._wait(running):
             chunk = running[future]
             scores = future.result()
@@ -147,7 +145,7 @@ class Dispatcher:
             else:
                 settle(chunk, scores)
 
-    def _wait(self, running: dict[Future[Scores | None], Chunk]) -> Iterable[Future[Scores | None]]:
+    def _wait(self, running: Running) -> Iterable[Future[Scores | None]]:
         """Wait for the next results, but not for ever for a cluster that has no workers."""
         last_seen = time.monotonic()
         while True:
@@ -200,22 +198,19 @@ class Dispatcher:
             self._pool = None
 
 
-def _taken_back(
-    running: dict[Future[Scores | None], Chunk], settle: Callable[[Chunk, Scores], None]
-) -> list[Chunk]:
+def _taken_back(running: Running, settle: Settle) -> list[Chunk]:
     """Empty `running` after a death: settle the finished chunks, and return the others."""
     wait(running, timeout=_DYING_S)  # a pool that has lost a process fails all that it holds
     lost = []
     while running:
         future, chunk = running.popitem()
-        if not _settle_if_done(future, chunk, settle):
+        if not _settled(future, chunk, settle):
             lost.append(chunk)
     return lost[::-1]
 
 
-def _settle_if_done(
-    future: Future[Scores | None], chunk: Chunk, settle: Callable[[Chunk, Scores], None]
-) -> bool:
+def _settled(future: Future[Scores | None], chunk: Chunk, settle: Settle) -> bool:
+    """Settle a chunk whose scores have come back, and say whether they have."""
     if not future.done() or future.cancelled() or future.exception() is not None:
         return False
     scores = future.result()

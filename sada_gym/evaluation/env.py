@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,23 +16,8 @@ from sada_gym.errors import BudgetExhausted, refuse_number
 from sada_gym.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
 
-
-class Queried(Protocol):
-    """The part of an oracle that an environment needs (`sada_gym.oracle.Oracle` has it)."""
-
-    @property
-    def dimension(self) -> int:
-        """d, the number of semantic parameters."""
-        ...
-
-    @property
-    def remaining(self) -> int:
-        """The number of queries left."""
-        ...
-
-    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu (n, d): (n,). Costs n queries."""
-        ...
+if TYPE_CHECKING:
+    from sada_gym.evaluation.oracle import Oracle
 
 
 class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
@@ -78,7 +63,7 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, oracle: Queried, horizon: int = 1) -> None:
+    def __init__(self, oracle: Oracle, horizon: int = 1) -> None:
         self.oracle = oracle
         self._proposals = Proposals(oracle.dimension, horizon, count=1)
         self.action_space, self.observation_space = proposal_spaces(oracle.dimension)
@@ -130,7 +115,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
 
-    def __init__(self, oracle: Queried, num_envs: int, horizon: int = 1) -> None:
+    def __init__(self, oracle: Oracle, num_envs: int, horizon: int = 1) -> None:
         refuse_number("num_envs", num_envs, 1, MAX_ENVS)
         self.num_envs = num_envs
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
@@ -182,7 +167,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
 
 
 def _query(
-    oracle: Queried, proposals: Proposals, batch: npt.NDArray[Any]
+    oracle: Oracle, proposals: Proposals, batch: npt.NDArray[Any]
 ) -> npt.NDArray[np.float64]:
     """Take a step of every episode: query a batch of mu, (n, d), as far as the budget goes."""
     proposals.check_begun()

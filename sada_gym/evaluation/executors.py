@@ -6,17 +6,14 @@ import logging
 import os
 import platform
 import sys
-from collections.abc import Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from contextlib import ExitStack, suppress
 from importlib.metadata import PackageNotFoundError, version
-from types import TracebackType
 from typing import Any
 
-from typing_extensions import Self
-
-from sada_gym.errors import MissingExtra, UserError
-from sada_gym.evaluation.spawn import restore_environment, spawn_context
-from sada_gym.evaluation.workers import _inherited_settings
+from sada_gym.errors import MissingExtra, UserError, refuse_number
+from sada_gym.evaluation.spawn import set_environment, spawn_context
+from sada_gym.evaluation.workers import inherited_settings
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
 """The names that `open_executor` takes."""
@@ -34,19 +31,10 @@ _DECISIVE = ("sada-gym", "numpy", "torch")
 """Scores differ if a worker has another version of one of these packages."""
 
 
-class _Environment:
-    """The environment's variables that Dask changes in this process to start its workers."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._before = {name: os.environ.get(name) for name in names}
-
-    def close(self, timeout: float = 0.0) -> None:  # noqa: ARG002 - closed as Dask's objects are
-        """Restore the variables, so that other processes that start here see the old ones."""
-        restore_environment(self._before)
-
-
-class OpenExecutor:
+class OpenExecutor(ExitStack):
     """An executor that is ready for work, with its number of workers.
+
+    Its `close` leaves the cluster, or ends one that was started here; calling it twice is fine.
 
     Attributes:
         executor: Pass it to `Oracle`, `Evaluator` or `attack`. It is None for our own processes,
@@ -54,37 +42,14 @@ class OpenExecutor:
         workers: The number of its workers; pass it along.
     """
 
-    def __init__(self, executor: Executor | None, workers: int, *to_close: Any) -> None:
+    def __init__(self, executor: Executor | None, workers: int) -> None:
+        super().__init__()
         self.executor = executor
         self.workers = workers
-        self._to_close = list(to_close)
-        self._log_level = _dask_log().level
         if executor is not None:
-            _dask_log().setLevel(logging.CRITICAL)  # we say ourselves what the user must know
-
-    def close(self) -> None:
-        """Leave the cluster, or end one that was started here. Calling it twice is fine."""
-        if not self._to_close:
-            return
-        while self._to_close:
-            try:
-                self._to_close.pop(0).close(timeout=_CLOSE_S)
-            except (OSError, TimeoutError):  # it is gone already
-                continue
-        _dask_log().setLevel(self._log_level)
-
-    def __enter__(self) -> Self:
-        """Return the object itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the executor."""
-        self.close()
+            log = logging.getLogger("distributed")
+            self.callback(log.setLevel, log.level)
+            log.setLevel(logging.CRITICAL)  # we say ourselves what the user must know
 
 
 def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
@@ -107,8 +72,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
         >>> with open_executor("dask", workers=2) as cluster:
         ...     oracle = Oracle(env_id, budget=100, executor=cluster.executor, workers=2)
     """
-    if workers < 1:
-        raise UserError(f"Expected workers of at least 1, got {workers}.")
+    refuse_number("workers", workers, 1)
     kind, _, address = spec.partition(":")
     if spec == "processes":
         return OpenExecutor(None, workers)
@@ -124,9 +88,10 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
 
 def count_workers(executor: Executor) -> int | None:
     """Ask an executor how many workers it has; None if it does not know."""
-    if _is_dask(executor):
+    client = getattr(executor, "_client", None)  # of Dask's executors
+    if client is not None:
         try:
-            return sum(executor._client.nthreads().values())  # type: ignore[attr-defined]
+            return int(sum(client.nthreads().values()))
         except Exception:  # whatever is wrong with the cluster, its futures will say
             return None
     # concurrent.futures and loky alike
@@ -141,11 +106,6 @@ def engine_errors() -> tuple[type[BaseException], ...]:
     if distributed is not None:
         errors += [distributed.KilledWorker, distributed.client.ClosedClientError]
     return tuple(errors)
-
-
-def _is_dask(executor: Executor) -> bool:
-    module = sys.modules.get("distributed.cfexecutor")
-    return module is not None and isinstance(executor, module.ClientExecutor)
 
 
 def _distributed() -> Any:
@@ -163,11 +123,12 @@ def _local_cluster(workers: int) -> OpenExecutor:
     distributed = _distributed()
     import dask
 
-    environment = _Environment([*dask.config.get(_NANNY), *_ENVIRONMENT, *_SET_BY_DASK])
+    changed = (*dask.config.get(_NANNY), *_ENVIRONMENT, *_SET_BY_DASK)
+    before = {name: os.environ.get(name) for name in changed}
     spawn_context()  # starts the resource tracker: its own start would unblock SIGINT again
     # the cluster's thread inherits the blocked SIGINT, and so do all workers that it starts: a
     # Ctrl-C is the parent's
-    with dask.config.set({f"{_NANNY}.{name}": "1" for name in _ENVIRONMENT}), _inherited_settings():
+    with dask.config.set({f"{_NANNY}.{name}": "1" for name in _ENVIRONMENT}), inherited_settings():
         cluster = distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -176,10 +137,13 @@ def _local_cluster(workers: int) -> OpenExecutor:
             memory_limit=None,  # else Dask stops workers that take more than their share
             silence_logs=logging.CRITICAL,
         )
-    environment.close()
+    set_environment(before)  # other processes that start here see the old values
     client = distributed.Client(cluster, set_as_default=False)
-    # once more at the end: a worker that is replaced sets them again
-    return OpenExecutor(client.get_executor(pure=False), workers, client, cluster, environment)
+    opened = OpenExecutor(client.get_executor(pure=False), workers)
+    opened.callback(set_environment, before)  # again: a worker that is replaced changes it
+    opened.callback(_leave, cluster)
+    opened.callback(_leave, client)
+    return opened
 
 
 def _running_cluster(address: str) -> OpenExecutor:
@@ -192,13 +156,19 @@ def _running_cluster(address: str) -> OpenExecutor:
             f"({error}). Check the address, that `dask scheduler` is running there, and that no "
             "firewall is in between."
         ) from error
-    opened = OpenExecutor(client.get_executor(pure=False), 1, client)
+    opened = OpenExecutor(client.get_executor(pure=False), 1)
+    opened.callback(_leave, client)
     try:
         opened.workers = _ready_workers(client, address)
     except BaseException:
         opened.close()
         raise
     return opened
+
+
+def _leave(connection: Any) -> None:
+    with suppress(OSError, TimeoutError):  # it is gone already
+        connection.close(timeout=_CLOSE_S)
 
 
 def _ready_workers(client: Any, address: str) -> int:
@@ -236,7 +206,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "(none)"
     return found
-
-
-def _dask_log() -> logging.Logger:
-    return logging.getLogger("distributed")

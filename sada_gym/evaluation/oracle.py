@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -67,11 +66,9 @@ def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[
         `count` ints in [0, 2**31).
     """
     low = _STREAMS.index(stream)
-    return [_hash29(f"{seed}:{i}") << 2 | low for i in range(start, start + count)]
-
-
-def _hash29(text: str) -> int:
-    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "big") >> 3
+    texts = (f"{seed}:{i}" for i in range(start, start + count))
+    words = (hashlib.blake2b(text.encode(), digest_size=4).digest() for text in texts)
+    return [int.from_bytes(word, "big") >> 3 << 2 | low for word in words]
 
 
 class Oracle:
@@ -133,7 +130,6 @@ class Oracle:
         self.seed = int(seed)
         self.stream: Stream = stream
         self._progress = progress
-        self._record: list[Evaluations] = []
         self._used = self._known = 0
         self._process = os.getpid()
         settings: dict[str, Any] = {
@@ -153,6 +149,8 @@ class Oracle:
             raise UserTypeError(
                 "Expected only budget, seed, stream and progress with an Evaluator."
             )
+        none = np.zeros((0, self.dimension), np.float32)
+        self._record = [Evaluations(none, np.zeros(0), np.zeros(0, np.int64))]
 
     @property
     def dimension(self) -> int:
@@ -177,14 +175,10 @@ class Oracle:
     @property
     def record(self) -> Evaluations:
         """All queries so far, in their order."""
-        none = Evaluations(
-            np.zeros((0, self.dimension), np.float32), np.zeros(0), np.zeros(0, np.int64)
-        )
-        parts = [none, *self._record]
         return Evaluations(
-            np.concatenate([part.mu for part in parts]),
-            np.concatenate([part.score for part in parts]),
-            np.concatenate([part.seed for part in parts]),
+            np.concatenate([part.mu for part in self._record]),
+            np.concatenate([part.score for part in self._record]),
+            np.concatenate([part.seed for part in self._record]),
         )
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -238,11 +232,6 @@ class Oracle:
         """Return the oracle itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the oracle. After an error or Ctrl-C this does not wait for the workers."""
         self.close(now=kind is not None)

@@ -55,9 +55,20 @@ def spawn_context() -> SpawnContext:
     return _Context()
 
 
-def restore_environment(before: Mapping[str, str | None]) -> None:
-    """Restore variables of the environment; None stands for a variable that was not set."""
-    for name, value in before.items():
+@contextmanager
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set variables of the environment in this block."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        set_environment(before)
+
+
+def set_environment(variables: Mapping[str, str | None]) -> None:
+    """Set variables of the environment; None stands for a variable that is not set."""
+    for name, value in variables.items():
         if value is None:
             os.environ.pop(name, None)
         else:
@@ -67,18 +78,9 @@ def restore_environment(before: Mapping[str, str | None]) -> None:
 @contextmanager
 def _safe_path() -> Iterator[None]:
     """Keep the current folder off the module path of interpreters that start in this block."""
-    with _lock, _environment() if sys.version_info >= (3, 11) else _program():
+    safe = {_SAFE_PATH: os.environ.get(_SAFE_PATH) or "1"}
+    with _lock, environment(safe) if sys.version_info >= (3, 11) else _program():
         yield
-
-
-@contextmanager
-def _environment() -> Iterator[None]:
-    before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = before or "1"
-    try:
-        yield
-    finally:
-        restore_environment({_SAFE_PATH: before})
 
 
 @contextmanager

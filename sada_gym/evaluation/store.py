@@ -7,11 +7,10 @@ import json
 import os
 import sqlite3
 import weakref
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from typing_extensions import Self
 from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
+from sada_gym.files import as_path
 from sada_gym.parameters import Mu
 
 SCHEMA_VERSION = 1
@@ -92,11 +92,12 @@ class Context:
             StoreError: If the application has no fingerprint.
             TypeError: If its settings are not JSON-compatible.
         """
+        kind = type(application).__name__
         name, version, fingerprint = application.name, application.version, application.fingerprint
         if not isinstance(name, str) or not isinstance(version, int) or abs(version) >= 2**63:
             raise UserTypeError(
-                f"Expected name to be a text and version an int in {type(application).__name__}, "
-                f"got {name!r} and {version!r}. Set them in the class."
+                f"Expected name to be a text and version an int in {kind}, got {name!r} and "
+                f"{version!r}. Set them in the class."
             )
         if fingerprint is not None and not isinstance(fingerprint, str):
             raise UserTypeError(
@@ -104,9 +105,9 @@ class Context:
             )
         if fingerprint is None:
             raise StoreError(
-                f"Expected a fingerprint of {application.name}'s agent to store evaluations under, "
-                "got none. Pass agent_id='a name you change with the agent', give a renderer of "
-                "your own an `identity`, or use no store."
+                f"Expected a fingerprint of {name}'s agent to store evaluations under, got none. "
+                "Pass agent_id='a name you change with the agent', give a renderer of your own an "
+                "`identity`, or use no store."
             )
         try:
             settings = json.dumps(
@@ -114,10 +115,10 @@ class Context:
             )
         except (TypeError, ValueError) as error:
             raise UserTypeError(
-                f"Expected JSON-compatible settings from {type(application).__name__}.settings, "
-                f"got {application.settings!r} ({error}). Return numbers, strings, lists, None."
+                f"Expected JSON-compatible settings from {kind}.settings, got "
+                f"{application.settings!r} ({error}). Return numbers, strings, lists, None."
             ) from error
-        return cls(application.name, application.version, settings, fingerprint)
+        return cls(name, version, settings, fingerprint)
 
 
 class EvaluationStore:
@@ -139,9 +140,7 @@ class EvaluationStore:
     """
 
     def __init__(self, path: str | Path) -> None:
-        if not isinstance(path, str | os.PathLike):
-            raise UserTypeError(f"Expected the path of an evaluation store, got {path!r}.")
-        self.path = Path(path)
+        self.path = as_path(path, "an evaluation store")
         self._process = os.getpid()
         refuse_unusable(self.path)
         with explained(self.path):
@@ -189,16 +188,14 @@ class EvaluationStore:
                 f"{self.path}. Open it with the sada_gym that wrote it, or name a new file."
             )
         elif (verdict := run("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-            raise StoreError(corrupt(self.path, " ".join(verdict.split())))
+            raise corrupt(self.path, " ".join(verdict.split()))
         self._check_content()
         run("PRAGMA journal_mode = WAL")
         run(f"PRAGMA wal_autocheckpoint = {_LOG_PAGES}")
         run(f"PRAGMA journal_size_limit = {_LOG_PAGES * 4096}")
         run("PRAGMA synchronous = NORMAL")
-        run("PRAGMA temp_store = MEMORY")
         run("BEGIN IMMEDIATE")  # takes the lock now, not with the first chunk
         run("COMMIT")
-        run("CREATE TEMP TABLE wanted (position INTEGER PRIMARY KEY, seed INTEGER, mu BLOB)")
 
     def _check_content(self) -> None:
         """Refuse a file that SQLite finds sound, but that no run of this package wrote."""
@@ -207,11 +204,9 @@ class EvaluationStore:
         ).fetchall()
         missing = sorted(_COLUMNS - {name for (name,) in columns})
         if missing:
-            raise StoreError(corrupt(self.path, f"it lacks {', '.join(missing)}"))
+            raise corrupt(self.path, f"it lacks {', '.join(missing)}")
         if self._connection.execute(_UNSOUND).fetchone() is not None:
-            raise StoreError(
-                corrupt(self.path, "it holds a score that is no number from 0 to 1, or a bad mu")
-            )
+            raise corrupt(self.path, "it holds a score that is no number from 0 to 1, or a bad mu")
 
     def context(self, context: Context) -> int:
         """Give a context's key in this store; a new context gets a new key.
@@ -219,11 +214,11 @@ class EvaluationStore:
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
         """
-        row = (context.name, context.version, context.settings, context.fingerprint)
+        row = asdict(context)
+        run = self._connection.execute
         with explained(self.path):
-            other = self._connection.execute(
-                "SELECT version FROM context WHERE name = ? AND version != ?",
-                (context.name, context.version),
+            other = run(
+                "SELECT version FROM context WHERE name = :name AND version != :version", row
             ).fetchone()
             if other:
                 raise StoreError(
@@ -231,14 +226,14 @@ class EvaluationStore:
                     f"got some of {context.name}-v{other[0]}: scores of two versions don't mix. "
                     "Name a new store, or install the sada_gym that has that version."
                 )
-            self._connection.execute(
+            run(
                 "INSERT OR IGNORE INTO context (name, version, settings, fingerprint) "
-                "VALUES (?, ?, ?, ?)",
+                "VALUES (:name, :version, :settings, :fingerprint)",
                 row,
             )
-            found = self._connection.execute(
-                "SELECT id FROM context "
-                "WHERE name = ? AND version = ? AND settings = ? AND fingerprint = ?",
+            found = run(
+                "SELECT id FROM context WHERE name = :name AND version = :version "
+                "AND settings = :settings AND fingerprint = :fingerprint",
                 row,
             ).fetchone()
         return int(found[0])
@@ -258,24 +253,12 @@ class EvaluationStore:
             StoreError: If the file cannot be read.
         """
         scores = np.full(len(mu), np.nan)
-        run = self._connection.execute
-        pairs = enumerate(zip(seeds, mu, strict=True))
+        query = "SELECT score FROM evaluation WHERE context = ? AND seed = ? AND mu = ?"
         with explained(self.path):
-            run("BEGIN")
-            try:
-                self._connection.executemany(
-                    "INSERT INTO temp.wanted VALUES (?, ?, ?)",
-                    ((i, seed, row.tobytes()) for i, (seed, row) in pairs),
-                )
-                hits = run(
-                    "SELECT position, score FROM temp.wanted AS w CROSS JOIN evaluation AS e "
-                    "ON e.context = ? AND e.seed = w.seed AND e.mu = w.mu",
-                    (context,),
-                ).fetchall()
-            finally:
-                self._roll_back()  # empties the temporary table
-        for position, score in hits:
-            scores[position] = score
+            for i, (seed, row) in enumerate(zip(seeds, mu, strict=True)):
+                found = self._connection.execute(query, (context, seed, row.tobytes())).fetchone()
+                if found is not None:
+                    scores[i] = found[0]
         return scores
 
     def commit(
@@ -293,26 +276,12 @@ class EvaluationStore:
             StoreError: If the file cannot be written; nothing of this chunk is stored then.
         """
         rows = zip(seeds, mu, scores, strict=True)
-        with explained(self.path), self._transaction():
+        with explained(self.path), self._connection:  # commits, or rolls back after an error
+            self._connection.execute("BEGIN IMMEDIATE")
             self._connection.executemany(
                 "INSERT OR IGNORE INTO evaluation VALUES (?, ?, ?, ?)",
                 ((context, seed, row.tobytes(), float(score)) for seed, row, score in rows),
             )
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-            self._connection.execute("COMMIT")
-        except BaseException:
-            self._roll_back()
-            raise
-
-    def _roll_back(self) -> None:
-        if self._connection.in_transaction:
-            with suppress(sqlite3.Error):  # the error that led here says more
-                self._connection.execute("ROLLBACK")
 
     def __len__(self) -> int:
         """Count the evaluations of all contexts.
@@ -356,12 +325,7 @@ class EvaluationStore:
         """Return the store itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the store."""
         self.close()
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from sada_gym.application import Application
 from sada_gym.arrays import real_scores
 from sada_gym.errors import UserError, UserTypeError, WorkerError
-from sada_gym.evaluation.spawn import restore_environment, spawn_context
+from sada_gym.evaluation.spawn import environment, spawn_context
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
@@ -123,12 +123,9 @@ class Task:
         return score(self._scorer(), mu, seeds)
 
     def _scorer(self) -> Scorer:
-        loaded = _cache.loaded
+        loaded: dict[str, Scorer] = vars(_loaded)
         if self.key not in loaded:
-            while len(loaded) >= _CACHE_SIZE:
-                oldest = loaded.pop(next(iter(loaded)))
-                if isinstance(oldest, Application):
-                    oldest.close()
+            _drop_oldest(loaded)
             loaded[self.key] = self._load()
         return loaded[self.key]
 
@@ -150,14 +147,16 @@ _given: dict[str, bytes] = {}
 _giving = threading.Lock()
 
 
-class _Cache(threading.local):
-    """The scorers that this thread has loaded, by key. Threads seldom can share a simulator."""
-
-    def __init__(self) -> None:
-        self.loaded: dict[str, Scorer] = {}
+_loaded = threading.local()
+"""The scorers that this thread has loaded, by key. Threads seldom can share a simulator."""
 
 
-_cache = _Cache()
+def _drop_oldest(kept: dict[str, Any]) -> None:
+    """Make room for one more entry."""
+    while len(kept) >= _CACHE_SIZE:
+        oldest = kept.pop(next(iter(kept)))
+        if isinstance(oldest, Application):
+            oldest.close()
 
 
 def evaluate_if_known(task: Task, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64] | None:
@@ -175,10 +174,9 @@ def evaluate_if_known(task: Task, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[n
     """
     with _giving:
         if task.payload is not None and task.key not in _given:
-            while len(_given) >= _CACHE_SIZE:
-                del _given[next(iter(_given))]
+            _drop_oldest(_given)
             _given[task.key] = task.payload
-        known = task.payload is not None or task.key in _given or task.key in _cache.loaded
+        known = task.payload is not None or task.key in _given or task.key in vars(_loaded)
     return task(mu, seeds) if known else None
 
 
@@ -191,23 +189,16 @@ class WorkerPool:
     Args:
         workers: The number of processes, which start at once.
         task: The task that they will evaluate, if any. It is sent once, not with every chunk.
-        prepare: A picklable function that each process calls when it starts.
     """
 
-    def __init__(
-        self,
-        workers: int,
-        task: Task | None = None,
-        *,
-        prepare: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, workers: int, task: Task | None = None) -> None:
         context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_initialise, initargs=(watched, task, prepare)
+            workers, mp_context=context, initializer=_initialise, initargs=(watched, task)
         )
         before = set(active_children())
-        with _inherited_settings():
+        with inherited_settings():
             for _ in range(workers):
                 self.executor.submit(_nothing)
         self._processes = set(active_children()) - before
@@ -232,34 +223,28 @@ class WorkerPool:
 
 
 @contextmanager
-def _inherited_settings() -> Iterator[None]:
+def inherited_settings() -> Iterator[None]:
     """Give processes that start here one thread each, and block SIGINT from the beginning.
 
     Both must stand before the interpreter starts: NumPy reads the variables when it is imported,
     and a Ctrl-C during start-up would print a traceback for each worker.
     """
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
     masks = hasattr(signal, "pthread_sigmask")
-    if masks:
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
+    with environment(dict.fromkeys(_THREADS, "1")):
         if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        restore_environment(before)
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            if masks:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _initialise(
-    lifeline: Connection, task: Task | None, prepare: Callable[[], None] | None
-) -> None:
+def _initialise(lifeline: Connection, task: Task | None) -> None:
     if task is not None and task.payload is not None:
         _given[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
-    if prepare is not None:
-        prepare()
 
 
 def _exit_with_parent(lifeline: Connection) -> None:

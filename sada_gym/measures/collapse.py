@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 LEAST_SAMPLES = 10
@@ -41,7 +42,7 @@ def collapse_flag(mu: npt.ArrayLike) -> str | None:
     Raises:
         ValueError: If mu is no array of shape (n, d) of finite numbers.
     """
-    samples = np.asarray(mu, dtype=np.float64)
+    samples = as_array(mu, "mu").astype(np.float64)
     if samples.ndim != 2 or not samples.shape[1] or not np.isfinite(samples).all():
         raise UserError(f"Expected finite mu of shape (n, d), d >= 1, got {samples.shape}.")
     if len(samples) < LEAST_SAMPLES:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 NEAREST = 5
@@ -38,18 +39,14 @@ class DensityCoverage:
 
 
 @dataclass(frozen=True)
-class FoolingCoverage:
+class FoolingCoverage(DensityCoverage):
     """How the samples that fool lie in the fooling set; means over draws of reference points.
 
     Attributes:
-        density: See `DensityCoverage`.
-        coverage: See `DensityCoverage`.
         points: The number of reference points in each draw.
         draws: The number of draws.
     """
 
-    density: float
-    coverage: float
     points: int
     draws: int
 
@@ -73,8 +70,8 @@ def density_and_coverage(
     reference, samples = checked_points(real, fake, k)
     radii = neighbourhood_radii(reference, k)
     inside = covered = 0
-    for rows in _blocks(len(reference), len(samples)):
-        hits = _distances(reference[rows], samples) < radii[rows, None]
+    for rows, distances in _distances(reference, samples):
+        hits = distances < radii[rows, None]
         inside += int(hits.sum())
         covered += int(hits.any(axis=1).sum())
     return DensityCoverage(inside / (k * max(len(samples), 1)), covered / len(reference))
@@ -112,7 +109,7 @@ def fooling_coverage(
         ValueError: If the shapes do not fit, there are no samples, or too few points.
     """
     reference, mu = checked_points(fooling_set, samples, k)
-    mask = np.asarray(fooled)
+    mask = as_array(fooled, "fooled")
     if mask.shape != (len(mu),) or mask.dtype != np.bool_ or not len(mu):
         raise UserError(
             f"Expected fooled of shape ({len(mu)},) with bools, one for each of at least one "
@@ -179,20 +176,15 @@ def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> np
 
 def neighbourhood_radii(points: Points, k: int) -> Points:
     """Measure each point's distance to its k-th nearest other point: (n,)."""
-    parts = [
-        # the point itself is the nearest, at distance 0
-        np.partition(_distances(points[rows], points), k, axis=1)[:, k]
-        for rows in _blocks(len(points), len(points))
-    ]
-    return np.concatenate(parts)
+    # the point itself is the nearest, at distance 0
+    return np.concatenate(
+        [np.partition(part, k, axis=1)[:, k] for _, part in _distances(points, points)]
+    )
 
 
 def nearest_distances(points: Points, others: Points) -> Points:
     """Measure each point's distance to the nearest of others: (n,), infinite without any."""
-    parts = [
-        _distances(points[rows], others).min(axis=1, initial=np.inf)
-        for rows in _blocks(len(points), len(others))
-    ]
+    parts = [part.min(axis=1, initial=np.inf) for _, part in _distances(points, others)]
     return np.concatenate(parts)
 
 
@@ -202,7 +194,8 @@ def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Po
     Raises:
         ValueError: If they are not as described.
     """
-    reference, samples = np.asarray(real, np.float64), np.asarray(fake, np.float64)
+    reference = as_array(real, "real").astype(np.float64)
+    samples = as_array(fake, "fake").astype(np.float64)
     if reference.ndim != 2 or samples.ndim != 2 or reference.shape[1] != samples.shape[1]:
         raise UserError(
             "Expected reference points of shape (n, d) and samples of shape (m, d), got "
@@ -214,12 +207,14 @@ def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Po
     return reference, samples
 
 
-def _distances(points: Points, others: Points) -> Points:
-    """Euclidean distances, (n, m), of points (n, d) to others (m, d)."""
+def _distances(points: Points, others: Points) -> Iterator[tuple[slice, Points]]:
+    """Measure how far points (n, d) lie from others (m, d), block by block of (rows, m)."""
     from scipy.spatial.distance import cdist  # `import sada_gym.attack` stays light
 
-    distances: Points = cdist(points, others)
-    return distances
+    size = max(1, _BLOCK // max(len(others), 1))
+    for start in range(0, len(points), size):
+        rows = slice(start, start + size)
+        yield rows, cdist(points[rows], others)
 
 
 def _check_k(points: int, k: int) -> None:
@@ -228,8 +223,3 @@ def _check_k(points: int, k: int) -> None:
             f"Expected at least k + 1 = {k + 1} reference points with k >= 1, got {points}. "
             "Take a larger reference set, or a smaller k."
         )
-
-
-def _blocks(rows: int, columns: int) -> Iterator[slice]:
-    size = max(1, _BLOCK // max(columns, 1))
-    return (slice(start, start + size) for start in range(0, rows, size))

@@ -9,12 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, Frame, validate_seeds
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
 from sada_gym.measures.rates import nearest_neighbours
-
-FrameFunction = Callable[[npt.NDArray[np.float32], int], Frame]
-"""A function of mu, (d,), and a seed that gives a frame."""
 
 
 class Novelty(Strict):
@@ -92,8 +90,8 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
     Raises:
         ValueError: If the shapes do not fit.
     """
-    points = np.asarray(samples, np.float32)
-    distances, _ = nearest_neighbours(points, np.asarray(queries, np.float32))
+    points = as_array(samples, "samples").astype(np.float32)
+    distances, _ = nearest_neighbours(points, as_array(queries, "queries").astype(np.float32))
     if not len(distances):
         raise UserError(f"Expected at least one sample, got shape {points.shape}.")
     return Novelty(
@@ -127,11 +125,8 @@ def relative_novelty(
             f"Expected ideal samples that were not queried, got {truth.repeats} that were. Draw "
             "them independently of the queries."
         )
-    ratios = {
-        "ratio": ours.median / truth.median,
-        "fifth_ratio": ours.fifth_percentile / truth.fifth_percentile,
-    }
-    return ours.model_copy(update=ratios)
+    ratio, fifth = ours.median / truth.median, ours.fifth_percentile / truth.fifth_percentile
+    return ours.model_copy(update={"ratio": ratio, "fifth_ratio": fifth})
 
 
 def image_neighbours(
@@ -143,7 +138,7 @@ def image_neighbours(
     neighbours: int = 16,
     others: int = 16,
     seed: int = 0,
-    frame: FrameFunction | None = None,
+    frame: Callable[[npt.NDArray[np.float32], int], Frame] | None = None,
 ) -> tuple[Neighbours, ...]:
     """Find the training queries nearest to samples, in mu and in image space.
 
@@ -160,7 +155,8 @@ def image_neighbours(
         neighbours: The number of queries nearest in mu to draw, at least 1.
         others: The number of random other queries to draw.
         seed: The seed that picks the random queries.
-        frame: The function that draws the images; by default `application.observation`.
+        frame: The function of mu, (d,), and a seed that draws the images; by default
+            `application.observation`.
 
     Returns:
         The neighbours of each sample; nothing where the application draws no images.

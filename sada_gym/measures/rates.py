@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
@@ -46,7 +47,7 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
     Raises:
         ValueError: If there are no scores, or a NaN among them.
     """
-    q = np.asarray(scores, dtype=np.float64)
+    q = as_array(scores, "scores").astype(np.float64)
     if q.ndim != 1 or not len(q) or np.isnan(q).any():
         raise UserError(f"Expected scores of shape (n,), n >= 1, without NaN; got {q!r}.")
     fooled = int((q <= threshold).sum())
@@ -90,7 +91,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
     Args:
         mu: The samples, (n, d) with n >= 1.
     """
-    samples = np.asarray(mu, dtype=np.float64)
+    samples = as_array(mu, "mu").astype(np.float64)
     if samples.ndim != 2 or not len(samples):
         raise UserError(f"Expected mu of shape (n, d), n >= 1, got {samples.shape}.")
     return float(samples.std(axis=0).mean())
@@ -110,7 +111,8 @@ def nearest_neighbours(
     """
     from scipy.spatial import cKDTree
 
-    points, tree = np.asarray(samples, np.float64), np.asarray(queries, np.float64)
+    points = as_array(samples, "samples").astype(np.float64)
+    tree = as_array(queries, "queries").astype(np.float64)
     if points.ndim != 2 or tree.ndim != 2 or points.shape[1] != tree.shape[1] or not len(tree):
         raise UserError(
             "Expected samples of shape (n, d) and queries of shape (m, d), m >= 1, got "

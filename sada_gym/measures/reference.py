@@ -220,14 +220,11 @@ def load_reference(
         ValueError: If the file cannot be read, is not the one that the index names, or is of
             another version of the environment or of the agent.
     """
-    found = [
-        entry
-        for entry in read_index(folder).references
-        if (entry.track, entry.agent) == (track, application.agent_name)
-    ]
-    if not found:
+    wanted = (track, application.agent_name)
+    known = {(entry.track, entry.agent): entry for entry in read_index(folder).references}
+    if wanted not in known:
         return None
-    entry = found[0]
+    entry = known[wanted]
     path = Path(folder) / entry.file
     content = read_file(path, MAX_ARRAYS_BYTES)
     mu = reference_mu(len(application.parameters), entry.points, entry.sobol_seed)

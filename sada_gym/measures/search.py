@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import (
@@ -61,9 +62,19 @@ def anytime(
     Raises:
         ValueError: If an argument is not as described.
     """
-    mu = np.asarray(queries, np.float32)
-    q = np.asarray(scores, np.float64)
-    _check(mu, q, checkpoints)
+    mu = as_array(queries, "queries").astype(np.float32)
+    q = as_array(scores, "scores").astype(np.float64)
+    if mu.ndim != 2 or q.shape != (len(mu),) or not np.isfinite(q).all():
+        raise UserError(
+            "Expected queries of shape (N, d) and finite scores of shape (N,), got "
+            f"{mu.shape} and {q.shape}."
+        )
+    stops = list(checkpoints)
+    if not stops or stops != sorted(set(stops)) or not 1 <= stops[0] <= stops[-1] <= len(mu):
+        raise UserError(
+            f"Expected increasing checkpoints from 1 to {len(mu)}, the number of queries, got "
+            f"{stops}."
+        )
     fooled = q <= threshold
     rows = np.flatnonzero(fooled)
     firsts = np.sort(rows[np.unique(mu[rows], axis=0, return_index=True)[1]])
@@ -94,19 +105,3 @@ def _coverage(
         coverage.append(float((nearest < radii).mean()))
         start = stop
     return coverage
-
-
-def _check(
-    mu: npt.NDArray[np.float32], q: npt.NDArray[np.float64], checkpoints: Sequence[int]
-) -> None:
-    if mu.ndim != 2 or q.shape != (len(mu),) or not np.isfinite(q).all():
-        raise UserError(
-            "Expected queries of shape (N, d) and finite scores of shape (N,), got "
-            f"{mu.shape} and {q.shape}."
-        )
-    stops = list(checkpoints)
-    if not stops or stops != sorted(set(stops)) or not 1 <= stops[0] <= stops[-1] <= len(mu):
-        raise UserError(
-            f"Expected increasing checkpoints from 1 to {len(mu)}, the number of queries, got "
-            f"{stops}."
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import norm, t, trim_mean
 
+from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
 Interval = tuple[float, float]
@@ -46,19 +48,14 @@ class Standing:
         value: The adversary's figure.
         interval: The figure's interval; None where it is unknown.
         rank: The rank, 1 for the best; None for a control.
-        shared: Whether another adversary has the same rank.
+        label: The rank as tables show it: `1`, `1=` where it is shared, `-` for a control.
     """
 
     name: str
     value: float
     interval: Interval | None
     rank: int | None
-    shared: bool
-
-    @property
-    def label(self) -> str:
-        """Write the rank as tables show it: `1`, `1=` where it is shared, `-` for a control."""
-        return "-" if self.rank is None else f"{self.rank}{'=' if self.shared else ''}"
+    label: str
 
 
 def interquartile_mean(values: npt.ArrayLike) -> float:
@@ -72,7 +69,7 @@ def interquartile_mean(values: npt.ArrayLike) -> float:
     Raises:
         ValueError: If there are none, or one is not finite.
     """
-    flat = np.asarray(values, np.float64).ravel()
+    flat = as_array(values, "values").astype(np.float64).ravel()
     if not len(flat) or not np.isfinite(flat).all():
         raise UserError(f"Expected at least one value and all of them finite, got {flat}.")
     return float(trim_mean(flat, _TRIMMED["iqm"]))
@@ -115,7 +112,7 @@ def estimate(
     Raises:
         ValueError: If an argument is not as described.
     """
-    runs = np.asarray(values, np.float64)
+    runs = as_array(values, "values").astype(np.float64)
     _check(runs, statistic, resamples, level)
     seeds = runs.shape[1]
     value = float(trim_mean(runs.ravel(), _TRIMMED[statistic]))
@@ -178,15 +175,10 @@ def shared_ranks(
     ranks = {
         name: 1 + max(above[o] for o in ranked if values[o] >= values[name]) for name in ranked
     }
-    shares = list(ranks.values())
+    count = Counter(ranks.values())
+    labels = {name: f"{rank}=" if count[rank] > 1 else str(rank) for name, rank in ranks.items()}
     return tuple(
-        Standing(
-            name,
-            values[name],
-            intervals[name],
-            rank=ranks.get(name),
-            shared=name in ranks and shares.count(ranks[name]) > 1,
-        )
+        Standing(name, values[name], intervals[name], ranks.get(name), labels.get(name, "-"))
         for name in sorted(values, key=lambda name: -values[name])
     )
 
@@ -236,7 +228,7 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
 
 def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
     """Give M of each track, (tracks,)."""
-    given = np.asarray(samples, np.float64)
+    given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
         raise UserError(
             f"Expected samples to be a number of at least 1, or {len(runs)} of them, one for each "

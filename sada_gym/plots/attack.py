@@ -59,7 +59,10 @@ def draw_attack(
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
     fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
-    frames = _frames(application, samples, fooled)
+    try:
+        frames = [application.render(samples.mu[i], int(samples.seed[i])) for i in fooled]
+    except NotImplementedError:
+        frames = []
     if frames:
         captions = [f"Q = {samples.score[i]:.2f}" for i in fooled]
         count = int((samples.score <= threshold).sum())
@@ -213,15 +216,6 @@ def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) 
             axes.set_title(captions[i], fontsize=8.5, color=MUTED, pad=3)
     figure.suptitle(title, x=0.008, ha="left", fontsize=10, color=INK)
     return figure
-
-
-def _frames(
-    application: Application, samples: Evaluations, rows: npt.NDArray[np.intp]
-) -> list[Frame]:
-    try:
-        return [application.render(samples.mu[i], int(samples.seed[i])) for i in rows]
-    except NotImplementedError:
-        return []
 
 
 def _percent(count: int, total: int) -> npt.NDArray[np.float64]:

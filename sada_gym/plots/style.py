@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -48,8 +48,8 @@ def name_choices(axes: Axes, parameter: Parameter) -> None:
             label.set(rotation=35, ha="right", rotation_mode="anchor")
 
 
-def tidy(axes: Axes, *, grid: str | None = None) -> None:
-    """Style axes: two thin spines, grey ticks, and grid lines for y if asked."""
+def tidy(axes: Axes, *, grid: Literal["y", "both"] | None = None) -> None:
+    """Style axes: two thin spines, grey ticks, and grid lines for `y` or `both` if asked."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -57,6 +57,6 @@ def tidy(axes: Axes, *, grid: str | None = None) -> None:
     axes.tick_params(colors=MUTED, labelsize=8)
     axes.xaxis.label.set_color(INK)
     axes.yaxis.label.set_color(INK)
-    if grid == "y":
-        axes.grid(axis="y", color=GRID, linewidth=0.8)
+    if grid is not None:
+        axes.grid(axis=grid, color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)

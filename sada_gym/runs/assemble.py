@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -39,11 +40,6 @@ class RunTarget:
     def dimension(self) -> int:
         """The number of semantic parameters."""
         return len(self.application.parameters)
-
-    @cached_property
-    def context(self) -> Context:
-        """What the application's scores belong to."""
-        return Context.of(self.application)
 
     @cached_property
     def summary(self) -> ReferenceSummary | None:
@@ -91,7 +87,7 @@ def make_settings(
         TypeError: If the options cannot be written as JSON.
         StoreError: If nothing identifies the application's agent.
     """
-    context = target.context
+    context = Context.of(target.application)
     name = adversary if isinstance(adversary, str) else adversary.name
     resolved: Mapping[str, Any] = options
     if isinstance(adversary, str) and adversary != IDEAL:
@@ -198,11 +194,8 @@ def find_target(
 
 
 def _has_settings(track: str, application: Application) -> bool:
-    other = open_application(track, application.agent_name)
-    try:
+    with closing(open_application(track, application.agent_name)) as other:
         return (other.name, other.settings) == (application.name, application.settings)
-    finally:
-        other.close()
 
 
 def open_application(track: str, agent: str) -> Application:

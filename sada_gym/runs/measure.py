@@ -142,6 +142,13 @@ def measure(
         )
         density, coverage = ours.density, ours.coverage
         relative = relative_coverage(coverage, truth.coverage) if truth.coverage else None
+    of_samples = None
+    if len(queries):
+        of_samples = (
+            novelty(samples.mu, queries.mu)
+            if ideal is None
+            else relative_novelty(samples.mu, ideal.mu, queries.mu)
+        )
     return Measures(
         afr=rate.rate,
         afr_interval_95=(rate.low, rate.high),
@@ -151,7 +158,7 @@ def measure(
         density=density,
         coverage=coverage,
         relative_coverage=relative,
-        novelty=_novelty(samples, queries, ideal),
+        novelty=of_samples,
         image_novelty=images,
         feasible=feasible,
     )
@@ -205,16 +212,6 @@ def summarise_distances(samples: Mu, queries: Mu) -> Distances | None:
         mean=float(distances.mean()),
         maximum=float(distances.max()),
     )
-
-
-def _novelty(
-    samples: Evaluations, queries: Evaluations, ideal: Evaluations | None
-) -> Novelty | None:
-    if not len(queries):
-        return None
-    if ideal is None:
-        return novelty(samples.mu, queries.mu)
-    return relative_novelty(samples.mu, ideal.mu, queries.mu)
 
 
 def image_novelty(found: Sequence[Neighbours], ideal: Sequence[Neighbours]) -> ImageNovelty:

@@ -6,17 +6,19 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from typing_extensions import Self
 
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.files import Strict, read_arrays, read_model, write_file, write_model
+from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.runs.measure import Distances, Measures, Search
+
+Value = TypeVar("Value")
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -140,7 +142,7 @@ class RunReport(Measures):
     nearest_fooling_query: Distances | None
     search: Search
     seeds: dict[str, str | int]
-    flags: tuple[str, ...]
+    flags: tuple[OneLine, ...]
 
     def measures(self) -> Measures:
         """Give the measures alone."""
@@ -242,6 +244,14 @@ def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[st
         elif before != now:
             found.append(f"{name} was {before!r} and is {now!r}")
     return found
+
+
+def common(
+    old: Mapping[str, Value], new: Mapping[str, Value]
+) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Give the entries of two records that both have."""
+    shared = old.keys() & new.keys()
+    return {name: old[name] for name in shared}, {name: new[name] for name in shared}
 
 
 def refuse_other(

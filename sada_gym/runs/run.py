@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Adversary
-from sada_gym.application import Application
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
@@ -23,7 +22,6 @@ from sada_gym.measures.novelty import Neighbours, image_neighbours
 from sada_gym.parameters import Mu
 from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.measure import (
-    ImageNovelty,
     feasible_rate,
     follow_search,
     image_novelty,
@@ -63,71 +61,23 @@ def ignore_progress(progress: RunProgress) -> None:
     """Do nothing."""
 
 
-@dataclass(frozen=True)
-class RunContext:
-    """What a run needs besides its settings and its adversary.
-
-    Attributes:
-        evaluator: Gives the scores, from its store where that knows them.
-        application: The application under attack.
-        fooling_set: (R, d) points known to fool, to measure by; None where none are known.
-        ideal_set: (R, d) other such points, which ideal samples are drawn from.
-        on_progress: Called at the start of each stage, and after each chunk of evaluations.
-    """
-
-    evaluator: Evaluator
-    application: Application
-    fooling_set: Mu | None = None
-    ideal_set: Mu | None = None
-    on_progress: OnProgress = ignore_progress
-
-
-@dataclass(frozen=True)
-class ImageComparison:
-    """Samples that fool, each with the training queries nearest to it.
-
-    Attributes:
-        ours: The adversary's samples.
-        ideal: As many ideal samples, or none.
-    """
-
-    ours: tuple[Neighbours, ...]
-    ideal: tuple[Neighbours, ...]
-
-    @property
-    def novelty(self) -> ImageNovelty:
-        """Sum up the distances."""
-        return image_novelty(self.ours, self.ideal)
-
-
-class _TimedOracle(Oracle):
-    """An oracle that adds up the process time of its queries."""
+class _RunOracle(Oracle):
+    """An oracle that adds up the process time of its queries, and reports each at once."""
 
     evaluation_s = 0.0
+    on_answer: Callable[[], None] | None = None
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Score mu, see `Oracle`."""
         start = time.process_time()
+        self._report(0, 0)
         try:
-            return super().__call__(mu)
+            scores = super().__call__(mu)
         finally:
             self.evaluation_s += time.process_time() - start
-
-
-class _TrainingOracle(_TimedOracle):
-    """The oracle of the training: it reports when the adversary queries and when it learns."""
-
-    on_answer: Callable[[], None]
-
-    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu, see `Oracle`."""
-        self._report(0, 0)
-        scores = super().__call__(mu)
-        self.on_answer()
+        if self.on_answer is not None:
+            self.on_answer()
         return scores
-
-
-_AnyOracle = TypeVar("_AnyOracle", bound=_TimedOracle)
 
 
 class Run:
@@ -136,22 +86,45 @@ class Run:
     Args:
         settings: What the run does.
         adversary: An untrained adversary that was made for these settings.
-        context: What else the run needs.
+        evaluator: Gives the scores of an application, from its store where that knows them.
+        fooling_set: (R, d) points known to fool, to measure by; None where none are known.
+        ideal_set: (R, d) other such points, which ideal samples are drawn from.
+        on_progress: Called at the start of each stage, and after each chunk of evaluations.
 
     Attributes:
         process_s: The process seconds of training and testing.
-        evaluated: The number of evaluations made for training and testing.
-        known: The number of evaluations for training and testing that the store knew.
     """
 
-    def __init__(self, settings: RunSettings, adversary: Adversary, context: RunContext) -> None:
-        self.settings, self.adversary, self._context = settings, adversary, context
-        self._threshold = float(context.application.fooling_threshold)
+    def __init__(
+        self,
+        settings: RunSettings,
+        adversary: Adversary,
+        evaluator: Evaluator,
+        *,
+        fooling_set: Mu | None,
+        ideal_set: Mu | None,
+        on_progress: OnProgress = ignore_progress,
+    ) -> None:
+        assert evaluator.application is not None
+        self.settings, self.adversary, self.application = settings, adversary, evaluator.application
+        self._evaluator, self._on_progress = evaluator, on_progress
+        self._fooling_set, self._ideal_set = fooling_set, ideal_set
+        self._threshold = float(self.application.fooling_threshold)
         self.process_s = 0.0
-        self.evaluated = self.known = 0
-        self._train = self._oracle(_TrainingOracle, "train", settings.budget)
+        self._counts: dict[Stage, tuple[int, int]] = {}  # evaluations done, and those known
+        self._train = self._oracle("train", settings.budget)
         self._train.on_answer = lambda: self._report("learn")
-        self._test = self._oracle(_TimedOracle, "test", settings.samples)
+        self._test = self._oracle("test", settings.samples)
+
+    @property
+    def known(self) -> int:
+        """The number of evaluations for training and testing that the store knew."""
+        return sum(known for _, known in self._counts.values())
+
+    @property
+    def evaluated(self) -> int:
+        """The number of evaluations made for training and testing."""
+        return sum(done - known for done, known in self._counts.values())
 
     @property
     def queries(self) -> Evaluations:
@@ -194,25 +167,24 @@ class Run:
                     f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Mend the "
                     "adversary."
                 )
-            self._report("test", total=count)
             self._test(mu)
 
     def measure(self) -> RunReport:
         """Measure the test samples and the search."""
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
-        context = self._context
-        feasible = context.application.feasible(samples.mu, samples.seed.tolist())
+        feasible = self.application.feasible(samples.mu, samples.seed.tolist())
         measures = measure(
             samples,
             queries,
             self._threshold,
-            fooling_set=context.fooling_set,
+            fooling_set=self._fooling_set,
             ideal=self.ideal_samples,
-            images=self.images.novelty if self.images else None,
+            images=image_novelty(*self.images) if self.images else None,
             seed=settings.seed,
             feasible=feasible_rate(samples.score <= self._threshold, feasible),
         )
+        flags = (*self.adversary.flags, collapse_flag(samples.mu))
         return RunReport(
             **{name: getattr(measures, name) for name in type(measures).model_fields},
             settings=settings,
@@ -220,28 +192,24 @@ class Run:
             nearest_fooling_query=summarise_distances(
                 samples.mu, queries.mu[queries.score <= self._threshold]
             ),
-            search=follow_search(queries, self._threshold, fooling_set=context.fooling_set),
+            search=follow_search(queries, self._threshold, fooling_set=self._fooling_set),
             seeds={
                 "adversary": settings.seed,
                 "oracle": settings.seed,
                 "training_stream": "train",
                 "test_stream": "test",
             },
-            flags=self._flags(),
+            flags=tuple(flag for flag in flags if flag is not None),
         )
-
-    def _flags(self) -> tuple[str, ...]:
-        collapse = collapse_flag(self.samples.mu)
-        return (*self.adversary.flags, *([] if collapse is None else [collapse]))
 
     @cached_property
     def ideal_samples(self) -> Evaluations | None:
         """Evaluate M ideal samples on the test stream; None without points to draw from."""
-        points, settings = self._context.ideal_set, self.settings
+        points, settings = self._ideal_set, self.settings
         if points is None:
             return None
         oracle = Oracle(
-            self._context.evaluator,
+            self._evaluator,
             budget=settings.samples,
             seed=settings.seed,
             stream="test",
@@ -252,8 +220,8 @@ class Run:
         return oracle.record
 
     @cached_property
-    def images(self) -> ImageComparison | None:
-        """Find the queries nearest to the first samples that fool, ours and ideal ones."""
+    def images(self) -> tuple[Sequence[Neighbours], Sequence[Neighbours]] | None:
+        """Find the queries nearest to the first samples that fool, of ours and of ideal ones."""
         ideal, settings = self.ideal_samples, self.settings
         pools = [self.samples] if ideal is None else [self.samples, ideal]
         rows = [np.flatnonzero(pool.score <= self._threshold) for pool in pools]
@@ -262,7 +230,7 @@ class Run:
             return None
         found = [
             image_neighbours(
-                self._context.application,
+                self.application,
                 pool.mu[chosen[:count]],
                 pool.seed[chosen[:count]].tolist(),
                 self.queries.mu,
@@ -270,9 +238,7 @@ class Run:
             )
             for pool, chosen in zip(pools, rows, strict=True)
         ]
-        if not found[0]:
-            return None
-        return ImageComparison(tuple(found[0]), tuple(found[1]) if len(found) > 1 else ())
+        return (found[0], found[1] if ideal else ()) if found[0] else None
 
     @property
     def evaluations(self) -> tuple[Evaluations, ...]:
@@ -289,20 +255,13 @@ class Run:
         finally:
             self.process_s += time.process_time() - start
 
-    def _oracle(
-        self, kind: type[_AnyOracle], stream: Literal["train", "test"], budget: int
-    ) -> _AnyOracle:
-        done_before = known_before = 0
-
+    def _oracle(self, stream: Literal["train", "test"], budget: int) -> _RunOracle:
         def progress(done: int, total: int, known: int) -> None:
-            nonlocal done_before, known_before
-            self.known += known - known_before
-            self.evaluated += (done - known) - (done_before - known_before)
-            done_before, known_before = done, known
+            self._counts[stream] = done, known
             self._report(stream, done, total, known)
 
-        return kind(
-            self._context.evaluator,
+        return _RunOracle(
+            self._evaluator,
             budget=budget,
             seed=self.settings.seed,
             stream=stream,
@@ -310,4 +269,4 @@ class Run:
         )
 
     def _report(self, stage: Stage, done: int = 0, total: int = 0, known: int = 0) -> None:
-        self._context.on_progress(RunProgress(stage, done, total, known, self.evaluated))
+        self._on_progress(RunProgress(stage, done, total, known, self.evaluated))

@@ -11,8 +11,9 @@ The names are loaded on first use: the contracts need pytest, `sada-gym check` d
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from sada_gym.lazy import lazy_names
 from sada_gym.testing.purity import assert_pure
 
 if TYPE_CHECKING:
@@ -20,10 +21,4 @@ if TYPE_CHECKING:
 
 __all__ = ["AdversaryContract", "ApplicationContract", "RecordingOracle", "assert_pure"]
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        from sada_gym.testing import contracts
-
-        return getattr(contracts, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(__name__, dict.fromkeys(__all__, "contracts"))

@@ -120,10 +120,7 @@ def load_applications(path: str | Path) -> list[Application]:
     """
     module = import_file(path)
     members = list(vars(module).values())
-    found: list[Application] = []
-    for member in members:
-        if isinstance(member, Application) and not any(member is other for other in found):
-            found.append(member)
+    found = list({id(m): m for m in members if isinstance(m, Application)}.values())
     for member in members:
         if (
             inspect.isclass(member)
@@ -133,23 +130,20 @@ def load_applications(path: str | Path) -> list[Application]:
             and hasattr(member, "name")
             and not any(type(application) is member for application in found)
         ):
-            found.append(_build(member, path))
+            try:
+                found.append(member())
+            except Exception as error:
+                raise UserError(
+                    f"Expected {member.__name__} in {str(path)!r} to be made without arguments, "
+                    f"got {type(error).__name__}: {error}. Add an instance at the file's top level "
+                    "instead."
+                ) from error
     if not found:
         raise UserError(
             f"Expected a subclass of sada_gym.Application with a `name` in {str(path)!r}, found "
             "none. Define one at the file's top level."
         )
     return found
-
-
-def _build(application_class: type[Application], path: str | Path) -> Application:
-    try:
-        return application_class()
-    except Exception as error:
-        raise UserError(
-            f"Expected {application_class.__name__} in {str(path)!r} to be made without arguments, "
-            f"got {type(error).__name__}: {error}. Add an instance at the file's top level instead."
-        ) from error
 
 
 def _run(name: str, check: Callable[[], str]) -> Check:

@@ -1,11 +1,4 @@
-"""Contracts as test classes: subclass one, and pytest checks your adversary or application.
-
-from sada_gym.testing.contracts import AdversaryContract
-
-class TestMine(AdversaryContract):
-    def make(self, dimension, seed):
-        return Mine(dimension, seed=seed)
-"""
+"""Contracts as test classes: subclass one, and pytest checks your adversary or application."""
 
 # ruff: noqa: D102 - a test's name says what it tests
 
@@ -21,19 +14,18 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sada_gym.adversaries.base import Adversary
+from sada_gym.adversaries.fresh import row_keys
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.evaluation.oracle import Oracle
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import FoolingRate, attack_fooling_rate
 from sada_gym.parameters import validate_mu
 from sada_gym.testing import rules
-from sada_gym.testing.landscapes import FunctionOracle
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
 from sada_gym.testing.scales import scales
-
-__all__ = ["AdversaryContract", "ApplicationContract", "RecordingOracle", "assert_pure"]
 
 _SAFE_SUFFIXES = {".safetensors", ".json", ".npz", ".toml"}
 
@@ -109,11 +101,9 @@ class AdversaryContract:
         self, *, dimension: int | None = None, seed: int = 0, budget: int | None = None
     ) -> tuple[Adversary, RecordingOracle]:
         """Make and train an adversary on the analytic application."""
-        dimension = self.dimension if dimension is None else dimension
-        oracle = RecordingOracle(
-            AnalyticApplication(dimension=dimension),
-            budget=self.budget if budget is None else budget,
-        )
+        dimension = dimension or self.dimension
+        application = AnalyticApplication(dimension=dimension)
+        oracle = RecordingOracle(application, budget=budget or self.budget)
         adversary = self.make(dimension, seed)
         adversary.train(oracle)
         return adversary, oracle
@@ -145,7 +135,7 @@ class AdversaryContract:
         adversary, oracle = trained
         samples = adversary.sample(10_000)
         assert len(np.unique(samples, axis=0)) == len(samples)
-        assert not {row.tobytes() for row in samples} & {row.tobytes() for row in oracle.queries}
+        assert not row_keys(samples) & row_keys(oracle.queries)
 
     def test_a_second_draw_goes_on(self, trained: tuple[Adversary, RecordingOracle]) -> None:
         adversary, _ = trained
@@ -161,8 +151,12 @@ class AdversaryContract:
         assert (other.sample(100) != training.first_samples).any()
 
     def test_same_result_in_another_process(self, training: Training) -> None:
-        there = in_fresh_process(_train_and_sample, self, 100, home=type(self))
+        there = in_fresh_process(self._first_samples, home=type(self))
         assert_array_equal(there, training.first_samples)
+
+    def _first_samples(self) -> npt.NDArray[np.float32]:
+        adversary, _ = self.train()
+        return adversary.sample(100)
 
     def test_a_small_budget_suffices_or_is_refused(self) -> None:
         for budget in (1, 3, 10):
@@ -210,8 +204,11 @@ class AdversaryContract:
         uniform = np.random.default_rng(1).uniform(-1.0, 1.0, (5_000, self.dimension))
         for scale in scales(score(uniform.astype(np.float32))):
             threshold = float(scale.map(boxes.fooling_threshold))
-            oracle = FunctionOracle(
-                lambda mu, scale=scale: scale.map(score(mu)), self.budget, threshold
+            oracle = Oracle(
+                lambda mu, scale=scale: scale.map(score(mu)),
+                dimension=self.dimension,
+                threshold=threshold,
+                budget=self.budget,
             )
             adversary = self.make(self.dimension, 0)
             adversary.train(oracle)
@@ -219,10 +216,8 @@ class AdversaryContract:
             afr = attack_fooling_rate(score(mu), boxes.fooling_threshold)
             fooled = score(mu) <= boxes.fooling_threshold
             found.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
-        assert max(rate.low for _, rate, _ in found) <= min(rate.high for _, rate, _ in found), (
-            found
-        )
-        coverages = [coverage for _, _, coverage in found]
+        _, rates, coverages = zip(*found, strict=True)
+        assert max(rate.low for rate in rates) <= min(rate.high for rate in rates), found
         assert max(coverages) - min(coverages) <= 0.1, found
 
     def test_sampling_before_training_is_refused(self) -> None:
@@ -328,8 +323,3 @@ class ApplicationContract:
     def test_a_bad_seed_is_refused(self, application: Application, seed: Any) -> None:
         with pytest.raises(ValueError, match=r"Expected seeds to be ints in \[0, 2\*\*31\), got"):
             application.evaluate(np.zeros((1, len(application.parameters))), [seed])
-
-
-def _train_and_sample(contract: AdversaryContract, n: int) -> npt.NDArray[np.float32]:
-    adversary, _ = contract.train()
-    return adversary.sample(n)

@@ -56,7 +56,7 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
     """Call a function in a process that shares nothing with this one.
 
     Args:
-        function: A function at the top level of an importable module.
+        function: A function at the top level of an importable module, or a method.
         *args: Its arguments, picklable.
         home: The class that the arguments are of; the process imports its module first, from its
             file where it is on no module path.

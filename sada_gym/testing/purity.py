@@ -42,23 +42,22 @@ def assert_pure(
     """
     mu, seeds = draw_worlds(application, n, seed)
     reference = application.evaluate(mu, seeds)
-    compare_outcomes(reference, application.evaluate(mu, seeds), "evaluated a second time")
-    for i in range(n):
-        alone = application.evaluate(mu[i : i + 1], seeds[i : i + 1])
-        compare_outcomes(reference, alone, "evaluated alone", [i])
-    for size in range(1, n + 1) if sizes is None else sizes:
-        rows = [(7 * size + i) % n for i in range(size)]
-        outcomes = application.evaluate(mu[rows], [seeds[i] for i in rows])
-        compare_outcomes(reference, outcomes, f"in a batch of {size}", rows)
     rng = np.random.default_rng(seed)
-    for how, order in (
-        ("in another order", rng.permutation(n)),
-        ("beside copies of itself", rng.integers(n, size=n)),
-    ):
-        outcomes = application.evaluate(mu[order], [seeds[i] for i in order])
-        compare_outcomes(reference, outcomes, how, [int(i) for i in order])
+    batches = [
+        ("evaluated a second time", list(range(n))),
+        *(("evaluated alone", [i]) for i in range(n)),
+        *(
+            (f"in a batch of {size}", [(7 * size + i) % n for i in range(size)])
+            for size in (range(1, n + 1) if sizes is None else sizes)
+        ),
+        ("in another order", rng.permutation(n).tolist()),
+        ("beside copies of itself", rng.integers(n, size=n).tolist()),
+    ]
+    for how, rows in batches:
+        outcomes = application.evaluate(mu[rows], [seeds[i] for i in rows])
+        compare_outcomes(reference, outcomes, how, rows)
     if other_process:
-        _compare_with_another_process(application, mu, seeds, reference)
+        assert_same_in_another_process(application, n=n, seed=seed)
 
 
 def assert_same_in_another_process(application: Application, *, n: int = 70, seed: int = 0) -> None:
@@ -69,7 +68,9 @@ def assert_same_in_another_process(application: Application, *, n: int = 70, see
         ValueError: If the application can't be pickled.
     """
     mu, seeds = draw_worlds(application, n, seed)
-    _compare_with_another_process(application, mu, seeds, application.evaluate(mu, seeds))
+    here = application.evaluate(mu, seeds)
+    there = in_fresh_process(application.evaluate, mu, seeds, home=type(application))
+    compare_outcomes(here, there, "in another process")
 
 
 def compare_outcomes(
@@ -99,14 +100,3 @@ def compare_outcomes(
                 f"Expected the same info whatever surrounds an evaluation, got other values of "
                 f"{keys} for world {row} {how}."
             )
-
-
-def _compare_with_another_process(
-    application: Application, mu: Mu, seeds: list[int], reference: Outcomes
-) -> None:
-    there = in_fresh_process(_evaluate, application, mu, seeds, home=type(application))
-    compare_outcomes(reference, there, "in another process")
-
-
-def _evaluate(application: Application, mu: Mu, seeds: list[int]) -> Outcomes:
-    return application.evaluate(mu, seeds)

@@ -29,16 +29,13 @@ def _require(condition: bool, sentence: str) -> None:
         raise AssertionError(sentence)
 
 
-def _is_declared(application: Application) -> bool:
-    return isinstance(getattr(application, "parameters", None), ParameterSpace)
-
-
 def check_declaration(application: Application) -> str:
     """Check the attributes that describe the application."""
+    parameters = getattr(application, "parameters", None)
     _require(
-        _is_declared(application),
-        f"Expected `parameters` to be a ParameterSpace, got "
-        f"{getattr(application, 'parameters', None)!r}. Set it in __init__ or in the class.",
+        isinstance(parameters, ParameterSpace),
+        f"Expected `parameters` to be a ParameterSpace, got {parameters!r}. Set it in __init__ or "
+        "in the class.",
     )
     name = getattr(application, "name", None)
     _require(isinstance(name, str) and bool(name), f"Expected `name` to be a str, got {name!r}.")
@@ -157,7 +154,9 @@ def check_purity(application: Application) -> str:
     Where the agent is called with a tile of inputs at once (`application.tile`), batches around
     that size are tried too, and the finding names the tile.
     """
-    tile = _tile(application)
+    tile = getattr(application, "tile", None)
+    if not isinstance(tile, int) or isinstance(tile, bool) or not 1 <= tile <= MAX_TILE:
+        tile = None
     sizes = SIZES if tile is None else tuple(sorted({*SIZES, tile, tile + 1}))
     try:
         assert_pure(application, sizes=sizes, other_process=False)
@@ -171,13 +170,6 @@ def check_purity(application: Application) -> str:
         ) from error
     how = "permuted" if tile is None else f"permuted, with tile={tile}"
     return f"The same to the last bit alone, in batches of {min(sizes)} to {max(sizes)}, {how}."
-
-
-def _tile(application: Application) -> int | None:
-    """Give the number of inputs in one call of the agent, or None if it is not declared."""
-    tile = getattr(application, "tile", None)
-    is_size = isinstance(tile, int) and not isinstance(tile, bool) and 1 <= tile <= MAX_TILE
-    return tile if is_size else None
 
 
 def check_other_process(application: Application) -> str:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-
 _LEAST = 1e-9
 
 
-@dataclass(frozen=True)
-class Scale:
+class Scale(NamedTuple):
     """A strictly increasing map of [0, 1] to itself.
 
     Attributes:
@@ -23,7 +20,7 @@ class Scale:
     """
 
     name: str
-    map: Callable[[npt.ArrayLike], Array]
+    map: Callable[[npt.ArrayLike], Any]
 
 
 def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
@@ -32,18 +29,16 @@ def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
     Args:
         scores: (n,) scores at uniform mu: a score's rank is the share of them that lie below it.
     """
-    known = np.unique(np.concatenate([[0.0, 1.0], np.asarray(scores, dtype=np.float64)]))
+    known = np.unique(np.append([0.0, 1.0], scores))
     share = np.arange(len(known)) / (len(known) - 1)
     return (
-        Scale("Q", lambda q: np.asarray(q, dtype=np.float64)),
-        Scale("Q^4", lambda q: np.asarray(q, dtype=np.float64) ** 4),
+        Scale("Q", np.asarray),
+        Scale("Q^4", lambda q: np.asarray(q) ** 4),
         Scale("log Q", _log),
-        Scale("rank Q", lambda q: np.interp(np.asarray(q, dtype=np.float64), known, share)),
+        Scale("rank Q", lambda q: np.interp(np.asarray(q), known, share)),
     )
 
 
-def _log(q: npt.ArrayLike) -> Array:
+def _log(q: npt.ArrayLike) -> Any:
     # clipped, since 1 + _LEAST is a little more than 1
-    exponent = np.log10(np.asarray(q, dtype=np.float64) + _LEAST)
-    scaled: Array = np.clip(1.0 - exponent / np.log10(_LEAST), 0.0, 1.0)
-    return scaled
+    return np.clip(1.0 - np.log10(np.add(q, _LEAST)) / np.log10(_LEAST), 0.0, 1.0)

@@ -3,7 +3,7 @@ import numpy as np
 from sada_gym.adversaries.archive import MEMORISED, Archive
 from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.testing import AdversaryContract
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 
 class TestArchive(AdversaryContract):

@@ -8,7 +8,7 @@ from sada_gym.adversaries.bayesian import Bayesian, minimise, stages
 from sada_gym.adversaries.omega import evaluate_uniform
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 QUICK = {"candidates": 512, "components": (1, 4)}
 

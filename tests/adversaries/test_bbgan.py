@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from sada_gym.adversaries.bbgan import BBGAN
-from sada_gym.adversaries.bbgan_boost import BoostedBBGAN, split_budget
+from sada_gym.adversaries.bbgan import BBGAN, BoostedBBGAN, split_budget
 from sada_gym.adversaries.bbgan_networks import fold
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, TrainingDiverged, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 QUICK = {"steps": 20, "batch": 16, "generator": (16,), "discriminator": (16,)}
 

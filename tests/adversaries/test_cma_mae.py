@@ -9,7 +9,7 @@ from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.adversaries.omega import Omega
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 pytest.importorskip("ribs")
 

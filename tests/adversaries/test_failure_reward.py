@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sada_gym.adversaries.failure_reward import failure_rewards, novelties
 from sada_gym.adversaries.omega import Omega
+from sada_gym.adversaries.rl import failure_rewards, novelties
 
 
 def omega(scores, mu=None):

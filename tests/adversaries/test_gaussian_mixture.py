@@ -6,7 +6,7 @@ from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 KINDS = [Gaussian, GMM10, GMM50]
 

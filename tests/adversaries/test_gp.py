@@ -19,7 +19,7 @@ from sada_gym.adversaries.models.exact_gp import (
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 
 class TestGP(AdversaryContract):

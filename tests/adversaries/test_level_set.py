@@ -8,8 +8,8 @@ from sada_gym.envs.digits.application import DigitsApplication
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.testing import AdversaryContract
-from sada_gym.testing.landscapes import THRESHOLD, FunctionOracle, Landscape
 from sada_gym.testing.scales import scales
+from studies.landscapes import THRESHOLD, FunctionOracle, Landscape
 
 
 class TestLevelSet(AdversaryContract):

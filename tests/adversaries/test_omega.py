@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate_uniform, induce
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 
 def pool(scores):

@@ -9,14 +9,13 @@ from numpy.testing import assert_array_equal
 
 from sada_gym import adversaries
 from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.off_policy import SAC, TD3
 from sada_gym.adversaries.ppo import PPO
 from sada_gym.adversaries.reinforce import Reinforce
-from sada_gym.adversaries.sac import SAC
-from sada_gym.adversaries.td3 import TD3
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, TrainingDiverged, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 OFF_POLICY = {"hidden": (16,), "updates": 0.2, "batch": 16}
 QUICK = {

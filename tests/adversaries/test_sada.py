@@ -1,4 +1,4 @@
-from sada_gym.adversaries.sada import SADA
+from sada_gym.adversaries.level_set import SADA
 from sada_gym.testing import AdversaryContract
 
 

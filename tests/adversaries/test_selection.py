@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT, Selection
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 
 class First(Selection):

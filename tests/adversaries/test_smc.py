@@ -7,7 +7,7 @@ from sada_gym.adversaries.smc import SMC
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 
 class TestSMC(AdversaryContract):

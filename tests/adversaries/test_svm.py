@@ -7,7 +7,7 @@ from sada_gym.adversaries.selection import NONE_FOOLED_BUT_ALL_LEARNT
 from sada_gym.adversaries.svm import ONE_CLASS, SVM
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle, Landscape
+from studies.landscapes import FunctionOracle, Landscape
 
 
 class TestSVM(AdversaryContract):

@@ -6,7 +6,7 @@ from sada_gym.adversaries.trees import Trees
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.testing import AdversaryContract, RecordingOracle
-from sada_gym.testing.landscapes import FunctionOracle
+from studies.landscapes import FunctionOracle
 
 
 class TestTrees(AdversaryContract):

@@ -3,7 +3,7 @@ import pytest
 from bench_toys import ANALYTIC, make_reference, suite
 
 from sada_gym import adversaries
-from sada_gym.adversaries.bbgan_boost import split_budget
+from sada_gym.adversaries.bbgan import split_budget
 from sada_gym.benchmark import paper
 from sada_gym.benchmark import suite as suites
 from sada_gym.benchmark.plan import make_plan

@@ -13,7 +13,7 @@ from sada_gym import adversaries
 from sada_gym.attack import attack
 from sada_gym.cli import progress
 from sada_gym.cli.kernels import COMPILING, will_compile
-from sada_gym.cli.progress import AttackProgress, Ticker
+from sada_gym.cli.progress import AttackProgress
 from sada_gym.compiled import kernel
 
 
@@ -136,8 +136,9 @@ def test_without_a_terminal_a_line_comes_every_while(monkeypatch):
 
 def test_a_terminal_needs_no_lines(monkeypatch):
     monkeypatch.setattr(progress, "LINE_EVERY_S", 0.01)
-    calls = []
-    with Ticker(terminal(), lambda: calls.append(1)):
+    calls, bars = [], AttackProgress(terminal())
+    monkeypatch.setattr(bars, "_line", lambda: calls.append(1))
+    with bars:
         time.sleep(0.05)
     assert calls == []
 

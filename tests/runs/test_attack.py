@@ -188,6 +188,13 @@ def test_bad_settings_are_refused_before_anything_is_written(tmp_path, settings,
     assert not (tmp_path / "new").exists()
 
 
+def test_no_path_is_refused_in_a_sentence():
+    with pytest.raises(TypeError, match="Expected the path of the folder for the results, got 5"):
+        run(5)
+    with pytest.raises(ValueError, match="its name holds a NUL"):
+        run("a\0b")
+
+
 def test_a_file_in_the_folders_place_is_refused(tmp_path):
     (tmp_path / "out").write_text("mine")
     with pytest.raises(ValueError, match="got the file"):
@@ -202,6 +209,15 @@ def test_a_collapsed_sampler_is_flagged(tmp_path):
 
     [flag] = run(tmp_path, adversary=Collapsed).report.flags
     assert "nearly one point" in flag
+
+
+def test_flags_with_control_characters_are_refused(tmp_path):
+    run(tmp_path)
+    path = tmp_path / "result.json"
+    report = json.loads(path.read_text()) | {"flags": ["\x1b[2J"]}
+    path.write_text(json.dumps(report))
+    with pytest.raises(ValueError, match=r"flags\.0: .* control characters"):
+        read_model(path, RunReport)
 
 
 def test_the_ideal_needs_a_reference_set(tmp_path):

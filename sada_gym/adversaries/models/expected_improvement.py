@@ -7,8 +7,9 @@ import numpy.typing as npt
 from scipy.special import ndtr
 from scipy.stats import qmc
 
+from sada_gym.adversaries.models.exact_gp import Array
 from sada_gym.adversaries.models.mixture import reflect
-from sada_gym.adversaries.models.pool_posterior import Array, Matern, PoolPosterior, fit_matern
+from sada_gym.adversaries.models.pool_posterior import Matern, PoolPosterior, fit_matern
 from sada_gym.errors import AdversaryError
 
 LEAST_CANDIDATES = 512

@@ -23,7 +23,7 @@ _VARIANCE_FLOOR = 1e-6
 _LEAST_SHARE = 1e-9
 _STEPS, _TOLERANCE = 100, 1e-3
 _TRIES = 100
-_TRIAL_POINTS = 2000
+_TRIAL_POINTS, _FOLDS = 2000, 5
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,6 @@ def fit_best_mixture(
     rng: np.random.Generator,
     *,
     weights: npt.ArrayLike | None = None,
-    folds: int = 5,
 ) -> Mixture:
     """Fit mixtures of several sizes and give that with the best cross-validated log likelihood.
 
@@ -175,7 +174,6 @@ def fit_best_mixture(
         sizes: Numbers of components to try, the first wins ties.
         rng: Deals the folds and starts k-means.
         weights: (n,), at least 0; None weighs all alike.
-        folds: Number of parts that are held out in turn.
 
     Raises:
         ValueError: If there are no points or sizes, or shapes or values are bad.
@@ -186,10 +184,10 @@ def fit_best_mixture(
     trial = rng.permutation(len(x))[:_TRIAL_POINTS]
     best = sizes[0]
     with threadpool_limits(1):
-        if len(sizes) > 1 and len(trial) >= 2 * folds:
+        if len(sizes) > 1 and len(trial) >= 2 * _FOLDS:
             likelihood = np.zeros(len(sizes))
-            for i in range(folds):
-                held_out, rest = trial[i::folds], np.delete(trial, np.s_[i::folds])
+            for i in range(_FOLDS):
+                held_out, rest = trial[i::_FOLDS], np.delete(trial, np.s_[i::_FOLDS])
                 for j, size in enumerate(sizes):
                     mixture = _fit(x[rest], w[rest], size, rng)
                     likelihood[j] += w[held_out] @ _log_sum(mixture._log_joint(x[held_out]))

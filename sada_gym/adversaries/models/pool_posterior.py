@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,8 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-Array = npt.NDArray[np.float64]
+from sada_gym.adversaries.models.exact_gp import Array, Kernel
+
 Floats = npt.NDArray[np.floating[Any]]
 
 LEAST_NOISE = 1e-3
@@ -21,21 +21,11 @@ _LENGTHS, _SIGNALS, _NOISES = (0.02, 200.0), (0.05, 20.0), (LEAST_NOISE, 10.0)
 _FIT_STEPS = 60
 
 
-@dataclass(frozen=True)
-class Matern:
-    """The Matern 5/2 kernel with a length-scale a dimension, and the noise of the observations.
+class Matern(Kernel):
+    """The Matern kernel with nu = 5/2; the hyper-parameters are those of `Kernel`.
 
     Rasmussen & Williams 2006, equation 4.17, as Snoek, Larochelle & Adams 2012 use it.
-
-    Attributes:
-        length_scales: (d,), positive, in units of mu.
-        signal: Prior variance of the function.
-        noise: Variance of an observation about the function, positive.
     """
-
-    length_scales: Array
-    signal: float
-    noise: float
 
     def __call__(self, a: Floats, b: Floats) -> Array:
         """Give the covariances of the function at a (n, d) and b (m, d): (n, m)."""

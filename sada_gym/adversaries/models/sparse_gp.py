@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
-
-Array = npt.NDArray[np.float64]
+from sada_gym.adversaries.models.exact_gp import Array, Kernel, fit_kernel
 
 _JITTER = 1e-6
 _BLOCK = 4_000
@@ -44,7 +41,10 @@ class SparseGP:
         self._mean, self._scale = float(y.mean()), float(y.std()) or 1.0
         z = (y - self._mean) / self._scale
         order = rng.permutation(len(x))
-        self._kernel = _fitted(x[order[:subset]], z[order[:subset]])
+        self._kernel = Kernel(np.ones(x.shape[1]), 1.0, 1.0)
+        some, of_some = x[order[:subset]], z[order[:subset]]
+        if spread := float(of_some.std()):
+            self._kernel = fit_kernel(some, (of_some - of_some.mean()) / spread)
         self._points = x[order[:regressors]]
 
         covariance = self._kernel(self._points, self._points)
@@ -67,11 +67,3 @@ class SparseGP:
         blocks = [x[start : start + _BLOCK] for start in range(0, len(x), _BLOCK)]
         means = [self._kernel(block, self._points) @ self._weights for block in blocks]
         return self._mean + self._scale * np.concatenate(means)
-
-
-def _fitted(x: Array, z: Array) -> Kernel:
-    """Fit the hyper-parameters to values whose variance is about 1."""
-    spread = float(z.std())
-    if spread == 0.0:
-        return Kernel(np.ones(x.shape[1]), 1.0, 1.0)
-    return fit_kernel(x, (z - z.mean()) / spread)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -12,20 +11,11 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
+from sada_gym.adversaries.models.exact_gp import Array
 from sada_gym.adversaries.models.sparse_gp import SparseGP
-
-Array = npt.NDArray[np.float64]
 
 _FOLDS = 4
 _LEAST_FOOLING = 20
-
-
-class _Regression(Protocol):
-    """Predicts the score, and holds the predictions made without the point itself."""
-
-    held_out: Array
-
-    def __call__(self, x: Array) -> Array: ...
 
 
 class CrossFittedTrees:
@@ -65,7 +55,7 @@ class CrossFittedTrees:
         return mean
 
 
-MODELS: Mapping[str, Callable[[Array, Array, np.random.Generator], _Regression]] = {
+MODELS: Mapping[str, type[CrossFittedTrees | SparseGP]] = {
     "trees": CrossFittedTrees,
     "process": SparseGP,
 }

@@ -16,7 +16,6 @@ from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import (
     ACCENT,
-    GRID,
     INK,
     MUTED,
     axis_label,
@@ -104,8 +103,7 @@ def tradeoff(rows: Sequence[Row], title: str) -> Figure:
     axes.set_ylim(*_limits([y for _, y in points], 104))
     axes.set_xlabel("coverage of the fooling set, % of the ideal samples'")
     axes.set_ylabel("attack fooling rate, %")
-    tidy(axes)
-    axes.grid(color=GRID, linewidth=0.8)
+    tidy(axes, grid="both")
     _families(figure, [row.label for row in rows])
     _title(figure, title)
     names, colours = zip(*((row.label, _colour(row.label)) for row in rows), strict=True)
@@ -147,8 +145,7 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
         axes.set_ylim(bottom=0)
         axes.set_xlabel("queries")
         axes.xaxis.set_major_formatter(_thousands)
-        tidy(axes)
-        axes.grid(color=GRID, linewidth=0.8)
+        tidy(axes, grid="both")
     panels[0].set_ylabel("distinct fooling points found")
     panels[0].yaxis.set_major_formatter(_thousands)
     panels[0].yaxis.get_major_locator().set_params(integer=True)
@@ -274,8 +271,8 @@ def _bars(figure: Estimated) -> list[list[float]] | None:
 
 
 def _colour(label: str) -> str:
-    known = [colour for colour, (_, members) in _FAMILIES.items() if label in members]
-    return known[0] if known else _LATER
+    known = (colour for colour, (_, members) in _FAMILIES.items() if label in members)
+    return next(known, _LATER)
 
 
 def _styles(colours: Sequence[str]) -> list[object]:

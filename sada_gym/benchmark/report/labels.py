@@ -7,21 +7,24 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import isotonic_regression
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Annotation, Text
 
+Values = npt.NDArray[np.float64]
+
 _RADII = (7, 12, 18, 26, 36, 48, 62, 78, 96, 116, 140)
 # diagonals first: error bars lie along the axes
-_ALL_ROUND = tuple(np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12]))
+_ALL_ROUND = np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12])
 _LEADER_FROM = 9
 _MARGIN = 1.5
 
 
 def place_labels(
     axes: Axes,
-    points: npt.NDArray[np.float64],
+    points: Values,
     names: Sequence[str],
     colours: Sequence[str],
     *,
@@ -47,7 +50,7 @@ def place_labels(
     dots = np.concatenate([anchors - 4 * pixel, anchors + 4 * pixel], axis=1)
     from matplotlib.patheffects import Normal, Stroke
 
-    taken: list[npt.NDArray[np.float64]] = []
+    taken: list[Values] = []
     placed: dict[int, Annotation] = {}
     for i in map(int, _crowded(anchors)):
         label = axes.annotate(
@@ -65,68 +68,39 @@ def place_labels(
         )
         extent = label.get_window_extent()
         half = np.array([extent.width, extent.height]) / 2 + _MARGIN * pixel
-        offset, box = _best_place(anchors[i], half, frame, [*taken, *dots], pixel)
+        offset, box = _best_place(anchors[i], half, frame, np.array([*taken, *dots]), pixel)
         taken.append(box)
         label.set_position(cast("tuple[float, float]", tuple(offset / pixel)))
         edge = np.maximum(np.abs(offset) - half, 0.0)
         if np.linalg.norm(edge) > _LEADER_FROM * pixel:
-            end = anchors[i] + np.sign(offset) * np.maximum(np.abs(offset) - half, 0.0)
-            _draw_leader(axes, anchors[i], end, colours[i])
+            _draw_leader(axes, anchors[i], anchors[i] + np.sign(offset) * edge, colours[i])
         placed[i] = label
     return [placed[i] for i in range(len(points))]
 
 
-def _crowded(anchors: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+def _crowded(anchors: Values) -> npt.NDArray[np.intp]:
     """Order points by the distances to their nearest ones: the most crowded first."""
     gaps = np.sort(np.linalg.norm(anchors[:, None] - anchors, axis=2), axis=1)
     return np.argsort(gaps[:, :4].sum(axis=1), kind="stable")
 
 
 def _best_place(
-    anchor: npt.NDArray[np.float64],
-    half: npt.NDArray[np.float64],
-    frame: npt.NDArray[np.float64],
-    taken: Sequence[npt.NDArray[np.float64]],
-    pixel: float,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    anchor: Values, half: Values, frame: Values, taken: Values, pixel: float
+) -> tuple[Values, Values]:
     """Give the offset of a label's centre and its box: free of others, near the point, inside."""
-    others = np.array(taken)
-    best: tuple[float, npt.NDArray[np.float64], npt.NDArray[np.float64]] | None = None
-    for radius in _RADII:
-        for angle in _ALL_ROUND:
-            direction = np.array([np.cos(angle), np.sin(angle)])
-            offset = direction * radius * pixel + np.sign(direction.round(6)) * half
-            centre = anchor + offset
-            box = np.concatenate([centre - half, centre + half])
-            overlap = _overlap(box, others).sum() + _outside(box, frame)
-            if best is None or overlap < best[0]:
-                best = (float(overlap), offset, box)
-            if overlap == 0:
-                return offset, box
-    assert best is not None
-    return best[1], best[2]
+    directions = np.stack([np.cos(_ALL_ROUND), np.sin(_ALL_ROUND)], axis=1)
+    reaches = np.array(_RADII)[:, None, None]
+    offsets = directions * reaches * pixel + np.sign(directions.round(6)) * half
+    offsets = offsets.reshape(-1, 2)
+    low, high = anchor + offsets - half, anchor + offsets + half
+    sides = np.minimum(high[:, None], taken[:, 2:]) - np.maximum(low[:, None], taken[:, :2])
+    overlap = np.prod(np.maximum(sides, 0.0), axis=2).sum(axis=1)
+    outside = np.maximum(frame[:2] - low, 0.0) + np.maximum(high - frame[2:], 0.0)
+    best = np.argmin(overlap + 100 * outside.sum(axis=1))  # the first of equal ones
+    return offsets[best], np.concatenate([low[best], high[best]])
 
 
-def _overlap(
-    box: npt.NDArray[np.float64], others: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Measure the common area of a box (left, bottom, right, top) with others, (n,)."""
-    low = np.maximum(box[:2], others[:, :2])
-    high = np.minimum(box[2:], others[:, 2:])
-    area: npt.NDArray[np.float64] = np.prod(np.maximum(high - low, 0.0), axis=1)
-    return area
-
-
-def _outside(box: npt.NDArray[np.float64], frame: npt.NDArray[np.float64]) -> float:
-    beyond = np.concatenate(
-        [np.maximum(frame[:2] - box[:2], 0), np.maximum(box[2:] - frame[2:], 0)]
-    )
-    return float(beyond.sum()) * 100
-
-
-def _draw_leader(
-    axes: Axes, start: npt.NDArray[np.float64], end: npt.NDArray[np.float64], colour: str
-) -> None:
+def _draw_leader(axes: Axes, start: Values, end: Values, colour: str) -> None:
     """Draw a thin line between two places in pixels."""
     line = axes.transData.inverted().transform([start, end])
     axes.plot(
@@ -136,7 +110,7 @@ def _draw_leader(
 
 def label_ends(
     axes: Axes,
-    ends: npt.NDArray[np.float64],
+    ends: Values,
     names: Sequence[str],
     colours: Sequence[str],
     *,
@@ -178,19 +152,12 @@ def _freeze(axes: Axes) -> float:
     return figure.dpi / 72
 
 
-def _spread(
-    wanted: npt.NDArray[np.float64], gap: float, low: float, high: float
-) -> npt.NDArray[np.float64]:
+def _spread(wanted: Values, gap: float, low: float, high: float) -> Values:
     """Move heights apart, as little as need be: at least a gap between any two, in order."""
     order = np.argsort(wanted, kind="stable")
-    blocks: list[list[float]] = []  # of names that touch: their number, the sum of their starts
-    for value in wanted[order] - gap * np.arange(len(wanted)):
-        blocks.append([1.0, float(value)])
-        while len(blocks) > 1 and blocks[-2][1] / blocks[-2][0] > blocks[-1][1] / blocks[-1][0]:
-            count, total = blocks.pop()
-            blocks[-1] = [blocks[-1][0] + count, blocks[-1][1] + total]
-    starts = np.concatenate([np.full(int(count), total / count) for count, total in blocks])
+    steps = gap * np.arange(len(wanted))
+    starts = isotonic_regression(wanted[order] - steps).x
     placed = np.clip(starts, low, max(low, high - gap * (len(wanted) - 1)))
     heights = np.empty(len(wanted))
-    heights[order] = placed + gap * np.arange(len(wanted))
+    heights[order] = placed + steps
     return heights

@@ -18,7 +18,7 @@ from sada_gym.benchmark.report.charts import (
     tradeoff,
 )
 from sada_gym.benchmark.report.tables import short_name
-from sada_gym.benchmark.results import Results, RunSummary
+from sada_gym.benchmark.results import MEANS, Results, RunSummary
 from sada_gym.files import write_file
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 
 PICTURES = "pictures"
 
-_Point = tuple[int, float, float | None]  # queries, found, coverage
 
-
-def draw_benchmark(out: Path, results: Results, references: Path = FOLDER) -> tuple[Path, ...]:
+def draw_benchmark(out: Path, results: Results, references: Path = FOLDER) -> None:
     """Draw the pictures of every table and agent into OUT/pictures.
 
     What needs a reference set, or training queries, is left out where there are none.
@@ -44,17 +42,11 @@ def draw_benchmark(out: Path, results: Results, references: Path = FOLDER) -> tu
         out: The benchmark's folder.
         results: The benchmark's results.
         references: The folder of the reference sets.
-
-    Returns:
-        The files written.
     """
-    written = []
     for name, figure in _figures(out, results, references):
         path = out / PICTURES / f"{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, png(figure))
-        written.append(path)
-    return tuple(written)
 
 
 def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[str, Figure]]:
@@ -100,48 +92,38 @@ def _worlds(
 
 
 def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
-    """Average the searches of each contender; equal curves become one."""
-    found: dict[tuple[_Point, ...], list[str]] = {}
+    """Average the searches of each contender over its tracks; equal curves become one."""
+    found: dict[bytes, Curve] = {}
     for label in dict.fromkeys(run.label for run in runs):
-        searched = [run for run in runs if run.label == label and run.search]
-        curves = [
-            {point.queries: point for point in run.search.curve} for run in searched if run.search
+        searched = [
+            (run.track, run.search.curve) for run in runs if run.label == label and run.search
         ]
-        common = sorted(set.intersection(*map(set, curves))) if curves else []
-        if not common:
+        points = [{point.queries: point for point in curve} for _, curve in searched]
+        queries = sorted(set.intersection(*map(set, points))) if points else []
+        if not queries:
             continue
-        tracks = [run.track for run in searched]
+        tracks = [track for track, _ in searched]
         shares = np.array([1 / tracks.count(track) for track in tracks]) / len(set(tracks))
-        values = []
-        for queries in common:
-            points = [of_run[queries] for of_run in curves]
-            known = [p.coverage for p in points if p.coverage is not None]
-            coverage = float(shares @ known) if len(known) == len(points) else None
-            values.append((queries, float(shares @ [p.found for p in points]), coverage))
-        found.setdefault(tuple(values), []).append(label)
-    return [_curve(tuple(labels), values) for values, labels in found.items()]
-
-
-def _curve(labels: tuple[str, ...], points: Sequence[_Point]) -> Curve:
-    queries, found, covered = zip(*points, strict=True)
-    coverage = None if None in covered else np.array(covered, np.float64)
-    return Curve(labels, np.array(queries, np.float64), np.array(found), coverage)
+        of_runs = [[of_run[count] for of_run in points] for count in queries]
+        mean = np.array([shares @ [point.found for point in row] for row in of_runs])
+        covered = np.array([[point.coverage for point in row] for row in of_runs], np.float64)
+        coverage = None if np.isnan(covered).any() else np.array([shares @ row for row in covered])
+        key = np.array([queries, mean, mean if coverage is None else coverage]).tobytes()
+        labels = (*(found[key].labels if key in found else ()), label)
+        found[key] = Curve(labels, np.array(queries, np.float64), mean, coverage)
+    return list(found.values())
 
 
 def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
     there = []
-    for label in dict.fromkeys(run.label for run in runs):
+    for label in dict.fromkeys(run.label for run in runs if run.label != IDEAL):
         measured = [run.measures for run in runs if run.label == label and run.measures]
-        in_mu = [m.novelty for m in measured if m.novelty]
-        images = [m.image_novelty for m in measured if m.image_novelty]
-        one = NoveltyRatios(
-            label,
-            [novelty.ratio for novelty in in_mu if novelty.ratio is not None],
-            [novelty.fifth_ratio for novelty in in_mu if novelty.fifth_ratio is not None],
-            [novelty.ratio for novelty in images if novelty.ratio is not None],
+        median, fifth, image = (
+            [ratio for measures in measured if (ratio := MEANS[name].of(measures)) is not None]
+            for name in ("novelty_ratio", "novelty_fifth_ratio", "image_novelty_ratio")
         )
-        if one.median and label != IDEAL:
-            there.append(one)
+        if median:
+            there.append(NoveltyRatios(label, median, fifth, image))
     return there
 
 

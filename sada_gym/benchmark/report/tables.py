@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -50,24 +52,21 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     legend = "".join(mean.legend for mean in _columns(results.rows).values())
     yield from ("# Benchmark results", "", _LEGEND + legend, "")
-    titles = {table.name: table for table in results.settings.tables}
+    tables = {table.name: table for table in results.settings.tables}
     for table in dict.fromkeys(table for table, _ in results.comparisons()):
-        yield from _table_1(results, table, titles[table].title)
+        yield from _table_1(results, table, tables[table].title)
     for table, agent in results.comparisons():
         rows = results.rows_of(table, agent, None)
         against = f", {agent}" if agent else ""
-        yield from (f"## {titles[table].title}{against}", "", titles[table].note, _budgets(rows))
-        yield from (
-            "",
-            f"### All measures, mean over {_tracks(max(row.tracks for row in rows))}",
-            "",
-        )
-        yield from _measures(rows, _fronts(results, table, agent))
-        yield from _like_the_paper(
-            results, table, dict.fromkeys(_of_tracks(results, table, agent), agent)
-        )
-        yield from _by_track(results, table, agent)
-        yield from _coverage_by_track(results, table, agent)
+        yield from (f"## {tables[table].title}{against}", "", tables[table].note, _budgets(rows))
+        over = _tracks(max(row.tracks for row in rows))
+        yield from ("", f"### All measures, mean over {over}", "")
+        tracks = [run.track for run in results.runs if (run.table, run.agent) == (table, agent)]
+        ours = _ByTrack(results, table, dict.fromkeys(tracks, agent))
+        yield from _measures(rows, _fronts(ours))
+        yield from _like_the_paper(ours, _paper_columns(tracks))
+        yield from _by_track(ours)
+        yield from _coverage_by_track(ours)
     yield from _targets(results)
     yield from _remarks(results, notes)
     packages = results.settings.packages.items()
@@ -90,37 +89,25 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _fronts(results: Results, table: str, agent: str) -> dict[str, str]:
+def _fronts(ours: _ByTrack) -> dict[str, str]:
     """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
     held, tracks = Counter[str](), Counter[str]()
-    for rows in _of_tracks(results, table, agent).values():
-        points = {
-            row.label: (row.afr.value, row.relative_coverage.value)
-            for row in rows
-            if row.label not in CONTROLS and row.afr and row.relative_coverage
-        }
-        for label, (afr, coverage) in points.items():
-            tracks[label] += 1
-            held[label] += not any(a > afr and c > coverage for a, c in points.values())
+    points = {
+        key: (row.afr.value, row.relative_coverage.value)
+        for key, row in ours.rows.items()
+        if row.label not in CONTROLS and row.afr and row.relative_coverage
+    }
+    for (track, label), (afr, coverage) in points.items():
+        others = [point for (other, _), point in points.items() if other == track]
+        tracks[label] += 1
+        held[label] += not any(a > afr and c > coverage for a, c in others)
     return {label: f"{held[label]} of {count}" for label, count in tracks.items()}
 
 
 def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
     means = _columns(rows)
-    yield from _head(
-        (
-            "adversary",
-            "AFR, %",
-            "rank",
-            "IQM, %",
-            "coverage / ideal, %",
-            "rank",
-            "front",
-            "coverage, %",
-            *(mean.title for mean in means.values()),
-            "runs",
-        )
-    )
+    known = "adversary", "AFR, %", "rank", "IQM, %", "coverage / ideal, %", "rank", "front"
+    yield from _head((*known, "coverage, %", *(mean.title for mean in means.values()), "runs"))
     for row in rows:
         afr, relative = row.afr, row.relative_coverage
         runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
@@ -157,49 +144,99 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
     for run in results.runs:  # in the order of the shipped agents: the default one first
         if run.table == table:
             agent_of.setdefault(run.track, run.agent)
-    yield from (f"## {title}: all applications", "")
-    yield "Agents: " + ", ".join(dict.fromkeys(agent_of.values())) + "."
-    yield ""
-    yield from _like_the_paper(results, table, agent_of)
-    yield from _paper_coverage(results, table, agent_of)
+    agents = ", ".join(dict.fromkeys(agent_of.values()))
+    yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
+    ours, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
+    yield from _like_the_paper(ours, columns)
+    # the paper itself has no coverage
+    yield from ours.coverage("### The same columns: coverage / ideal, %", columns)
 
 
-def _paper_columns(tracks: Collection[str]) -> list[str]:
-    """Choose the columns of the paper's Table 1 for which there are tracks."""
-    return [
-        title
-        for title, track in paper.TABLE_1_COLUMNS.items()
-        if (track in tracks if track else set(tracks) >= _CLASSES.keys())
-    ]
+@dataclass(frozen=True)
+class _Column:
+    """A column of a table by track: one track, or the average of several, beside the paper's."""
+
+    title: str
+    tracks: Sequence[str]
+    theirs: Callable[[str], float | None] = lambda _: None
+    average: bool = False
 
 
-def _paper_tracks(title: str) -> list[str]:
-    track = paper.TABLE_1_COLUMNS[title]
-    return list(_CLASSES) if track is None else [track]
-
-
-def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
-    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's.
+class _ByTrack:
+    """The rows of a table with one agent on each track, to lay out in columns.
 
     Args:
         results: The benchmark's results.
         table: The table's name.
         agent_of: The agent that was attacked on each track.
     """
-    columns = _paper_columns(agent_of)
+
+    def __init__(self, results: Results, table: str, agent_of: Mapping[str, str]) -> None:
+        agents = dict.fromkeys(agent_of.values())
+        self.tracks = list(agent_of)
+        self.overall = {
+            row.label: row for agent in agents for row in results.rows_of(table, agent, None)
+        }
+        self._uniform = {
+            target.track: target.reference.uniform_rate
+            for target in results.targets
+            if target.reference and agent_of.get(target.track) == target.agent
+        }
+        rows = (
+            row for track, agent in agent_of.items() for row in results.rows_of(table, agent, track)
+        )
+        self.rows = {(row.track, row.label): row for row in rows}
+
+    def rates(self, columns: Sequence[_Column]) -> Iterator[tuple[str, list[str]]]:
+        """Give each row's label and its cells: our AFR and the paper's, rank 1 in bold."""
+        found = {key: row.afr for key, row in self.rows.items() if row.afr}
+        values = {key: one.value for key, one in found.items()}
+        values |= {(track, paper.FULL_SET): rate for track, rate in self._uniform.items()}
+        best = {key for key, one in found.items() if one.rank in ("1", "1=")}
+        for label in (paper.FULL_SET, *self.overall):
+            cells = []
+            for column in columns:
+                keys, theirs = [(t, label) for t in column.tracks], column.theirs(label)
+                text = _percent(_mean([values.get(key) for key in keys]))
+                text = f"**{text}**" if not column.average and keys[0] in best else text
+                cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
+            yield label, cells
+
+    @cached_property
+    def coverages(self) -> dict[tuple[str | None, str], float]:
+        """Give the coverage over the ideal's by track and label, where there is one."""
+        found = {key: row.relative_coverage for key, row in self.rows.items()}
+        return {key: one.value for key, one in found.items() if one}
+
+    def coverage(self, title: str, columns: Sequence[_Column]) -> Iterator[str]:
+        """Lay coverage out in columns; nothing where there is none."""
+        if not columns or not self.coverages:
+            return
+        yield from (title, "", *_head(("adversary", *(column.title for column in columns))))
+        for label in self.overall:
+            found = [[self.coverages.get((t, label)) for t in one.tracks] for one in columns]
+            yield _line(label, *(_percent(_mean(values)) for values in found))
+        yield ""
+
+
+def _paper_columns(tracks: Collection[str]) -> list[_Column]:
+    """Choose the columns of the paper's Table 1 for which there are tracks."""
+    columns = []
+    for title, track in paper.TABLE_1_COLUMNS.items():
+        own = [track] if track else list(_CLASSES)
+        if set(own) <= set(tracks):
+            theirs = partial(paper.table_1, column=title)
+            columns.append(_Column(title, own, theirs, average=track is None))
+    return columns
+
+
+def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
+    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's."""
     if not columns:
         return
-    ours = {track: results.rows_of(table, agent, track) for track, agent in agent_of.items()}
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-    yield from _head(("adversary", *columns))
-    for label in (paper.FULL_SET, *_labels(results, table, agent_of.values())):
-        cells = []
-        for title in columns:
-            tracks = _paper_tracks(title)
-            value = _mean([_afr(results, ours[t], t, agent_of[t], label) for t in tracks])
-            best = len(tracks) == 1 and _best(ours[tracks[0]], label)
-            cells.append(_pair(value, paper.table_1(label, title), bold=best))
-        yield _line(label, *cells)
+    yield from _head(("adversary", *(column.title for column in columns)))
+    yield from (_line(label, *cells) for label, cells in ours.rates(columns))
     yield ""
     yield (
         "Bold: rank 1 on this track, shared or not. The paper attacked other agents in other "
@@ -210,74 +247,39 @@ def _like_the_paper(results: Results, table: str, agent_of: Mapping[str, str]) -
     yield ""
 
 
-def _paper_coverage(results: Results, table: str, agent_of: Mapping[str, str]) -> Iterator[str]:
-    """Lay coverage out in the columns of the paper's Table 1, which has no coverage itself."""
-    columns = _paper_columns(agent_of)
-    found = {
-        (track, row.label): row.relative_coverage.value
-        for track, agent in agent_of.items()
-        for row in results.rows_of(table, agent, track)
-        if row.relative_coverage
-    }
-    if not columns or not found:
-        return
-    yield from ("### The same columns: coverage / ideal, %", "")
-    yield from _head(("adversary", *columns))
-    for label in _labels(results, table, agent_of.values()):
-        values = [_mean([found.get((t, label)) for t in _paper_tracks(title)]) for title in columns]
-        yield _line(label, *map(_percent, values))
-    yield ""
-
-
-def _by_track(results: Results, table: str, agent: str) -> Iterator[str]:
+def _by_track(ours: _ByTrack) -> Iterator[str]:
     """Give the AFR of every track, beside the paper's appendix where that has the class."""
-    ours = _of_tracks(results, table, agent)
-    if set(ours) <= set(_CLASSES):
+    if set(ours.tracks) <= set(_CLASSES):
         yield from ("### By class: AFR in %, ours / the paper's appendix", "")
     else:
         yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
-    average = paper.AVERAGE if set(ours) == set(_CLASSES) else f"mean of {_tracks(len(ours))}"
-    yield from _head(("adversary", *map(short_name, ours), average, "μ_std"))
-    overall = {row.label: row for row in results.rows_of(table, agent, None)}
-    for label in (paper.FULL_SET, *_labels(results, table, [agent])):
-        theirs = paper.class_row(label)
-        values = {track: _afr(results, rows, track, agent, label) for track, rows in ours.items()}
-        cells = [
-            _pair(
-                value,
-                theirs.afr[list(_CLASSES).index(track)] if theirs and track in _CLASSES else None,
-                bold=_best(ours[track], label),
-            )
-            for track, value in values.items()
-        ]
-        whole = average == paper.AVERAGE and theirs is not None
-        spread = overall[label].mu_std if label in overall else None
-        yield _line(
-            label,
-            *cells,
-            _pair(_mean(list(values.values())), theirs.average if whole and theirs else None),
-            _number(spread, 3) + (f" / {theirs.mu_std:.3f}" if whole and theirs else ""),
+    columns = [
+        _Column(
+            short_name(track), [track], partial(paper.class_rate, class_name=_CLASSES.get(track))
         )
+        for track in ours.tracks
+    ]
+    whole = set(ours.tracks) == set(_CLASSES)
+    average = paper.AVERAGE if whole else f"mean of {_tracks(len(ours.tracks))}"
+    theirs = partial(paper.class_rate, class_name=average)
+    columns.append(_Column(average, ours.tracks, theirs, average=True))
+    yield from _head(("adversary", *(column.title for column in columns), "μ_std"))
+    for label, cells in ours.rates(columns):
+        row, known = ours.overall.get(label), paper.class_row(label) if whole else None
+        spread = _number(row.mu_std if row else None, 3) + (
+            f" / {known.mu_std:.3f}" if known else ""
+        )
+        yield _line(label, *cells, spread)
     yield ""
 
 
-def _coverage_by_track(results: Results, table: str, agent: str) -> Iterator[str]:
+def _coverage_by_track(ours: _ByTrack) -> Iterator[str]:
     """Give the coverage of every track that has a reference set."""
-    figures = {
-        track: {row.label: row.relative_coverage for row in rows if row.relative_coverage}
-        for track, rows in _of_tracks(results, table, agent).items()
-    }
-    figures = {track: of_track for track, of_track in figures.items() if of_track}
-    if not figures:
-        return
-    kind = "class" if set(figures) <= set(_CLASSES) else "track"
-    yield from (f"### By {kind}: coverage / ideal, %", "")
-    yield from _head(("adversary", *map(short_name, figures), f"mean of {_tracks(len(figures))}"))
-    for label in _labels(results, table, [agent]):
-        found = [of_track.get(label) for of_track in figures.values()]
-        values = [one.value if one else None for one in found]
-        yield _line(label, *map(_percent, values), _percent(_mean(values)))
-    yield ""
+    tracks = [track for track in ours.tracks if any(track == t for t, _ in ours.coverages)]
+    kind = "class" if set(tracks) <= set(_CLASSES) else "track"
+    columns = [_Column(short_name(track), [track]) for track in tracks]
+    columns.append(_Column(f"mean of {_tracks(len(tracks))}", tracks))
+    yield from ours.coverage(f"### By {kind}: coverage / ideal, %", columns)
 
 
 def _targets(results: Results) -> Iterator[str]:
@@ -293,9 +295,7 @@ def _targets(results: Results) -> Iterator[str]:
             f"{target.fooling_threshold:g}",
             f"{len(target.seeds)}",
             f"{reference.points:,}" if reference else "none",
-            f"{reference.fooling / reference.points:.1%}".replace("%", " %")
-            if reference
-            else _BLANK,
+            f"{_percent(reference.fooling / reference.points)} %" if reference else _BLANK,
             f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
         )
     yield ""
@@ -321,41 +321,9 @@ def short_name(track: str) -> str:
     return _CLASSES.get(track) or track.removeprefix("SADA-").rpartition("-v")[0] or track
 
 
-def _of_tracks(results: Results, table: str, agent: str) -> dict[str, list[Row]]:
-    tracks = dict.fromkeys(run.track for run in results.runs if run.agent == agent)
-    rows = {track: results.rows_of(table, agent, track) for track in tracks}
-    return {track: of_track for track, of_track in rows.items() if of_track}
-
-
-def _labels(results: Results, table: str, agents: Iterable[str]) -> list[str]:
-    return list(
-        dict.fromkeys(row.label for agent in agents for row in results.rows_of(table, agent, None))
-    )
-
-
-def _afr(results: Results, rows: Sequence[Row], track: str, agent: str, label: str) -> float | None:
-    """Give a contender's AFR on a track, or the reference points' rate for the full set."""
-    if label == paper.FULL_SET:
-        marks = [t.reference for t in results.targets if (t.track, t.agent) == (track, agent)]
-        return marks[0].uniform_rate if marks[0] else None
-    found = [row.afr.value for row in rows if row.label == label and row.afr]
-    return found[0] if found else None
-
-
-def _best(rows: Sequence[Row], label: str) -> bool:
-    ranks = [row.afr.rank for row in rows if row.label == label and row.afr]
-    return bool(ranks and ranks[0] and ranks[0].rstrip("=") == "1")
-
-
 def _mean(values: Sequence[float | None]) -> float | None:
     there = [value for value in values if value is not None]
     return float(np.mean(there)) if there and len(there) == len(values) else None
-
-
-def _pair(ours: float | None, theirs: float | None, *, bold: bool = False) -> str:
-    text = _percent(ours)
-    text = f"**{text}**" if bold else text
-    return text if theirs is None else f"{text} / {theirs:.1f}"
 
 
 def _percent(value: float | None) -> str:
@@ -364,9 +332,7 @@ def _percent(value: float | None) -> str:
 
 def _number(value: float | None, places: int | None) -> str:
     """Write a number with so many decimal places, or as per cent."""
-    if value is None or places is None:
-        return _percent(value)
-    return f"{value:.{places}f}"
+    return _percent(value) if value is None or places is None else f"{value:.{places}f}"
 
 
 def _with_interval(figure: Figure | None) -> str:

@@ -120,9 +120,8 @@ class AnalyticApplication(Application):
         """Draw n mu uniformly from the true fooling set: (n, d) float32."""
         region = rng.integers(self.regions, size=n)
         offset = rng.uniform(-1.0, 1.0, size=(n, len(self.parameters)))
-        inside = np.maximum(
-            self.half_sides - 1e-6, 0.0
-        )  # rounding to float32 must not leave the box
+        # rounding to float32 must not leave the box
+        inside = np.maximum(self.half_sides - 1e-6, 0.0)
         return (self.centres[region] + offset * inside).astype(np.float32)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:

@@ -14,26 +14,12 @@ from sada_gym import agents
 from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
-from sada_gym.envs.detection.detector import (
-    DetectorAgent,
-    DetectorLike,
-    listed,
-)
+from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.picture import annotate
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
-from sada_gym.envs.detection.renderers.base import (
-    DEFAULT,
-    checked_renderer,
-    checked_renderings,
-)
-from sada_gym.envs.detection.scene import Scene
-from sada_gym.envs.detection.shapes import (
-    CLASSES,
-    Shape,
-    benchmark_shapes,
-    fingerprint,
-    load_class,
-)
+from sada_gym.envs.detection.renderers.base import DEFAULT, checked_renderer, checked_renderings
+from sada_gym.envs.detection.scene import PLACEMENT, Scene
+from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, fingerprint, load_class
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -169,20 +155,10 @@ class DetectionApplication(Application):
         """Lay out the scene of one mu, (8,): the seed picks shape and place, mu sets the rest."""
         rng = np.random.default_rng(seed)
         shape = self.shapes[int(rng.integers(len(self.shapes)))]
-        distance, azimuth, pitch, light_azimuth, light_pitch, *colour = self.parameters.physical(
-            mu
-        ).tolist()
-        return Scene(
-            shape=shape,
-            colour=(colour[0], colour[1], colour[2]),
-            camera_distance=distance,
-            camera_azimuth_deg=azimuth,
-            camera_pitch_deg=pitch,
-            light_azimuth_deg=light_azimuth,
-            light_pitch_deg=light_pitch,
-            backdrop=random_backdrop(rng),
-            seed=seed,
-        )
+        *numbers, red, green, blue = self.parameters.physical(mu).tolist()
+        placed = dict(zip(PLACEMENT, numbers, strict=True))
+        backdrop = random_backdrop(rng)
+        return Scene(shape, (red, green, blue), backdrop=backdrop, seed=seed, **placed)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = [self.scene(row, seed) for row, seed in zip(mu, seeds, strict=True)]

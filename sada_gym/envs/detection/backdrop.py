@@ -14,7 +14,15 @@ import numpy.typing as npt
 from sada_gym.envs.detection.plain import check_keys
 from sada_gym.envs.pixels import Triple
 
-GROUNDS = ("asphalt", "paving", "brick", "grass", "concrete")
+GROUNDS = {
+    "asphalt": ((0.5, 0.7), (0.0, 0.2), (0.2, 0.5)),
+    "paving": ((0.0, 1.0), (0.0, 0.6), (0.35, 0.85)),  # sports and play surfaces among them
+    "brick": ((-0.03, 0.07), (0.3, 0.7), (0.35, 0.7)),
+    "grass": ((0.2, 0.36), (0.35, 0.75), (0.3, 0.6)),
+    "concrete": ((0.05, 0.17), (0.0, 0.35), (0.5, 0.9)),
+}
+"""The ranges of each ground's hue, saturation and value. Together they span what paint can be."""
+
 PLAZA_RADIUS = 17.0
 """No building stands nearer to the middle than this; the camera's ring ends at 14.5."""
 
@@ -24,7 +32,7 @@ class Backdrop:
     """A place. Colours are linear RGB.
 
     Attributes:
-        ground: Index into `GROUNDS`.
+        ground: Index into the keys of `GROUNDS`.
         ground_colour: main colour of the ground.
         joint_colour: colour of joints and road markings.
         ground_turn: Cosine and sine of the pattern's rotation.
@@ -50,10 +58,7 @@ class Backdrop:
 
     def to_dict(self) -> dict[str, Any]:
         """Give the place as numbers and lists, by the names of the attributes."""
-        return {
-            name: np.asarray(value).tolist() if isinstance(value, tuple | np.ndarray) else value
-            for name, value in vars(self).items()
-        }
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Backdrop:
@@ -75,10 +80,10 @@ def random_backdrop(rng: np.random.Generator) -> Backdrop:
     """Draw a place: its ground, its ring of 11 to 16 buildings and its sky."""
     ground = int(rng.integers(len(GROUNDS)))
     turn, grey, haze, joint = rng.uniform(size=4).tolist()
-    name = GROUNDS[ground]
+    name = list(GROUNDS)[ground]
     return Backdrop(
         ground=ground,
-        ground_colour=_ground_colour(name, rng),
+        ground_colour=_hsv(*(rng.uniform(*span) for span in GROUNDS[name])),
         joint_colour=(0.5, 0.5, 0.5) if joint < 0.5 else (0.06, 0.06, 0.06),
         ground_turn=(math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)),
         ground_shift=(rng.uniform(-4, 4), rng.uniform(-4, 4)),
@@ -98,19 +103,6 @@ def linear(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def _hsv(hue: float, saturation: float, value: float) -> Triple:
     red, green, blue = colorsys.hsv_to_rgb(hue % 1.0, saturation, value)
     return red**2.2, green**2.2, blue**2.2
-
-
-def _ground_colour(ground: str, rng: np.random.Generator) -> Triple:
-    """Draw a colour; grounds span what paint can be: greys, reds, greens, blues, sand."""
-    if ground == "grass":
-        return _hsv(rng.uniform(0.2, 0.36), rng.uniform(0.35, 0.75), rng.uniform(0.3, 0.6))
-    if ground == "brick":
-        return _hsv(rng.uniform(-0.03, 0.07), rng.uniform(0.3, 0.7), rng.uniform(0.35, 0.7))
-    if ground == "asphalt":
-        return _hsv(rng.uniform(0.5, 0.7), rng.uniform(0.0, 0.2), rng.uniform(0.2, 0.5))
-    if ground == "paving":  # coloured sports and play surfaces among them
-        return _hsv(rng.uniform(), rng.uniform(0.0, 0.6), rng.uniform(0.35, 0.85))
-    return _hsv(rng.uniform(0.05, 0.17), rng.uniform(0.0, 0.35), rng.uniform(0.5, 0.9))
 
 
 def _ring_of_buildings(rng: np.random.Generator) -> npt.NDArray[np.float64]:

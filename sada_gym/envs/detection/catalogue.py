@@ -1,15 +1,8 @@
 """The card of object detection."""
 
-from sada_gym.envs.catalogue import (
-    AgentCard,
-    ApplicationCard,
-    PurityCase,
-    ReferenceSize,
-    RegistryCase,
-    Track,
-)
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
-_SUFFIXES = (
+_SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",
     "Bench",
     "Bicycle",
@@ -24,11 +17,10 @@ _SUFFIXES = (
     "Truck",
 )
 
-
 CARD = ApplicationCard(
     name="SADA-Detection",
     application="sada_gym.envs.detection.application:DetectionApplication",
-    tracks=tuple(Track(suffix, {"object_class": suffix.lower()}) for suffix in _SUFFIXES),
+    tracks={suffix: {"object_class": suffix.lower()} for suffix in _SUFFIXES},
     same_as="Car",
     agents=(
         AgentCard(
@@ -47,7 +39,13 @@ CARD = ApplicationCard(
     agent_kind="detector",
     agent_loader="sada_gym.envs.detection.agent.weights:load",
     packages=("torch", "pybullet", "trimesh", "numba", "pillow"),
-    reference=ReferenceSize(points=20_000, seeds=8),
+    reference_points=20_000,
+    reference_seeds=8,
+    suite=SuiteCard(
+        name="paper",
+        tables=("paper-budgets", "equal-queries"),
+        seeds_of={"Bicycle": 3, "Motorbike": 3, "Truck": 3},
+    ),
     case=RegistryCase(
         quick_kwargs={"tile": 1},  # one image a call instead of a tile of them
         shipped_on="Car",

@@ -9,16 +9,7 @@ from sada_gym.errors import UserError
 
 
 def check_keys(what: str, plain: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Check that plain data has exactly these keys.
-
-    Args:
-        what: What the data describes, for the message: `a scene`.
-        plain: The data.
-        names: The keys.
-
-    Raises:
-        UserError: If it is no mapping, a key is missing, or there is one that is not known.
-    """
+    """Raise `UserError` unless the plain data of `what`, such as `a scene`, has just these keys."""
     expected = sorted(names)
     if not isinstance(plain, Mapping) or sorted(plain) != expected:
         got = ", ".join(map(str, plain)) if isinstance(plain, Mapping) else repr(plain)

@@ -73,7 +73,7 @@ class Scene:
         return {
             "shape": _plain_shape(self.shape),
             "colour": [float(channel) for channel in self.colour],
-            **{name: float(getattr(self, name)) for name in _NUMBERS},
+            **{name: float(getattr(self, name)) for name in PLACEMENT},
             "backdrop": self.backdrop.to_dict(),
             "aim": [float(offset) for offset in self.aim],
             "seed": int(self.seed),
@@ -86,13 +86,13 @@ class Scene:
         Raises:
             UserError: If a key is missing or unknown, or the shape's name is.
         """
-        check_keys("a scene", plain, ("shape", "colour", *_NUMBERS, "backdrop", "aim", "seed"))
+        check_keys("a scene", plain, ("shape", "colour", *PLACEMENT, "backdrop", "aim", "seed"))
         red, green, blue = map(float, plain["colour"])
         right, up = map(float, plain["aim"])
         return cls(
             shape=_shape(plain["shape"]),
             colour=(red, green, blue),
-            **{name: float(plain[name]) for name in _NUMBERS},
+            **{name: float(plain[name]) for name in PLACEMENT},
             backdrop=Backdrop.from_dict(plain["backdrop"]),
             aim=(right, up),
             seed=int(plain["seed"]),
@@ -108,13 +108,14 @@ class Scene:
         return cls.from_dict(json.loads(text))
 
 
-_NUMBERS = (
+PLACEMENT = (
     "camera_distance",
     "camera_azimuth_deg",
     "camera_pitch_deg",
     "light_azimuth_deg",
     "light_pitch_deg",
 )
+"""The attributes of a scene that place its camera and its light."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +146,8 @@ class Pinhole:
 def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
     """Give the unit vector from the object towards an azimuth and a pitch."""
     azimuth, pitch = math.radians(azimuth_deg), math.radians(pitch_deg)
-    return np.array(
-        [
-            math.cos(pitch) * math.cos(azimuth),
-            math.cos(pitch) * math.sin(azimuth),
-            math.sin(pitch),
-        ]
-    )
+    across = math.cos(pitch)
+    return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(pitch)])
 
 
 def axes_facing(backward: Vector) -> Vector:

@@ -117,15 +117,7 @@ class DigitsApplication(ClassifierApplication):
         tile: int | None = None,
     ) -> None:
         chosen = _checked_parameters(parameters)
-        super().__init__(
-            image=image,
-            digit=digit,
-            agent=agent,
-            agent_id=agent_id,
-            images=images,
-            labels=labels,
-            tile=tile,
-        )
+        super().__init__(image, digit, agent, agent_id, images, labels, tile)
         pictures = self.images.images[self.indices]
         every = ranges(pictures.shape[2])
         self.parameters = ParameterSpace(*(every[name] for name in chosen))

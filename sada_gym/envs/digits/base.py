@@ -26,19 +26,8 @@ _PIXELS_AT_ONCE = 2**18
 class ClassifierApplication(Application):
     """A frozen classifier looks at changed images.
 
-    A subclass sets `parameters` and says how mu changes images and what the classifier's
-    probabilities score.
-
-    Args:
-        image: Index among the images: always this one, so that the seed changes nothing.
-        digit: The seed picks an image of this class; None: of any.
-        agent: A shipped classifier's name, a file of weights, or a torch module: (B, 1, height,
-            width) in [0, 1] to (B, K) logits.
-        agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
-        images: (n, height, width) floats in [0, 1]; by default the test images of the digits.
-        labels: (n,) the true classes of `images`.
-        tile: Images in one call of the classifier; by default 16 for the shipped architecture and
-            1 for a user's own.
+    A subclass sets `parameters`, says how mu changes images and what the classifier's probabilities
+    score, and describes the arguments, which both applications share.
 
     Raises:
         UserError: If the agent, the images or the labels are not as described, there is no such
@@ -47,14 +36,13 @@ class ClassifierApplication(Application):
 
     def __init__(
         self,
-        *,
-        image: int | None = None,
-        digit: int | None = None,
-        agent: str | Path | ClassifierLike = "cnn",
-        agent_id: str | None = None,
-        images: npt.ArrayLike | None = None,
-        labels: npt.ArrayLike | None = None,
-        tile: int | None = None,
+        image: int | None,
+        digit: int | None,
+        agent: str | Path | ClassifierLike,
+        agent_id: str | None,
+        images: npt.ArrayLike | None,
+        labels: npt.ArrayLike | None,
+        tile: int | None,
     ) -> None:
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self._agent_id = agent_id

@@ -1,13 +1,6 @@
 """The card of the digits."""
 
-from sada_gym.envs.catalogue import (
-    AgentCard,
-    ApplicationCard,
-    PurityCase,
-    ReferenceSize,
-    RegistryCase,
-    Track,
-)
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CNN = AgentCard(
     "cnn",
@@ -20,12 +13,15 @@ LOADER = "sada_gym.envs.digits.agent.weights:load"
 CARD = ApplicationCard(
     name="SADA-Digits",
     application="sada_gym.envs.digits.application:DigitsApplication",
-    tracks=tuple(Track(str(digit), {"digit": digit}) for digit in range(10)),
+    tracks={str(digit): {"digit": digit} for digit in range(10)},
     agents=(CNN,),
     agent_kind="classifier",
     agent_loader=LOADER,
     packages=("scikit-learn", "torch"),
+    reference_points=20_000,
+    reference_seeds=8,
     # with the Sobol seed 0, `bayesian` with the seed 0 would begin its search at the same points
-    reference=ReferenceSize(points=20_000, seeds=8, sobol_seed=2020),
+    sobol_seed=2020,
+    suite=SuiteCard(name="digits", seeds_of={"3": 3, "8": 3}, images=0, with_rl=True),
     case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
 )

@@ -106,20 +106,16 @@ def _checked(logits: Any, count: int) -> Tensor:
     import torch
 
     if not isinstance(logits, torch.Tensor):
-        raise UserError(
-            f"Expected a tensor from the classifier, got {type(logits).__name__}. {_CONVENTION}"
+        flaw = f"a tensor from the classifier, got {type(logits).__name__}"
+    elif logits.ndim != 2 or len(logits) != count or logits.shape[1] < 2:
+        flaw = (
+            f"an output of shape ({count}, K) from the classifier, K of at least 2, got "
+            f"{tuple(logits.shape)}"
         )
-    if logits.ndim != 2 or len(logits) != count or logits.shape[1] < 2:
-        raise UserError(
-            f"Expected an output of shape ({count}, K) from the classifier, K of at least 2, got "
-            f"{tuple(logits.shape)}. {_CONVENTION}"
-        )
-    if not logits.is_floating_point():
-        raise UserError(
-            f"Expected an output of floats from the classifier, got {logits.dtype}. {_CONVENTION}"
-        )
-    if not torch.isfinite(logits).all():
-        raise UserError(
-            f"Expected finite numbers from the classifier, got NaN or infinity. {_CONVENTION}"
-        )
-    return logits
+    elif not logits.is_floating_point():
+        flaw = f"an output of floats from the classifier, got {logits.dtype}"
+    elif not torch.isfinite(logits).all():
+        flaw = "finite numbers from the classifier, got NaN or infinity"
+    else:
+        return logits
+    raise UserError(f"Expected {flaw}. {_CONVENTION}")

@@ -1,22 +1,15 @@
 """The card of self-driving."""
 
-from sada_gym.envs.catalogue import (
-    AgentCard,
-    ApplicationCard,
-    InnerTask,
-    PurityCase,
-    RegistryCase,
-    Track,
-)
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Driving",
     application="sada_gym.envs.driving.application:DrivingApplication",
-    tracks=(
-        Track("Straight", {"task": "straight"}),
-        Track("OneCurve", {"task": "one_curve"}),
-        Track("Navigation", {"task": "navigation"}),
-    ),
+    tracks={
+        "Straight": {"task": "straight"},
+        "OneCurve": {"task": "one_curve"},
+        "Navigation": {"task": "navigation"},
+    },
     same_as="Navigation",
     agents=(
         AgentCard(
@@ -40,14 +33,14 @@ CARD = ApplicationCard(
     ),
     agent_kind="driver",
     agent_loader="sada_gym.envs.driving.agent.weights:load",
-    tasks=(
-        InnerTask(
-            "SADA-DrivingTask-v0",
+    tasks={
+        "SADA-DrivingTask-v0": (
             "sada_gym.envs.driving.task:DrivingTaskEnv",
             "sada_gym.envs.driving.task:DrivingTaskVectorEnv",
-        ),
-    ),
+        )
+    },
     packages=("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
+    suite=SuiteCard(name="driving", tables=("paper-budgets", "other-agents"), seeds=3),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.driving.agent.swerving:Swerving",

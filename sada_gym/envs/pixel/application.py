@@ -90,15 +90,7 @@ class PixelApplication(ClassifierApplication):
         tile: int | None = None,
     ) -> None:
         self.radius = _checked_radius(radius)
-        super().__init__(
-            image=image,
-            digit=digit,
-            agent=agent,
-            agent_id=agent_id,
-            images=images,
-            labels=labels,
-            tile=tile,
-        )
+        super().__init__(image, digit, agent, agent_id, images, labels, tile)
         if image is None and digit is None:
             self.indices = self.indices[:1]
             self.image = int(self.indices[0])

@@ -1,18 +1,11 @@
 """The card of UAV racing."""
 
-from sada_gym.envs.catalogue import (
-    AgentCard,
-    ApplicationCard,
-    InnerTask,
-    PurityCase,
-    RegistryCase,
-    Track,
-)
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-UAV",
     application="sada_gym.envs.uav.application:UAVApplication",
-    tracks=tuple(Track(f"{anchors}Anchors", {"anchors": anchors}) for anchors in (3, 4, 5)),
+    tracks={f"{anchors}Anchors": {"anchors": anchors} for anchors in (3, 4, 5)},
     same_as="3Anchors",
     agents=(
         AgentCard(
@@ -30,14 +23,14 @@ CARD = ApplicationCard(
     ),
     agent_kind="pilot",
     agent_loader="sada_gym.envs.uav.agent.weights:load",
-    tasks=(
-        InnerTask(
-            "SADA-RacingTask-v0",
+    tasks={
+        "SADA-RacingTask-v0": (
             "sada_gym.envs.uav.task:RacingTaskEnv",
             "sada_gym.envs.uav.task:RacingTaskVectorEnv",
-        ),
-    ),
+        )
+    },
     packages=("torch", "stable-baselines3", "pybullet", "numba"),
+    suite=SuiteCard(name="racing", tables=("paper-budgets", "other-agents"), seeds=3),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.uav.agent.speechless:Speechless",

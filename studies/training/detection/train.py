@@ -16,8 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from sada_gym.agents.weights import save_weights
 from sada_gym.envs.detection.agent.network import STRIDE, Detector, boxes_at
-from sada_gym.envs.detection.agent.weights import save
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 from studies.training.detection.card import write_card
 from studies.training.detection.data import LabelledFrames, batches, training_frames
@@ -62,7 +62,7 @@ def train(recipe: DetectorRecipe, seed: int, *, checkpoint: Path | None = None) 
         took = time.perf_counter() - started
         print(f"epoch {epoch + 1}: loss {total / count:.4f}, {took:.0f} s", flush=True)
         if checkpoint is not None:
-            save(model, checkpoint)
+            save_weights(model, checkpoint)
     return model.eval().requires_grad_(False)
 
 
@@ -123,11 +123,12 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
+    arguments.out.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
     weights = arguments.out / f"{arguments.name}.safetensors"
     model = train(RECIPES[arguments.name], arguments.seed, checkpoint=weights)
     minutes = (time.perf_counter() - started) / 60
-    save(model, weights)
+    save_weights(model, weights)
     print(f"trained in {minutes:.1f} minutes on {arguments.threads} thread(s)", flush=True)
     figures = measure(model, seed=arguments.seed + 1_000)
     write_card(

@@ -18,9 +18,9 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from sada_gym.agents.weights import save_weights
 from sada_gym.determinism import one_thread
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
-from sada_gym.envs.digits.agent.weights import save
 from sada_gym.envs.digits.images import LabelledImages
 from studies.training.common import ModelCard
 from studies.training.digits.data import batches, training_images
@@ -113,7 +113,7 @@ def main() -> None:
     seconds = (time.process_time() - started) / TRAININGS
     weights = arguments.out / f"{arguments.name}.safetensors"
     arguments.out.mkdir(parents=True, exist_ok=True)
-    save(networks[arguments.seed], weights)
+    save_weights(networks[arguments.seed], weights)
     figures = {
         f"training seed {own}": measure(network, seed=arguments.seed + 1_000)
         for own, network in networks.items()

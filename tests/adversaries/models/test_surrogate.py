@@ -6,7 +6,7 @@ from threadpoolctl import threadpool_limits
 from sada_gym.adversaries.models.exact_gp import fit_weights, predict_mean
 from sada_gym.adversaries.models.sparse_gp import SparseGP
 from sada_gym.adversaries.models.surrogate import CrossFittedTrees, Surrogate
-from sada_gym.testing.landscapes import Landscape
+from studies.landscapes import Landscape
 
 
 @pytest.fixture(autouse=True)

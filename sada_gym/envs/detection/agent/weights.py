@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
+from sada_gym.agents.weights import WeightsFile, load_weights
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
@@ -12,12 +12,6 @@ _MEND = (
     "Write such a file in the repository by python -m studies.training.detection.train, or, for a "
     "detector of your own, pass the model as agent=model."
 )
-
-
-def save(detector: Detector, path: Path) -> None:
-    """Write a detector's weights."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    save_weights(detector, path)
 
 
 def load(path: Path) -> Detector:

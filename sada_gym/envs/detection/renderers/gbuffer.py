@@ -56,19 +56,19 @@ class Lamp(NamedTuple):
 
 
 class Place(NamedTuple):
-    """What surrounds the object: `Backdrop` with the buildings in sight and the ambient light."""
+    """What surrounds the object: `Backdrop` with the buildings in sight, and the ambient light."""
 
     ground: int
-    colour: Triple
-    joint: Triple
-    turn: tuple[float, float]
-    shift: tuple[float, float]
+    ground_colour: Triple
+    joint_colour: Triple
+    ground_turn: tuple[float, float]
+    ground_shift: tuple[float, float]
     tile: float
     gloss: float
+    buildings: Array
     horizon: Triple
     zenith: Triple
     ambient: Triple
-    buildings: Array
     noise: Array
 
 

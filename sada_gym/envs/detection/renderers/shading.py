@@ -48,6 +48,25 @@ def _unit(a: Triple) -> Triple:
 
 
 @inlined
+def _moved(point: Triple, direction: Triple, by: float) -> Triple:
+    return (
+        point[0] + by * direction[0],
+        point[1] + by * direction[1],
+        point[2] + by * direction[2],
+    )
+
+
+@inlined
+def _light(sun: float, ambient: float, place: Place) -> Triple:
+    """Add up shares of the sun's light and of the ambient light."""
+    return (
+        SUN[0] * sun + ambient * place.ambient[0],
+        SUN[1] * sun + ambient * place.ambient[1],
+        SUN[2] * sun + ambient * place.ambient[2],
+    )
+
+
+@inlined
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Give the share of the light that reaches a point, from the light's depth view, bilinearly."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
@@ -77,8 +96,8 @@ def _sky(height: float, place: Place) -> Triple:
 @inlined
 def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
     """Give the ground's colour at (x, y); lines thinner than a pixel's footprint fade."""
-    u = place.turn[0] * x - place.turn[1] * y + place.shift[0]
-    v = place.turn[1] * x + place.turn[0] * y + place.shift[1]
+    u = place.ground_turn[0] * x - place.ground_turn[1] * y + place.ground_shift[0]
+    v = place.ground_turn[1] * x + place.ground_turn[0] * y + place.ground_shift[1]
     fine = periodic(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 / footprint)
     shade = 1.0 + 0.22 * periodic(place.noise, v * 3.1, u * 3.1) + 0.3 * fine
     line = 0.0
@@ -99,8 +118,12 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
             line = 0.65 * min(1.0, 0.05 / footprint)
         shade *= 1.0 + 0.3 * periodic(place.noise, iv * 23.7, iu * 37.3)
     shade = max(0.2, shade)
-    colour = (place.colour[0] * shade, place.colour[1] * shade, place.colour[2] * shade)
-    return mix(colour, place.joint, line)
+    colour = (
+        place.ground_colour[0] * shade,
+        place.ground_colour[1] * shade,
+        place.ground_colour[2] * shade,
+    )
+    return mix(colour, place.joint_colour, line)
 
 
 @inlined
@@ -143,12 +166,8 @@ def _building(
     if face < 2 and column - math.floor(column) < 0.5 and 0.3 < storey - math.floor(storey) < 0.8:
         glass = place.horizon
         return best, (0.03 + 0.2 * glass[0], 0.04 + 0.2 * glass[1], 0.05 + 0.2 * glass[2])
-    slope = 0.75 * max(0.0, slope)
-    return best, (
-        box[5] * (slope * SUN[0] + 1.2 * place.ambient[0]),
-        box[6] * (slope * SUN[1] + 1.2 * place.ambient[1]),
-        box[7] * (slope * SUN[2] + 1.2 * place.ambient[2]),
-    )
+    light = _light(0.75 * max(0.0, slope), 1.2, place)
+    return best, (box[5] * light[0], box[6] * light[1], box[7] * light[2])
 
 
 @inlined
@@ -165,17 +184,11 @@ def _ground(
     glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
     glint = 1.5 * place.gloss * sun * _square(max(0.0, glint), 5)
     mirror = place.gloss * (0.04 + 0.96 * _square(1 + ray[2], 2))
-    lit = sun * toward[2]
+    light = _light(sun * toward[2], 1.0, place)
     return (
-        (1 - mirror) * albedo[0] * (SUN[0] * lit + place.ambient[0])
-        + mirror * place.horizon[0]
-        + SUN[0] * glint,
-        (1 - mirror) * albedo[1] * (SUN[1] * lit + place.ambient[1])
-        + mirror * place.horizon[1]
-        + SUN[1] * glint,
-        (1 - mirror) * albedo[2] * (SUN[2] * lit + place.ambient[2])
-        + mirror * place.horizon[2]
-        + SUN[2] * glint,
+        (1 - mirror) * albedo[0] * light[0] + mirror * place.horizon[0] + SUN[0] * glint,
+        (1 - mirror) * albedo[1] * light[1] + mirror * place.horizon[1] + SUN[1] * glint,
+        (1 - mirror) * albedo[2] * light[2] + mirror * place.horizon[2] + SUN[2] * glint,
     )
 
 
@@ -219,12 +232,8 @@ def _surface(
     mirrored = ray[2] + 2 * facing * normal[2]
     upward = 0.5 + 0.5 * normal[2]
     fresnel = 0.7 * _square(1 - min(1.0, max(0.0, facing)), 2)
-    lit = toward[2]
-    floor = (
-        place.colour[0] * (SUN[0] * lit + place.ambient[0]),
-        place.colour[1] * (SUN[1] * lit + place.ambient[1]),
-        place.colour[2] * (SUN[2] * lit + place.ambient[2]),
-    )
+    ground, light = place.ground_colour, _light(toward[2], 1.0, place)
+    floor = (ground[0] * light[0], ground[1] * light[1], ground[2] * light[2])
     around = floor
     if mirrored > 0:
         around = _sky(mirrored, place)
@@ -236,17 +245,12 @@ def _surface(
         plain + metal * 0.6 * min(1.0, 0.15 + row[2]),
     )
     matt = 1 - 0.5 * metal
-    bounce = 0.35 * (1 - upward)
+    light = _moved(_light(slope, upward, place), floor, 0.35 * (1 - upward))
+    mirror = mix(tint, (1.0, 1.0, 1.0), fresnel)
     return (
-        row[0] * matt * (SUN[0] * slope + place.ambient[0] * upward + bounce * floor[0])
-        + 0.7 * (tint[0] + (1 - tint[0]) * fresnel) * around[0]
-        + tint[0] * peak * SUN[0],
-        row[1] * matt * (SUN[1] * slope + place.ambient[1] * upward + bounce * floor[1])
-        + 0.7 * (tint[1] + (1 - tint[1]) * fresnel) * around[1]
-        + tint[1] * peak * SUN[1],
-        row[2] * matt * (SUN[2] * slope + place.ambient[2] * upward + bounce * floor[2])
-        + 0.7 * (tint[2] + (1 - tint[2]) * fresnel) * around[2]
-        + tint[2] * peak * SUN[2],
+        row[0] * matt * light[0] + 0.7 * mirror[0] * around[0] + tint[0] * peak * SUN[0],
+        row[1] * matt * light[1] + 0.7 * mirror[1] * around[1] + tint[1] * peak * SUN[1],
+        row[2] * matt * light[2] + 0.7 * mirror[2] * around[2] + tint[2] * peak * SUN[2],
     )
 
 
@@ -271,23 +275,15 @@ def _object(
 ) -> Triple:
     """Light the object at sub-pixel (j, i) of the G-buffer, seen at image-plane point (x, y)."""
     ray = _ray(camera, x, y)
-    depth = g.depth[j, i]
-    eye = camera.eye
-    point = (eye[0] + depth * ray[0], eye[1] + depth * ray[1], eye[2] + depth * ray[2])
+    point = _moved(camera.eye, ray, g.depth[j, i])
     ray = _unit(ray)
     normal = _normal(g.code[j, i, 0], g.code[j, i, 1])
     if dot(normal, ray) > 0:  # the back of an open surface
         normal = (-normal[0], -normal[1], -normal[2])
-    point = (
-        point[0] + 0.06 * normal[0],
-        point[1] + 0.06 * normal[1],
-        point[2] + 0.06 * normal[2],
-    )
-    sun = _sunlit(point, 0.05, lamp)
+    sun = _sunlit(_moved(point, normal, 0.06), 0.05, lamp)
     row = materials[min(g.code[j, i, 2], materials.shape[0] - 1)]
     colour = _surface(normal, ray, sun, row, lamp.toward, place)
-    veil = _glare(dot(ray, lamp.toward))
-    return (colour[0] + veil * SUN[0], colour[1] + veil * SUN[1], colour[2] + veil * SUN[2])
+    return _moved(colour, SUN, _glare(dot(ray, lamp.toward)))
 
 
 @kernel
@@ -334,11 +330,11 @@ def compose(
                 x, y = (i + 0.5 + shift_x) * camera.step, (shift_y - j - 0.5) * camera.step
                 ray = _unit(_ray(camera, x, y))
                 light = _background(camera.eye, ray, camera.step, lamp, place)
-                veil = _glare(dot(ray, lamp.toward))
+                light = _moved(light, SUN, _glare(dot(ray, lamp.toward)))
                 share = samples - covered
-                red += share * (light[0] + veil * SUN[0])
-                green += share * (light[1] + veil * SUN[1])
-                blue += share * (light[2] + veil * SUN[2])
+                red += share * light[0]
+                green += share * light[1]
+                blue += share * light[2]
             coverage[j, i] = covered
             scale = (TONE_STEPS - 1) / TONE_WHITE / samples
             image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]

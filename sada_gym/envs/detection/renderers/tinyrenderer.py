@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
 import threading
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from PIL import Image
 
 from sada_gym.envs.detection.backdrop import Backdrop
 from sada_gym.envs.detection.renderers.base import DEFAULT, Renderer, Rendering
-from sada_gym.envs.detection.renderers.encoding import Mesh, code_texture, encode
+from sada_gym.envs.detection.renderers.encoding import code_texture, encode
 from sada_gym.envs.detection.renderers.gbuffer import (
     GBuffer,
     KernelCamera,
@@ -55,11 +54,7 @@ corners on it overwrites what lies behind: pictures vary, or it crashes. From 13
 
 Matrix = npt.NDArray[np.float64]
 
-
-@functools.cache
-def shared_renderer() -> TinyRenderer:
-    """Give the process's one renderer: a PyBullet client costs 30 MB."""
-    return TinyRenderer()
+_EMPTY = GBuffer(0, 0, np.zeros((0, 0, 4), np.uint8), np.zeros((0, 0)), np.zeros((0, 0), np.bool_))
 
 
 class TinyRenderer(Renderer):
@@ -130,50 +125,26 @@ class TinyRenderer(Renderer):
 
     def _place(self, backdrop: Backdrop, camera: Pinhole) -> Place:
         ambient = AMBIENT * (np.array(backdrop.horizon) + np.array(backdrop.zenith))
-        return Place(
-            backdrop.ground,
-            backdrop.ground_colour,
-            backdrop.joint_colour,
-            backdrop.ground_turn,
-            backdrop.ground_shift,
-            backdrop.tile,
-            backdrop.gloss,
-            backdrop.horizon,
-            backdrop.zenith,
-            _triple(ambient),
-            _buildings_in_sight(backdrop.buildings, camera),
-            self._noise,
-        )
+        buildings = _buildings_in_sight(backdrop.buildings, camera)
+        ours = {"buildings": buildings, "ambient": _triple(ambient), "noise": self._noise}
+        return Place(**vars(backdrop) | ours)
 
     def _object(self, shape: Shape | None, camera: Pinhole, image_size: int) -> GBuffer:
         """Rasterise the object in the window of the image that it can touch."""
-        empty = GBuffer(
-            0,
-            0,
-            np.zeros((0, 0, 4), dtype=np.uint8),
-            np.zeros((0, 0)),
-            np.zeros((0, 0), dtype=np.bool_),
-        )
         if shape is None:
-            return empty
+            return _EMPTY
         self._load(shape)
         low, high = _window(shape, camera, image_size)
         if (high <= low).any():
-            return empty
+            return _EMPTY
         width, height = (int(n) for n in SUPERSAMPLING * (high - low))
         # TinyRenderer samples a pixel at its lower right corner: shift by half a sub-pixel
         offset = np.array(camera.offset) + 1 / (SUPERSAMPLING * image_size)
         corner = np.array([low[0], image_size - high[1]])
         opposite = np.array([high[0], image_size - low[1]])
-        projection = _frustum(
-            2 * corner / image_size - 1 + offset,
-            2 * opposite / image_size - 1 + offset,
-            camera.tangent,
-            NEAR,
-            FAR,
-        )
-        colour, raw, seen = self._picture(width, height, camera.matrix, projection)
-        depth = FAR * NEAR / (FAR - (FAR - NEAR) * raw.astype(np.float64))
+        start, end = (2 * pixel / image_size - 1 + offset for pixel in (corner, opposite))
+        projection = _frustum(start, end, camera.tangent, NEAR, FAR)
+        colour, depth, seen = self._picture(width, height, camera, projection, NEAR, FAR)
         return GBuffer(int(low[0]), int(low[1]), colour, depth, seen)
 
     def _light_depth(self, shape: Shape | None, centre: Matrix, axes: Matrix) -> Matrix:
@@ -185,21 +156,19 @@ class TinyRenderer(Renderer):
             centre + LIGHT_DISTANCE * axes[2], axes, LIGHT_HALF / LIGHT_DISTANCE, (0.0, 0.0)
         )
         near, far = LIGHT_DISTANCE - 4.0, LIGHT_DISTANCE + 4.0
-        projection = _frustum(
-            np.array([-1.0, -1.0]), np.array([1.0, 1.0]), camera.tangent, near, far
-        )
-        _, raw, seen = self._picture(LIGHT_SIZE, LIGHT_SIZE, camera.matrix, projection)
-        depth = far * near / (far - (far - near) * raw.astype(np.float64))
+        projection = _frustum(-np.ones(2), np.ones(2), camera.tangent, near, far)
+        _, depth, seen = self._picture(LIGHT_SIZE, LIGHT_SIZE, camera, projection, near, far)
         return np.where(seen, LIGHT_DISTANCE - depth, -np.inf)
 
     def _picture(
-        self, width: int, height: int, pose: Matrix, projection: Matrix
-    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        self, width: int, height: int, camera: Pinhole, projection: Matrix, near: float, far: float
+    ) -> tuple[npt.NDArray[np.uint8], Matrix, npt.NDArray[np.bool_]]:
+        """Draw the codes, the depth along the viewing axis, and where the object is seen."""
         bullet = self._bullet
-        _, _, colour, depth, bodies = bullet.getCameraImage(
+        _, _, colour, raw, bodies = bullet.getCameraImage(
             width,
             height,
-            pose.T.ravel().tolist(),
+            camera.matrix.T.ravel().tolist(),
             projection.T.ravel().tolist(),
             lightDirection=(0, 0, 1),
             lightColor=(1, 1, 1),
@@ -211,11 +180,8 @@ class TinyRenderer(Renderer):
             physicsClientId=self._client,
         )
         shape = (height, width)
-        return (
-            np.reshape(colour, (*shape, 4)),
-            np.reshape(depth, shape),
-            np.reshape(bodies, shape) >= 0,
-        )
+        depth = far * near / (far - (far - near) * np.reshape(raw, shape).astype(np.float64))
+        return np.reshape(colour, (*shape, 4)), depth, np.reshape(bodies, shape) >= 0
 
     def _load(self, shape: Shape) -> None:
         if shape is self._shape:
@@ -225,9 +191,8 @@ class TinyRenderer(Renderer):
             bullet.removeBody(body, physicsClientId=self._client)
         self._shape, self._bodies = None, []
         if shape not in self._visuals and self._is_full(shape):
-            bullet.resetSimulation(
-                physicsClientId=self._client
-            )  # nothing less frees a visual shape
+            # nothing less frees a visual shape
+            bullet.resetSimulation(physicsClientId=self._client)
             self._visuals.clear()
             self._texture = self._load_texture()
         if shape not in self._visuals:
@@ -245,33 +210,28 @@ class TinyRenderer(Renderer):
         return bool(self._visuals) and (len(self._visuals) == VISUALS or faces > FACES)
 
     def _create_visuals(self, shape: Shape) -> list[int]:
-        mesh = encode(shape)
-        parts = [slice(start, start + CORNERS) for start in range(0, len(mesh.corners), CORNERS)]
-        return [
-            self._create_visual(
-                Mesh(mesh.corners[part], mesh.texture[part], mesh.normals[part]), shape
+        mesh: tuple[npt.NDArray[Any], ...] = encode(shape)
+        visuals = []
+        for start in range(0, len(mesh[0]), CORNERS):
+            corners, codes, normals = (
+                rows.fill(values[start : start + CORNERS])
+                for rows, values in zip(self._rows, mesh, strict=True)
             )
-            for part in parts
-        ]
-
-    def _create_visual(self, mesh: Mesh, shape: Shape) -> int:
-        corners = self._rows[0].fill(mesh.corners)
-        codes = self._rows[1].fill(mesh.texture)
-        normals = self._rows[2].fill(mesh.normals)
-        indices = list(range(len(corners)))
-        visual = self._bullet.createVisualShape(
-            self._bullet.GEOM_MESH,
-            vertices=corners,
-            indices=indices,
-            uvs=codes,
-            normals=normals,
-            rgbaColor=(1, 1, 1, 1),
-            flags=self._bullet.VISUAL_SHAPE_DOUBLE_SIDED if shape.double_sided else 0,
-            physicsClientId=self._client,
-        )
-        for values in (corners, codes, normals, indices):
-            values.clear()
-        return int(visual)
+            indices = list(range(len(corners)))
+            visual = self._bullet.createVisualShape(
+                self._bullet.GEOM_MESH,
+                vertices=corners,
+                indices=indices,
+                uvs=codes,
+                normals=normals,
+                rgbaColor=(1, 1, 1, 1),
+                flags=self._bullet.VISUAL_SHAPE_DOUBLE_SIDED if shape.double_sided else 0,
+                physicsClientId=self._client,
+            )
+            for given in (corners, codes, normals, indices):
+                given.clear()
+            visuals.append(int(visual))
+        return visuals
 
     def _load_texture(self) -> int:
         with tempfile.TemporaryDirectory() as folder:

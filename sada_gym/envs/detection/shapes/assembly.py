@@ -90,16 +90,7 @@ def _shape(
 
 
 def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices, _Indices]:
-    """Let a part's faces share vertices that lie together, drops empty faces, turns parts outward.
-
-    Args:
-        points: (v, 3).
-        faces: (f, 3).
-        owner: (f,) number of the part that a face belongs to.
-
-    Returns:
-        The remaining faces and their owners.
-    """
+    """Let a part's faces share vertices that lie together, drop empty faces, turn parts outward."""
     part = np.zeros(len(points))
     part[faces.ravel()] = np.repeat(owner, 3)
     span = float(np.ptp(points, axis=0).max()) or 1.0
@@ -150,15 +141,10 @@ def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
     """Give for each of the 3 f corners the number of the group whose normal it shares."""
     count = len(faces)
     corner = np.arange(3 * count).reshape(-1, 3)
-    start, end = faces, np.roll(faces, -1, axis=1)
-    forward = start < end
-    ends = np.stack([np.where(forward, start, end), np.where(forward, end, start)], -1).reshape(
-        -1, 2
-    )
-    after = np.roll(corner, -1, axis=1)
-    at = np.stack([np.where(forward, corner, after), np.where(forward, after, corner)], -1).reshape(
-        -1, 2
-    )
+    # the two vertices of each edge, the lower number first, and the corners where they lie
+    ends, at = (np.stack([row, np.roll(row, -1, axis=1)], -1) for row in (faces, corner))
+    order = ends.argsort(axis=-1)
+    ends, at = (np.take_along_axis(pair, order, -1).reshape(-1, 2) for pair in (ends, at))
     order = np.lexsort((ends[:, 1], ends[:, 0]))
     ends, at = ends[order], at[order]
     joined = (ends[1:] == ends[:-1]).all(axis=1)

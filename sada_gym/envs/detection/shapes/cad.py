@@ -66,8 +66,26 @@ def load_class(
             f"Expected a folder {object_class!r} in {root}, got {', '.join(folders)}. "
             "Add it or choose another object_class."
         )
-    rotation = _orientation(root / "shapes.json").rotation()
-    return _load_class(root, folders[object_class], rotation, skip_unreadable)
+    folder, rotation = root / object_class, _orientation(root / "shapes.json").rotation()
+    shapes = []
+    for file in _mesh_files(folder):
+        name = file.relative_to(root).as_posix()
+        try:
+            shapes.append(_load_shape(file, name, object_class, rotation))
+        except UserError as error:
+            mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
+            message = (
+                f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
+            )
+            if not skip_unreadable:
+                raise UserError(message) from error
+            warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=2)
+    if not shapes:
+        raise UserError(
+            f"Expected at least one mesh of class {object_class!r} in {folder}, got none; add "
+            f"one of {', '.join(MESH_SUFFIXES)} or remove the folder."
+        )
+    return tuple(shapes)
 
 
 def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str, tuple[Shape, ...]]:
@@ -92,11 +110,9 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
             unknown type or, unless `skip_unreadable`, cannot be read or is empty, too large or not
             finite.
     """
-    root, folders = Path(path), _class_folders(Path(path))
-    rotation = _orientation(root / "shapes.json").rotation()
     return {
-        name: _load_class(root, folder, rotation, skip_unreadable)
-        for name, folder in folders.items()
+        name: load_class(path, name, skip_unreadable=skip_unreadable)
+        for name in _class_folders(Path(path))
     }
 
 
@@ -104,57 +120,31 @@ def fingerprint(shapes: Iterable[Shape]) -> str:
     """Give the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
     digest = hashlib.sha256()
     for shape in shapes:
-        for text in (shape.object_class, shape.name):
-            encoded = text.encode()
-            digest.update(len(encoded).to_bytes(8, "little") + encoded)
-        arrays = (
+        for content in (
+            shape.object_class.encode(),
+            shape.name.encode(),
             shape.vertices.astype("<f4"),
             shape.normals.astype("<f4"),
             shape.faces.astype("<i4"),
             shape.materials.astype("u1"),
-        )
-        for array in arrays:
-            digest.update(len(array).to_bytes(8, "little") + array.tobytes())
+        ):
+            digest.update(len(content).to_bytes(8, "little") + bytes(content))
     return digest.hexdigest()
 
 
-def _class_folders(root: Path) -> dict[str, Path]:
+def _class_folders(root: Path) -> list[str]:
     if not root.is_dir():
         raise UserError(
             f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
             "that holds one folder a class."
         )
-    folders = sorted(entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry))
+    folders = [entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry)]
     if not folders:
         raise UserError(
             f"Expected {root} to hold one folder a class, got none; move the files to a folder "
             f"such as {root / 'car'}."
         )
-    return {folder.name: folder for folder in folders}
-
-
-def _load_class(
-    root: Path, folder: Path, rotation: npt.NDArray[np.float64], skip_unreadable: bool
-) -> tuple[Shape, ...]:
-    shapes = []
-    for file in _mesh_files(folder):
-        name = file.relative_to(root).as_posix()
-        try:
-            shapes.append(_load_shape(file, name, folder.name, rotation))
-        except UserError as error:
-            mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
-            message = (
-                f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
-            )
-            if not skip_unreadable:
-                raise UserError(message) from error
-            warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=3)
-    if not shapes:
-        raise UserError(
-            f"Expected at least one mesh of class {folder.name!r} in {folder}, got none; add "
-            f"one of {', '.join(MESH_SUFFIXES)} or remove the folder."
-        )
-    return tuple(shapes)
+    return sorted(folder.name for folder in folders)
 
 
 def _load_shape(

@@ -9,23 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sada_gym.envs.detection.catalogue import CARD
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import FileError, UserError
 
-CLASSES = (
-    "aeroplane",
-    "bench",
-    "bicycle",
-    "boat",
-    "bottle",
-    "bus",
-    "car",
-    "chair",
-    "diningtable",
-    "motorbike",
-    "train",
-    "truck",
-)
+CLASSES: tuple[str, ...] = tuple(track["object_class"] for track in CARD.tracks.values())
 """The paper's 12 classes, in the order of their labels."""
 
 FILE = Path(__file__).with_name("benchmark.npz")
@@ -90,11 +78,7 @@ def find_shape(name: str) -> Shape | None:
 
 
 def _verified(path: Path) -> bytes:
-    """Read the file.
-
-    Raises:
-        FileError: If there is no such file, or its SHA-256 differs from the recorded one.
-    """
+    """Read the file, and refuse one that is not the recorded one."""
     if not path.is_file():
         raise FileError(
             f"Expected the benchmark's shapes in {path}, got no such file. Install the package "

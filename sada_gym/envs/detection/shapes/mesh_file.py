@@ -50,10 +50,7 @@ def _read(file: Path) -> trimesh.Trimesh:
     if suffix == ".obj":
         _refuse_vertex_zero(content)
     scene = trimesh.load_scene(
-        BytesIO(content),
-        file_type=suffix[1:],
-        process=False,
-        skip_materials=True,
+        BytesIO(content), file_type=suffix[1:], process=False, skip_materials=True
     )
     _check_faces(scene)
     solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]

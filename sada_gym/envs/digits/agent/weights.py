@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
+from sada_gym.agents.weights import WeightsFile, load_weights
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
 
 _MEND = (
     "Write such a file in the repository by python -m studies.training.digits.train, or, for a "
     "classifier of your own, pass the model as agent=model."
 )
-
-
-def save(network: DigitNetwork, path: Path) -> None:
-    """Write a classifier's weights."""
-    save_weights(network, path)
 
 
 def load(path: Path) -> DigitNetwork:

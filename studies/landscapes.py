@@ -1,4 +1,4 @@
-"""A synthetic landscape with random worlds: as in detection, each has a random shape."""
+"""A synthetic landscape with random worlds in which each evaluation draws a shape."""
 
 from __future__ import annotations
 
