@@ -67,6 +67,24 @@ def dot(a: Triple, b: Triple) -> float:
 
 
 @inlined
+def scaled(a: Triple, share: float) -> Triple:
+    """Give a share of a colour."""
+    return share * a[0], share * a[1], share * a[2]
+
+
+@inlined
+def plus(a: Triple, b: Triple, share: float) -> Triple:
+    """Add a share of b to a."""
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@inlined
+def times(a: Triple, b: Triple) -> Triple:
+    """Multiply two colours, channel by channel."""
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@inlined
 def mix(a: Triple, b: Triple, share: float) -> Triple:
     """Mix two colours, `share` of them b."""
     return (

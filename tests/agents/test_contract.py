@@ -7,9 +7,9 @@ from sada_gym.agents.contract import Agent, as_agent, known_as
 from sada_gym.envs.detection.detector import DetectorAgent
 from sada_gym.envs.digits.classifier import ClassifierAgent
 from sada_gym.envs.driving.agent.driver import as_driver
-from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
+from studies.training.driving.privileged import PrivilegedDriver
 
 MAKERS = {
     "SADA-Detection": DetectorAgent,

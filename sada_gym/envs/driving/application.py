@@ -14,7 +14,7 @@ from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
-from sada_gym.envs.driving.world.weather import NAMES, WEATHERS
+from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
@@ -113,7 +113,7 @@ class DrivingApplication(EpisodesApplication[Drives]):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         # the seed fixes the rain alone: a dry world is the same for all, and is driven once
         worlds = [
-            (mount, weather, seed if WEATHERS[weather].rain else None)
+            (mount, weather, seed if LIGHTS[weather].rain else None)
             for (mount, weather), seed in zip(map(self.camera_and_weather, mu), seeds, strict=True)
         ]
         first = {world: i for i, world in reversed([*enumerate(worlds)])}

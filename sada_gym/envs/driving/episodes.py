@@ -59,7 +59,7 @@ class Start:
     Attributes:
         route: The route to drive.
         mount: How its camera is mounted.
-        weather: An index into `WEATHERS`.
+        weather: An index into `LIGHTS`.
         seed: The number that fixes the rain.
         lateral_m: The car's place, to the right of its lane's middle.
         turned_rad: The angle by which the car is turned to the right.

@@ -118,8 +118,8 @@ def _map(
     for way in ways.values():
         draw.line(way, fill=_DRIVEN, width=max(2, round(0.7 * unit)))
     for i, route in routes.items():
-        _dot(draw, route[0], 1.3 * unit, (255, 255, 255))
-        _dot(draw, route[-1], 1.3 * unit, (34, 197, 94))
+        draw.circle(route[0], 1.3 * unit, (255, 255, 255), INK)
+        draw.circle(route[-1], 1.3 * unit, (34, 197, 94), INK)
         for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
             draw.text(
                 (x + 2.2 * unit, y - 2.2 * unit),
@@ -139,7 +139,7 @@ def _map(
                 ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
                 draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
         elif not over:
-            _dot(draw, (x, y), 1.3 * unit, _DRIVEN)
+            draw.circle((x, y), 1.3 * unit, _DRIVEN, INK)
     return picture
 
 
@@ -148,7 +148,7 @@ class _Chart:
     """The town from above.
 
     Attributes:
-        picture: The picture; it must not be drawn into.
+        picture: The picture.
         corner: World coordinates of its upper left corner.
         pixel_m: The size of its pixels.
     """
@@ -165,44 +165,29 @@ class _Chart:
 @cache
 def _chart(width: int) -> _Chart:
     """Draw the benchmark's town without its outskirts."""
-    of = camera(LAYOUT)
-    texel = of.ground.texel_m * 2**_MAP_LEVEL
+    whole = _plan(camera(LAYOUT))
+    texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
-    low = np.floor((corners.min(axis=0) - _EDGE_M - of.ground.origin) / texel)
-    high = np.floor((corners.max(axis=0) + _EDGE_M - of.ground.origin) / texel)
-    whole = Image.fromarray(_plan(of)).crop((*low.astype(int), *high.astype(int)))
-    shown = whole.resize((width, round(whole.height * width / whole.width)), Image.Resampling.BOX)
-    return _Chart(shown, of.ground.origin + low * texel, texel * whole.width / width)
+    low = np.floor((corners.min(axis=0) - _EDGE_M - whole.corner) / texel)
+    high = np.floor((corners.max(axis=0) + _EDGE_M - whole.corner) / texel)
+    part = whole.picture.crop((*low.astype(int), *high.astype(int)))
+    shown = part.resize((width, round(part.height * width / part.width)), Image.Resampling.BOX)
+    return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def _plan(of: TownCamera) -> npt.NDArray[np.uint8]:
+def _plan(of: TownCamera) -> _Chart:
     """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
+    chart = _Chart(picture, of.ground.origin, of.ground.texel_m * 2**_MAP_LEVEL)
     draw = ImageDraw.Draw(picture)
-    texel = of.ground.texel_m * 2**_MAP_LEVEL
-
-    def pixels(points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
-        return [(float(x), float(y)) for x, y in (points - of.ground.origin) / texel]
-
     for kind, x, y, ax, ay, length, width, _, *colour, _ in of.scenery.objects:
         fill = tuple(int(255 * np.sqrt(0.8 * c)) for c in colour)
         if kind == BUILDING:
             axis, across = np.array([ax, ay]), np.array([-ay, ax])
             signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
             corners = np.array([(x, y) + u * length * axis + v * width * across for u, v in signs])
-            draw.polygon(pixels(corners), fill=fill)
+            draw.polygon(chart.pixels(corners), fill=fill)
         else:
             round_it = np.array([[x - length, y - length], [x + length, y + length]])
-            draw.ellipse(pixels(round_it), fill=fill)
-    roofed: npt.NDArray[np.uint8] = np.asarray(picture)
-    return roofed
-
-
-def _dot(
-    draw: ImageDraw.ImageDraw,
-    place: tuple[float, float],
-    radius: float,
-    colour: tuple[int, int, int],
-) -> None:
-    x, y = place
-    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=INK)
+            draw.ellipse(chart.pixels(round_it), fill=fill)
+    return chart

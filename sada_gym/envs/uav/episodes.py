@@ -210,7 +210,10 @@ class Races(Episodes[Start]):
         actions[lost] = 0.0
         actions = np.clip(actions, -1.0, 1.0)
         flying = self.next_gate[which] < self.gates.shape[1]
-        self._fly(which[flying], actions[flying])
+        for number, world in enumerate(self._worlds):
+            here = flying & (which // SLOTS == number)
+            if here.any():
+                self._fly(world, which[here], actions[here])
         self._miss_lost_and_late(which[flying])
         for i in which[self.next_gate[which] == self.gates.shape[1]].tolist():
             # it would fall to the ground, and cost the others time there
@@ -221,14 +224,7 @@ class Races(Episodes[Start]):
         for world in self._worlds:
             world.close()
 
-    def _fly(self, which: Indices, actions: Array) -> None:
-        """Let drones fly, world by world."""
-        for number, world in enumerate(self._worlds):
-            here = which // SLOTS == number
-            if here.any():
-                self._fly_in(world, which[here], actions[here])
-
-    def _fly_in(self, world: BulletWorld, which: Indices, actions: Array) -> None:
+    def _fly(self, world: BulletWorld, which: Indices, actions: Array) -> None:
         slots = (which % SLOTS).tolist()
         states, gates = self.states[which], self.gates[which]
         near = frames_near(gates, states)

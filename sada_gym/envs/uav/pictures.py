@@ -13,7 +13,7 @@ from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Start
-from sada_gym.envs.uav.world.drone import headings
+from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.track import line
 
@@ -99,7 +99,7 @@ def _pair(
     rollout: Rollout[Start], step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
 ) -> Image.Image:
     state = rollout["states"][step]
-    drone = np.array([*state[:2], headings(state[None])[0]])
+    drone = np.array([*state[:2], heading_of(*state[3:7])])
     plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(endings, ways, drone)
     return beside(Image.fromarray(observation(rollout.start, state)), plan)
 

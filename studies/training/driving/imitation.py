@@ -15,10 +15,10 @@ from stable_baselines3 import PPO
 from torch import Tensor
 
 from sada_gym.envs.driving.agent.network import new_model
-from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import Drives, Ending
 from studies.training.common import Imitation
+from studies.training.driving.privileged import PrivilegedDriver
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from torch import Tensor
 
 from sada_gym.agents.tile import Batch
-from sada_gym.envs.uav.agent.drone_frame import in_drone, motion
+from sada_gym.envs.uav.agent.drone_frame import motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
@@ -22,6 +22,7 @@ from sada_gym.envs.uav.episodes import Ending, Races
 from studies.training.common import Imitation
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters
+from studies.training.uav.answers import in_drone
 
 _PUSHES, _PUSH, _FADE = 0.06, 0.35, 0.85
 """How often a drone is pushed off its way, how hard (1: all it can), what is left a step later."""

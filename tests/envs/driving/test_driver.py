@@ -21,13 +21,13 @@ from sada_gym import agents
 from sada_gym.agents.policy import POLICY_TILE
 from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.network import new_model
-from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, Drives
 from sada_gym.envs.driving.task import DrivingTaskEnv
 from sada_gym.sb3 import SB3VecEnv
+from studies.training.driving.privileged import PrivilegedDriver
 
 SMALL = {
     "policy_kwargs": {"net_arch": [8]},

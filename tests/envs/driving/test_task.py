@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sada_gym.envs.driving.agent.privileged import PrivilegedDriver
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.course import Course
 from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M, Drives, Ending
 from sada_gym.envs.driving.task import DrivingTaskEnv
+from studies.training.driving.privileged import PrivilegedDriver
 
 
 def test_good_driving_is_rewarded_and_leaving_the_lane_is_not():

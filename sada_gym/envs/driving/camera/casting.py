@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.arrays import Array, TownArrays
+from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M, Array, TownArrays
+from sada_gym.envs.driving.camera.scenery import CELL_M
 
 REACH_M = 160.0
 """Upright objects are seen up to this distance."""
@@ -25,9 +26,10 @@ def cast(
     beside a trunk it passes, and the angle's cosine between the wall's normal and north (x).
     Returns their number.
     """
-    objects, first, items, cell = town.objects, town.first, town.items, town.cell_m
-    rows, columns = town.cells[0], town.cells[1]
-    px, py = (x - town.origin[0]) / cell, (y - town.origin[1]) / cell
+    objects, first, items = town.scenery.objects, town.scenery.first, town.scenery.items
+    rows, columns = town.scenery.cells[0], town.scenery.cells[1]
+    left, top = town.scenery.origin[0], town.scenery.origin[1]
+    px, py = (x - left) / CELL_M, (y - top) / CELL_M
     column, row = math.floor(px), math.floor(py)
     step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     per_x = abs(1.0 / dx) if abs(dx) > 1e-12 else 1e30
@@ -35,8 +37,8 @@ def cast(
     next_x = ((column + 1 - px) if dx > 0 else (px - column)) * per_x
     next_y = ((row + 1 - py) if dy > 0 else (py - row)) * per_y
     count, entered = 0, 0.0
-    while entered * cell < reach:
-        if count == MOST_HITS and hits[count - 1, 0] < entered * cell:
+    while entered * CELL_M < reach:
+        if count == MOST_HITS and hits[count - 1, 0] < entered * CELL_M:
             break
         if 0 <= column < columns and 0 <= row < rows:
             at = row * columns + column
@@ -103,23 +105,24 @@ def sunlit(
     """Mark where the sun reaches the ground: 255, or 0 in a shadow."""
     flat = math.hypot(sun_x, sun_y)
     rise = sun_z / flat
+    objects = town.scenery.objects
     hits = np.empty((MOST_HITS, 4))
     for row in range(shade.shape[0]):
-        y = town.origin[1] + (row + 0.5) * town.shade_texel_m
+        y = town.ground.origin[1] + (row + 0.5) * SHADE_TEXEL_M
         for column in range(shade.shape[1]):
-            x = town.origin[0] + (column + 0.5) * town.shade_texel_m
+            x = town.ground.origin[0] + (column + 0.5) * SHADE_TEXEL_M
             met = cast(x, y, sun_x / flat, sun_y / flat, 25.0 / rise, town, hits)
             light = 255
             for k in range(met):
                 i = int(hits[k, 1])
                 z = hits[k, 0] * rise
-                if town.objects[i, 0] == 0.0:
-                    if z < town.objects[i, 7]:
+                if objects[i, 0] == 0.0:
+                    if z < objects[i, 7]:
                         light = 0
                 else:
-                    tall = 1.25 * town.objects[i, 5]
-                    up = (z - town.objects[i, 7] + tall) / tall
-                    across = hits[k, 2] / town.objects[i, 5]
+                    tall = 1.25 * objects[i, 5]
+                    up = (z - objects[i, 7] + tall) / tall
+                    across = hits[k, 2] / objects[i, 5]
                     if across * across + up * up < 0.9:
                         light = min(light, 70)
             shade[row, column] = light

@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.arrays import Array, Light, TownArrays, light_of
+from sada_gym.envs.driving.camera.arrays import Array, TownArrays
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
 from sada_gym.envs.driving.camera.rain import draw_rain
 from sada_gym.envs.driving.camera.sky import sky_colour
 from sada_gym.envs.driving.camera.surface import ground_colour, mirrored_share
 from sada_gym.envs.driving.camera.uprights import first_upright
-from sada_gym.envs.pixels import TONE_WHITE, mix
+from sada_gym.envs.driving.world.weather import Light
+from sada_gym.envs.pixels import TONE_WHITE, mix, plus
 
 
 @uncounted
@@ -41,10 +42,9 @@ def _draw(
     counts: npt.NDArray[np.int64],
 ) -> None:
     # looked up once: taking an array out of the tuple costs as much as a texel
-    texels, offset, shape, texel_m = town.texels, town.offset, town.shape, town.texel_m
-    objects, clouds, tone = town.objects, town.clouds, town.tone
-    shade_texel_m = town.shade_texel_m
-    left, top = town.origin[0], town.origin[1]
+    texels, offset, shape = town.ground.texels, town.ground.offset, town.ground.shape
+    objects, clouds, tone = town.scenery.objects, town.clouds, town.tone
+    left, top = town.ground.origin[0], town.ground.origin[1]
     rows, columns = picture.shape[0], picture.shape[1]
     planes = counts.shape[0]
     for a in range(planes):
@@ -76,9 +76,7 @@ def _draw(
                     texels,
                     offset,
                     shape,
-                    texel_m,
                     shade,
-                    shade_texel_m,
                     x - left,
                     y - top,
                     dx,
@@ -115,11 +113,7 @@ def _draw(
                 cosine = (dx * light.sun_x + dy * light.sun_y + slope * light.sun_z) / length
                 if cosine > 0.0:
                     veil = 0.16 * dazzle * cosine**10
-                    colour = (
-                        colour[0] + veil * light.sun[0],
-                        colour[1] + veil * light.sun[1],
-                        colour[2] + veil * light.sun[2],
-                    )
+                    colour = plus(colour, light.sun, veil)
             for channel in range(3):
                 level = min(int(colour[channel] * (last / TONE_WHITE)), last)
                 picture[row, column, channel] = tone[level]
@@ -133,7 +127,8 @@ def draw_all(
     rays_of: npt.NDArray[np.int64],
     poses: Array,
     ahead: float,
-    weathers: Array,
+    lights: tuple[Light, ...],
+    weathers: npt.NDArray[np.int64],
     pixel: float,
     half_angle: float,
     planes: int,
@@ -147,14 +142,14 @@ def draw_all(
     order (n,) in which they are drawn: neighbours one after another find the same ground in the
     processor's cache; rays (m, h, w, 4): forward and right share of each pixel's azimuth, slope,
     and its plane; rays_of (n,) which of them each camera has; poses (n, 4): the cars' x, y and
-    heading, and the cameras' height; ahead: from a car's middle to its camera; weathers (n, 22);
-    shades (k, ...) where the sun reaches the ground, shade_of (n,) which of them; keys (n,) fix
-    the rain.
+    heading, and the cameras' height; ahead: from a car's middle to its camera; lights: those of
+    all weathers; weathers (n,) which of them; shades (k, ...) where the sun reaches the ground,
+    shade_of (n,) which of them; keys (n,) fix the rain.
     """
     hits, sun_hits = np.empty((planes, MOST_HITS, 4)), np.empty((MOST_HITS, 4))
     counts = np.zeros(planes, np.int64)
     for i in order:
-        light = light_of(weathers[i])
+        light = lights[weathers[i]]
         x, y, heading, height = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3]
         _draw(
             pictures[i],

@@ -6,7 +6,7 @@ square roots in bytes, which spends the bytes where the eye does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +37,7 @@ _DRY_GRASS = (0.17, 0.15, 0.06)
 Array = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Ground:
+class Ground(NamedTuple):
     """A mip-mapped picture of the ground.
 
     Attributes:

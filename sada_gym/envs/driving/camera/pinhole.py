@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from sada_gym.envs.driving.camera.arrays import TownArrays
+from sada_gym.envs.driving.camera.arrays import SHADE_LEVEL, TownArrays
 from sada_gym.envs.driving.camera.casting import sunlit
 from sada_gym.envs.driving.camera.drawing import draw_all
-from sada_gym.envs.driving.camera.ground import Ground, paint
-from sada_gym.envs.driving.camera.scenery import CELL_M, Scenery, furnish
+from sada_gym.envs.driving.camera.ground import paint
+from sada_gym.envs.driving.camera.scenery import furnish
 from sada_gym.envs.driving.world.town import town
-from sada_gym.envs.driving.world.weather import WEATHERS
+from sada_gym.envs.driving.world.weather import LIGHTS
 from sada_gym.envs.pixels import pixel_size, ranked, tone_table
 
 FIELD_OF_VIEW_DEG = 100.0
@@ -24,7 +24,6 @@ FORWARD_M = 2.0
 HALF_ANGLE_DEG = 62.0
 """Half the angle of the fan of vertical planes: a little more than the picture's corners need."""
 
-_SHADE_LEVEL = 2
 _NEAR_M = 10.0
 """Cameras that stand within this distance are drawn one after another, which is faster."""
 
@@ -82,12 +81,11 @@ class TownCamera:
         place = town(layout_name)
         self.ground = paint(place)
         self.scenery = furnish(place, self.ground)
-        self.town = _town_arrays(self.ground, self.scenery)
-        suns = [tuple(weather.numbers[:3]) for weather in WEATHERS]
+        self.town = TownArrays(self.ground, self.scenery, _clouds(), tone_table(2048, exposure=1.3))
+        suns = [light[:3] for light in LIGHTS]
         different = list(dict.fromkeys(suns))
         self._shades = np.stack([self._shade(sun) for sun in different])
         self._shade_of = np.array([different.index(sun) for sun in suns])
-        self._light = np.array([weather.numbers for weather in WEATHERS])
 
     def draw(
         self,
@@ -105,7 +103,7 @@ class TownCamera:
             rays: (m, rows, columns, 4) of the lens, at each pitch that occurs.
             rays_of: (n,) which of them each camera has.
             poses: (n, 4): the car's x, y and heading, and the camera's height.
-            weathers: (n,) indices into `WEATHERS`.
+            weathers: (n,) indices into `LIGHTS`.
             keys: (n,) what fixes the rain.
 
         Returns:
@@ -119,7 +117,8 @@ class TownCamera:
             rays_of,
             poses,
             FORWARD_M,
-            self._light[weathers],
+            LIGHTS,
+            weathers,
             lens.pixel,
             np.deg2rad(HALF_ANGLE_DEG),
             lens.planes,
@@ -138,7 +137,7 @@ class TownCamera:
         return texels[:, :3].reshape(rows, columns, 3)
 
     def _shade(self, sun: tuple[float, float, float]) -> npt.NDArray[np.uint8]:
-        shade = np.empty(tuple(self.ground.shape[_SHADE_LEVEL]), np.uint8)
+        shade = np.empty(tuple(self.ground.shape[SHADE_LEVEL]), np.uint8)
         sunlit(shade, *sun, self.town)
         soft: npt.NDArray[np.uint8] = gaussian_filter(shade, 0.6)
         return soft
@@ -150,7 +149,7 @@ def camera(layout_name: str) -> TownCamera:
     return TownCamera(layout_name)
 
 
-def _town_arrays(ground: Ground, scenery: Scenery) -> TownArrays:
+def _clouds() -> npt.NDArray[np.float32]:
     clouds = gaussian_filter(np.random.default_rng(1).normal(size=(256, 256)), 2.0, mode="wrap")
     clouds += (
         0.35
@@ -158,18 +157,4 @@ def _town_arrays(ground: Ground, scenery: Scenery) -> TownArrays:
         * clouds.std()
         / 0.4
     )
-    return TownArrays(
-        texels=ground.texels,
-        offset=ground.offset,
-        shape=ground.shape,
-        texel_m=ground.texel_m,
-        objects=scenery.objects,
-        first=scenery.first,
-        items=scenery.items,
-        cells=scenery.cells,
-        cell_m=CELL_M,
-        origin=ground.origin,
-        clouds=ranked(clouds).astype(np.float32),
-        tone=tone_table(2048, exposure=1.3),
-        shade_texel_m=ground.texel_m * 2**_SHADE_LEVEL,
-    )
+    return ranked(clouds).astype(np.float32)

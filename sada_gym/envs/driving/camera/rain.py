@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel
-from sada_gym.envs.driving.camera.arrays import Light
+from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import clip, splitmix, uniform
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,8 +33,7 @@ _LEAVES = ((0.06, 0.16, 0.03), (0.09, 0.18, 0.04), (0.05, 0.12, 0.04), (0.13, 0.
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Scenery:
+class Scenery(NamedTuple):
     """Upright objects and a grid that finds them.
 
     Attributes:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.arrays import Light
-from sada_gym.envs.pixels import Triple, clip, mix, periodic
+from sada_gym.envs.driving.world.weather import Light
+from sada_gym.envs.pixels import Triple, clip, mix, periodic, plus, scaled, times
 
 
 @inlined
@@ -23,7 +23,7 @@ def sky_colour(
     noise = periodic(clouds, 9.0 * dx * flat + 40.0, 9.0 * dy * flat + 40.0)
     share = clip(3.0 * (noise - 1.0 + light.cover)) if light.cover < 1.0 else 1.0
     shade = 0.82 + 0.36 * noise if light.cover >= 1.0 else 1.0
-    cloud = (light.cloud[0] * shade, light.cloud[1] * shade, light.cloud[2] * shade)
+    cloud = scaled(light.cloud, shade)
     fade = clip(6.0 * slope)  # clouds melt into the haze low down
     colour = mix(colour, cloud, 0.85 * share * (0.35 + 0.65 * fade))
     cosine = (dx * light.sun_x + dy * light.sun_y + slope * light.sun_z) * (
@@ -33,13 +33,9 @@ def sky_colour(
         glow = cosine**24
         disc = 9.0 * clip(1200.0 * (cosine - 0.9985))
         power = (0.45 * glow + disc) * (1.0 - light.cover)
-        colour = (
-            colour[0] + power * light.sun[0],
-            colour[1] + power * light.sun[1],
-            colour[2] + power * light.sun[2],
-        )
+        colour = plus(colour, light.sun, power)
     # no hill is higher than 0.047: most of the sky need not ask
     if slope < 0.047 and slope < 0.012 + 0.035 * periodic(clouds, 20.0 * dx, 20.0 * dy):
-        wood = (0.05 * light.ambient[0], 0.08 * light.ambient[1], 0.05 * light.ambient[2])
+        wood = times((0.05, 0.08, 0.05), light.ambient)
         colour = mix(wood, light.horizon, 1.0 - math.exp(-450.0 * light.haze))
     return colour

@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.arrays import Light
-from sada_gym.envs.pixels import Triple, clip
+from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M
+from sada_gym.envs.driving.camera.ground import TEXEL_M
+from sada_gym.envs.driving.world.weather import Light
+from sada_gym.envs.pixels import Triple, clip, plus, times
 
 
 @inlined
@@ -17,14 +19,13 @@ def _texel(
     texels: npt.NDArray[np.uint8],
     offset: npt.NDArray[np.int64],
     shape: npt.NDArray[np.int64],
-    texel_m: float,
     x: float,
     y: float,
     size: float,
 ) -> tuple[float, float, float, float]:
     """Give albedo and water of the ground around a point, averaged over about a size."""
     level = 0
-    texel = texel_m
+    texel = TEXEL_M
     while texel < size and level < shape.shape[0] - 1:
         level += 1
         texel *= 2.0
@@ -52,9 +53,7 @@ def ground_colour(
     texels: npt.NDArray[np.uint8],
     offset: npt.NDArray[np.int64],
     shape: npt.NDArray[np.int64],
-    texel_m: float,
     shade: npt.NDArray[np.uint8],
-    shade_texel_m: float,
     x: float,
     y: float,
     dx: float,
@@ -67,27 +66,24 @@ def ground_colour(
     """Give the ground's colour without mirroring, and how much water lies there."""
     across = distance * pixel
     along = across * math.sqrt(1 + (distance / height) ** 2)
-    samples = min(4, 1 + int(along / (2.0 * across + texel_m)))
+    samples = min(4, 1 + int(along / (2.0 * across + TEXEL_M)))
     size = max(across, along / 6.0)
     red = green = blue = water = 0.0
     for k in range(samples):
         at = distance + along * ((k + 0.5) / samples - 0.5)
-        r, g, b, w = _texel(texels, offset, shape, texel_m, x + at * dx, y + at * dy, size)
+        r, g, b, w = _texel(texels, offset, shape, x + at * dx, y + at * dy, size)
         red, green, blue, water = red + r, green + g, blue + b, water + w
     share = 1.0 / samples
     red, green, blue, water = red * share, green * share, blue * share, water * share
-    column = int((x + distance * dx) / shade_texel_m)
-    row = int((y + distance * dy) / shade_texel_m)
+    column = int((x + distance * dx) / SHADE_TEXEL_M)
+    row = int((y + distance * dy) / SHADE_TEXEL_M)
     sunlit = 1.0
     if 0 <= row < shade.shape[0] and 0 <= column < shade.shape[1]:
         sunlit = shade[row, column] / 255.0
     power = sunlit * light.sun_z
     dark = 1.0 - 0.45 * light.wetness * clip(3.0 * water)
-    return (
-        dark * red * (light.ambient[0] + power * light.sun[0]),
-        dark * green * (light.ambient[1] + power * light.sun[1]),
-        dark * blue * (light.ambient[2] + power * light.sun[2]),
-    ), water
+    albedo = (dark * red, dark * green, dark * blue)
+    return times(albedo, plus(light.ambient, light.sun, power)), water
 
 
 @inlined

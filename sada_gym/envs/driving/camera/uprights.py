@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.arrays import Array, Light
-from sada_gym.envs.pixels import Triple, clip, mix, periodic
+from sada_gym.envs.driving.camera.arrays import Array
+from sada_gym.envs.driving.world.weather import Light
+from sada_gym.envs.pixels import Triple, clip, mix, periodic, plus, scaled, times
 
 
 @inlined
@@ -48,12 +49,7 @@ def _wall(
     if z > height - 0.5:
         share = 0.0
         albedo = mix(albedo, (0.6, 0.6, 0.58), 0.5)
-    power = (
-        light.ambient[0] * 0.85 + light.sun[0] * facing,
-        light.ambient[1] * 0.85 + light.sun[1] * facing,
-        light.ambient[2] * 0.85 + light.sun[2] * facing,
-    )
-    plain = (albedo[0] * power[0], albedo[1] * power[1], albedo[2] * power[2])
+    plain = times(albedo, plus(scaled(light.ambient, 0.85), light.sun, facing))
     glass = mix((0.02, 0.025, 0.03), light.horizon, 0.16)
     return mix(plain, glass, share)
 
@@ -77,11 +73,7 @@ def _leaves(
         albedo = (objects[i, 8], objects[i, 9], objects[i, 10])
         mottle = periodic(clouds, 7.0 * where + 50.0 * objects[i, 11], 7.0 * z)
         lit = clip(0.35 + 0.28 * (z - middle)) * (0.55 + 0.8 * mottle)
-    return (
-        albedo[0] * (0.8 * light.ambient[0] + light.sun[0] * lit),
-        albedo[1] * (0.8 * light.ambient[1] + light.sun[1] * lit),
-        albedo[2] * (0.8 * light.ambient[2] + light.sun[2] * lit),
-    )
+    return times(albedo, plus(scaled(light.ambient, 0.8), light.sun, lit))
 
 
 @inlined

@@ -6,93 +6,87 @@ vehicle's grip stays the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.envs.pixels import Triple
 from sada_gym.errors import UserError
 
 
-@dataclass(frozen=True)
-class Weather:
-    """One weather.
+class Light(NamedTuple):
+    """The light, the air and the water of one weather, for the pixel kernels.
 
     Attributes:
-        name: CARLA's name of the preset.
-        sun_elevation_deg: The height of the sun above the horizon.
-        sun_azimuth_deg: The heading that looks into the sun.
+        sun_x: The direction to the sun, a unit vector.
+        sun_y: Its second coordinate.
+        sun_z: Its third coordinate, upwards.
         sun: The sun's light on a surface that faces it.
         ambient: The light from everywhere.
         zenith: The colour of the sky overhead.
         horizon: The colour of the sky low down, and of the haze.
         cloud: The colour of clouds.
-        cloud_cover: The share of the sky that clouds fill.
-        haze_per_m: The rate at which things fade into the haze.
+        cover: The share of the sky that clouds fill.
+        haze: The rate per m at which things fade into the haze.
         wetness: The amount of water on the road, from 0 to 1.
         rain: The strength of the rain, from 0 to 1.
     """
 
-    name: str
-    sun_elevation_deg: float
-    sun_azimuth_deg: float
+    sun_x: float
+    sun_y: float
+    sun_z: float
     sun: Triple
     ambient: Triple
     zenith: Triple
     horizon: Triple
     cloud: Triple
-    cloud_cover: float
-    haze_per_m: float
+    cover: float
+    haze: float
     wetness: float
     rain: float
 
-    @property
-    def numbers(self) -> npt.NDArray[np.float64]:
-        """All attributes but the name, in order: (22,). The sun is a unit vector, three numbers."""
-        elevation, azimuth = np.deg2rad([self.sun_elevation_deg, self.sun_azimuth_deg])
-        direction = (
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        )
-        rest = [getattr(self, field.name) for field in fields(self)[3:]]
-        return np.concatenate([direction, *(np.atleast_1d(value) for value in rest)])
+
+def _toward(elevation_deg: float, azimuth_deg: float) -> Triple:
+    """Give the direction to a sun at a height above the horizon, seen under a heading."""
+    elevation, azimuth = np.deg2rad([elevation_deg, azimuth_deg])
+    flat = np.cos(elevation)
+    return float(flat * np.cos(azimuth)), float(flat * np.sin(azimuth)), float(np.sin(elevation))
 
 
-_NOON, _EVENING = (62.0, 35.0), (9.0, 200.0)
+_NOON, _EVENING = _toward(62.0, 35.0), _toward(9.0, 200.0)
 
-WEATHERS = (
-    Weather(
-        "ClearNoon", *_NOON, (1.75, 1.66, 1.50), (0.40, 0.46, 0.58),
+WEATHERS = {
+    "ClearNoon": Light(
+        *_NOON, (1.75, 1.66, 1.50), (0.40, 0.46, 0.58),
         (0.13, 0.30, 0.72), (0.62, 0.76, 0.95), (1.0, 1.0, 1.0), 0.15, 0.0010, 0.0, 0.0,
     ),
-    Weather(
-        "WetNoon", *_NOON, (1.55, 1.48, 1.36), (0.42, 0.48, 0.58),
+    "WetNoon": Light(
+        *_NOON, (1.55, 1.48, 1.36), (0.42, 0.48, 0.58),
         (0.17, 0.33, 0.70), (0.66, 0.77, 0.92), (0.95, 0.96, 1.0), 0.4, 0.0020, 0.75, 0.0,
     ),
-    Weather(
-        "HardRainNoon", *_NOON, (0.10, 0.10, 0.10), (0.40, 0.43, 0.47),
+    "HardRainNoon": Light(
+        *_NOON, (0.10, 0.10, 0.10), (0.40, 0.43, 0.47),
         (0.24, 0.26, 0.29), (0.40, 0.42, 0.45), (0.30, 0.32, 0.35), 1.0, 0.0130, 1.0, 1.0,
     ),
-    Weather(
-        "ClearSunset", *_EVENING, (2.1, 1.05, 0.42), (0.30, 0.26, 0.34),
+    "ClearSunset": Light(
+        *_EVENING, (2.1, 1.05, 0.42), (0.30, 0.26, 0.34),
         (0.17, 0.20, 0.46), (1.15, 0.56, 0.22), (0.95, 0.50, 0.34), 0.25, 0.0022, 0.0, 0.0,
     ),
-    Weather(
-        "WetCloudyNoon", *_NOON, (0.25, 0.25, 0.24), (0.68, 0.71, 0.75),
+    "WetCloudyNoon": Light(
+        *_NOON, (0.25, 0.25, 0.24), (0.68, 0.71, 0.75),
         (0.52, 0.56, 0.62), (0.74, 0.77, 0.80), (0.60, 0.63, 0.68), 1.0, 0.0028, 0.75, 0.0,
     ),
-    Weather(
-        "SoftRainSunset", *_EVENING, (0.20, 0.10, 0.06), (0.34, 0.27, 0.28),
+    "SoftRainSunset": Light(
+        *_EVENING, (0.20, 0.10, 0.06), (0.34, 0.27, 0.28),
         (0.24, 0.20, 0.26), (0.56, 0.36, 0.26), (0.30, 0.23, 0.25), 1.0, 0.0065, 0.85, 0.4,
     ),
-)  # fmt: skip
+}  # fmt: skip
 """The weathers in the order of the parameter's axis: four of training, then two unseen ones."""
 
 TRAINING_WEATHERS = 4
 
-NAMES = tuple(weather.name for weather in WEATHERS)
+NAMES = tuple(WEATHERS)
+LIGHTS = tuple(WEATHERS.values())
 
 
 def weather_index(name: str) -> int:

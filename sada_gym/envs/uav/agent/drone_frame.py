@@ -36,38 +36,32 @@ def in_level(poses: Floats, answers: npt.NDArray[np.float32]) -> Floats:
     return waypoints
 
 
-def in_drone(poses: Floats, waypoints: Floats) -> npt.NDArray[np.float32]:
-    """Turn waypoints (n, 4) into what the network should answer, (n, 6)."""
-    answers = np.empty((len(poses), 6), np.float32)
-    _to_drone(poses, waypoints, answers)
-    return answers
-
-
 @kernel
-def _axes(q: Floats) -> Floats:
+def axes_of(q: Floats) -> Floats:
     """Give the drone's axes in the world, one a row, of a quaternion x, y, z, w."""
     return rotation(q[0], q[1], q[2], q[3]).T
 
 
 @kernel
-def _along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
-    along: float = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
-    return along
+def along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
+    """Give the part of a vector along one of the axes."""
+    part: float = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
+    return part
 
 
 @kernel
 def _to_motion(poses: Floats, motions: npt.NDArray[np.float32]) -> None:
     for i in range(len(poses)):
-        axes = _axes(poses[i, 3:7])
+        axes = axes_of(poses[i, 3:7])
         speed, turn = poses[i, 7:10], poses[i, 10:13]
         for k in range(3):
             motions[i, k] = axes[k, 2]
-            motions[i, 3 + k] = _along(axes, k, speed[0], speed[1], speed[2]) / UNIT_M_S
-            motions[i, 6 + k] = _along(axes, k, turn[0], turn[1], turn[2]) / UNIT_RAD_S
+            motions[i, 3 + k] = along(axes, k, speed[0], speed[1], speed[2]) / UNIT_M_S
+            motions[i, 6 + k] = along(axes, k, turn[0], turn[1], turn[2]) / UNIT_RAD_S
 
 
 @kernel
-def _level(axes: Floats) -> None:
+def level_axes(axes: Floats) -> None:
     """Replace the drone's axes by those of the level frame, x to the drone's heading."""
     size = math.hypot(axes[0, 0], axes[0, 1])
     cos, sin = (axes[0, 0] / size, axes[0, 1] / size) if size > 0 else (1.0, 0.0)
@@ -78,32 +72,15 @@ def _level(axes: Floats) -> None:
 def _to_level(poses: Floats, answers: Floats, waypoints: Floats) -> None:
     level = np.empty((3, 3))
     for i in range(len(poses)):
-        own = _axes(poses[i, 3:7])
+        own = axes_of(poses[i, 3:7])
         level[:] = own
-        _level(level)
+        level_axes(level)
         x, y = 0.0, 0.0
         waypoints[i] = 0.0
         for k in range(3):
             for m in range(3):
-                part = _along(level, m, own[k, 0], own[k, 1], own[k, 2])
+                part = along(level, m, own[k, 0], own[k, 1], own[k, 2])
                 waypoints[i, m] += REACH_M * part * answers[i, k]
                 x += part * answers[i, 3 + k] if m == 0 else 0.0
                 y += part * answers[i, 3 + k] if m == 1 else 0.0
         waypoints[i, 3] = math.atan2(y, x)
-
-
-@kernel
-def _to_drone(poses: Floats, waypoints: Floats, answers: npt.NDArray[np.float32]) -> None:
-    level = np.empty((3, 3))
-    for i in range(len(poses)):
-        own = _axes(poses[i, 3:7])
-        level[:] = own
-        _level(level)
-        cos, sin = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])
-        for k in range(3):
-            x = _along(own, k, level[0, 0], level[0, 1], level[0, 2])
-            y = _along(own, k, level[1, 0], level[1, 1], level[1, 2])
-            up = own[k, 2]
-            off = x * waypoints[i, 0] + y * waypoints[i, 1] + up * waypoints[i, 2]
-            answers[i, k] = off / REACH_M
-            answers[i, 3 + k] = x * cos + y * sin

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from sada_gym.compiled import inlined, kernel
 from sada_gym.envs.pixels import Triple, dot, splitmix, uniform
+from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
 
 FINER = 2
 """The number of samples of the depth buffer along either side of a pixel."""
@@ -120,11 +121,7 @@ def _view(pose: Array, mount: Array, seed: np.uint64) -> View:
         light * (1 - contrast),
         light * contrast * 1.3,
         0.06 * (2 * _uniform(seed, 4) - 1),
-        (
-            1000 * _uniform(seed, 5),
-            1000 * _uniform(seed, 6),
-            _uniform(seed, 7),
-        ),
+        (1000 * _uniform(seed, 5), 1000 * _uniform(seed, 6), _uniform(seed, 7)),
     )
 
 
@@ -166,9 +163,9 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
                 far = min(t / FAR_M, 1.0)
                 far = 0.75 * far * (2 - far)
                 light = ground_light * (1 - far)
-                picture[row, column, 0] = _byte(light * field.texels[texel, 0] + far * haze[0])
-                picture[row, column, 1] = _byte(light * field.texels[texel, 1] + far * haze[1])
-                picture[row, column, 2] = _byte(light * field.texels[texel, 2] + far * haze[2])
+                for channel in range(3):
+                    lit = light * field.texels[texel, channel] + far * haze[channel]
+                    picture[row, column, channel] = _byte(lit)
                 continue
             flat = math.sqrt(dx * dx + dy * dy)
             if dz < 0.15 * flat:
@@ -177,9 +174,8 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
                 around = 1 + around if dx > 0 else 3 - around
                 place = int((around / 4 + view.shift[2]) * len(hills)) & (len(hills) - 1)
                 if dz < hills[place] * flat:
-                    picture[row, column, 0] = _byte(0.62 * haze[0] - 40)
-                    picture[row, column, 1] = _byte(0.62 * haze[1] - 10)
-                    picture[row, column, 2] = _byte(0.62 * haze[2] - 30)
+                    for channel, dark in enumerate((40.0, 10.0, 30.0)):
+                        picture[row, column, channel] = _byte(0.62 * haze[channel] - dark)
                     continue
             high = dz / (0.35 * flat + dz)
             over = 60.0 / (dz + 0.12 * flat)
@@ -207,18 +203,10 @@ def _fill(
 ) -> None:
     """Fill a convex polygon, (count, 3) depth, right and down, with chequers.
 
-    Args:
-        corners: The corners, in the camera's frame.
-        count: The number of corners.
-        plane: Its product with (1, right / depth, down / depth) is 1 / depth.
-        along: Its product with a point, less `start`, is the place along the chequers.
-        start: See `along`.
-        paint: The row of `_PAINT`; every other block has the row below.
-        light: The light on the face, by channel.
-        grid: The number of samples for a unit of right / depth, and the middle's row and column.
-        depth: 1 / depth of what was drawn there.
-        colours: The colours of the samples.
-        edges: The first and the last row and column that were written.
+    `plane` times (1, right / depth, down / depth) is 1 / depth; `along` times a point, less
+    `start`, is the place along the chequers, which have the rows `paint` and `paint` + 1 of
+    `_PAINT`. `grid` is the number of samples for a unit of right / depth, and the middle's row and
+    column. `depth` holds 1 / depth; `edges` widens to the rows and columns written.
     """
     scale, middle_row, middle_column = grid
     rows, columns = depth.shape
@@ -283,8 +271,6 @@ def _clipped(corners: Array, out: Array) -> int:
 @kernel
 def _gate(
     gate: Array,
-    bars: Array,
-    thick: float,
     view: View,
     grid: Triple,
     depth: npt.NDArray[np.float32],
@@ -312,9 +298,9 @@ def _gate(
         (view.ahead[2], view.right[2], view.down[2]),
     )
     eye = (-(rx * cos + ry * sin), rx * sin - ry * cos, -rz)
-    for bar in range(len(bars)):
-        mid = (0.0, bars[bar, 0], bars[bar, 1])
-        half = (thick / 2, bars[bar, 2], bars[bar, 3])
+    for bar in range(len(BARS)):
+        mid = (0.0, BARS[bar, 0], BARS[bar, 1])
+        half = (DEPTH_M / 2, BARS[bar, 2], BARS[bar, 3])
         long = 2 if half[2] > half[1] else 1
         for axis in range(3):
             off = eye[axis] - mid[axis]
@@ -351,22 +337,12 @@ def draw_all(
     seeds: npt.NDArray[np.uint64],
     mount: Array,
     pixel: float,
-    bars: Array,
-    thick: float,
     field: Field,
 ) -> None:
-    """Draw n pictures (n, rows, columns, 3).
+    """Draw n pictures (n, rows, columns, 3) of gates (n, g, 4) from poses (n, at least 7).
 
-    Args:
-        pictures: The pictures, which are overwritten.
-        gates: (n, g, 4).
-        poses: (n, at least 7).
-        seeds: (n,) the numbers that fix the light and the field's place.
-        mount: The tilt upwards in radians, and the way forward and up from the drone's middle in m.
-        pixel: A pixel's side at a depth of one.
-        bars: See `gates.BARS`.
-        thick: The bars' depth.
-        field: The surroundings.
+    The seeds fix the light and the field's place. `mount` is the tilt upwards in radians, and the
+    way forward and up from the drone's middle in m; `pixel` is a pixel's side at a depth of one.
     """
     rows, columns = pictures.shape[1], pictures.shape[2]
     depth = np.zeros((FINER * rows, FINER * columns), np.float32)
@@ -386,7 +362,7 @@ def draw_all(
         _background(picture, view, pixel, field)
         edges[0], edges[1], edges[2], edges[3] = FINER * rows, -1, FINER * columns, -1
         for k in range(gates.shape[1]):
-            _gate(gates[i, k], bars, thick, view, grid, depth, colours, edges, corners, cut)
+            _gate(gates[i, k], view, grid, depth, colours, edges, corners, cut)
         for row in range(edges[0] // FINER, edges[1] // FINER + 1):
             for column in range(edges[2] // FINER, edges[3] // FINER + 1):
                 hits, red, green, blue = 0, 0, 0, 0

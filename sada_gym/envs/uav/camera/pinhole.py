@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from sada_gym.envs.pixels import pixel_size, ranked
 from sada_gym.envs.uav.camera import drawing
-from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
 
 ROWS, COLUMNS = 48, 64
 """The size of the pictures that pilots see."""
@@ -63,9 +62,7 @@ class DroneCamera:
         """
         pictures = np.empty((len(poses), self.rows, self.columns, 3), np.uint8)
         keys = np.asarray(seeds, np.int64).astype(np.uint64)
-        drawing.draw_all(
-            pictures, gates, poses, keys, self._mount, self.pixel, BARS, DEPTH_M, self._field
-        )
+        drawing.draw_all(pictures, gates, poses, keys, self._mount, self.pixel, self._field)
         return pictures
 
     def project(

@@ -173,16 +173,3 @@ def upright(place: Sequence[float], heading: float) -> Array:
     state[:3] = place
     state[5:7] = math.sin(heading / 2), math.cos(heading / 2)
     return state
-
-
-def headings(states: Array) -> Array:
-    """Give the headings, (n,), of drones (n, 13)."""
-    return _headings(np.ascontiguousarray(states))
-
-
-@kernel
-def _headings(states: Array) -> Array:
-    found = np.empty(len(states))
-    for i in range(len(states)):
-        found[i] = heading_of(states[i, 3], states[i, 4], states[i, 5], states[i, 6])
-    return found
