@@ -24,7 +24,7 @@ import psutil
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import OpenExecutor, open_executor
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import Registered, Task, WorkerPool
+from sada_gym.evaluation.workers import Registered, PortableScorer, WorkerPool
 from sada_gym.oracle import Oracle
 from sada_gym.registration import make_application
 
@@ -151,7 +151,7 @@ def commits() -> None:
 def sizes() -> None:
     """What crosses the network, besides Dask's own messages."""
     print("| evaluations a chunk | bytes an evaluation, there and back |\n| --- | --- |")
-    task = Task.of(Registered(DETECTION, {}))
+    task = PortableScorer.of(Registered(DETECTION, {}))
     for size in CHUNKS:
         seeds = [2**30] * size
         there = pickle.dumps((task, np.zeros((size, DIMENSION), np.float32), seeds))

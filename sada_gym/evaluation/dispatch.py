@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.executors import count_workers, engine_errors
-from sada_gym.evaluation.workers import Task, WorkerPool, evaluate_if_known
+from sada_gym.evaluation.workers import PortableScorer, WorkerPool, evaluate_if_known
 from sada_gym.parameters import Mu
 
 MAX_DEATHS = 3
@@ -60,7 +60,9 @@ class Dispatcher:
         executor: Another executor, which is left open; None for our own processes.
     """
 
-    def __init__(self, task: Task, workers: int, executor: Executor | None = None) -> None:
+    def __init__(
+        self, task: PortableScorer, workers: int, executor: Executor | None = None
+    ) -> None:
         self._task = task
         self._given_workers = workers
         self._executor = executor
@@ -111,7 +113,7 @@ class Dispatcher:
             chunk = waiting[0]
             try:
                 future = executor.submit(
-                    evaluate_if_known, self._task_to_send(), chunk.mu, chunk.seeds
+                    evaluate_if_known, self._scorer_to_send(), chunk.mu, chunk.seeds
                 )
             except BrokenExecutor:
                 raise
@@ -122,7 +124,7 @@ class Dispatcher:
                 ) from error
             running[future] = waiting.popleft()
 
-    def _task_to_send(self) -> Task:
+    def _scorer_to_send(self) -> PortableScorer:
         """Choose whether to send the payload: at first it is sent once for each worker.
 
         Our own processes got it when they started. Other workers answer None if they lack it.

@@ -14,7 +14,13 @@ from sada_gym.application import Application, refuse_undeclared
 from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import MAX_WORKERS, BatchFunction, Registered, Task, score
+from sada_gym.evaluation.workers import (
+    MAX_WORKERS,
+    BatchFunction,
+    PortableScorer,
+    Registered,
+    score,
+)
 from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
@@ -81,7 +87,7 @@ class Evaluator:
         self.dimension, self.threshold = _described(self._scorer, dimension, threshold)
         self._dispatcher: Dispatcher | None = None
         if workers > 1 or executor is not None:
-            self._dispatcher = Dispatcher(Task.of(source), workers, executor)
+            self._dispatcher = Dispatcher(PortableScorer.of(source), workers, executor)
         self._chunk_size = chunk_size
         self.store: EvaluationStore | None = None
         if store is not None:

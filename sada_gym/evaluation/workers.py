@@ -84,7 +84,7 @@ def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float6
 
 
 @dataclass(frozen=True)
-class Task:
+class PortableScorer:
     """A scorer made portable: it can be sent to any process, and is loaded once in each.
 
     Attributes:
@@ -97,7 +97,7 @@ class Task:
     key: str
 
     @classmethod
-    def of(cls, source: Registered | Scorer) -> Task:
+    def of(cls, source: Registered | Scorer) -> PortableScorer:
         """Pickle a source.
 
         Raises:
@@ -159,7 +159,9 @@ def _drop_oldest(kept: dict[str, Any]) -> None:
             oldest.close()
 
 
-def evaluate_if_known(task: Task, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64] | None:
+def evaluate_if_known(
+    task: PortableScorer, mu: Mu, seeds: Sequence[int]
+) -> npt.NDArray[np.float64] | None:
     """Evaluate one chunk in a process that may have seen the task before.
 
     This lets a large model cross the network once for each process, not with every chunk.
@@ -191,7 +193,7 @@ class WorkerPool:
         task: The task that they will evaluate, if any. It is sent once, not with every chunk.
     """
 
-    def __init__(self, workers: int, task: Task | None = None) -> None:
+    def __init__(self, workers: int, task: PortableScorer | None = None) -> None:
         context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
         self.executor = ProcessPoolExecutor(
@@ -240,7 +242,7 @@ def inherited_settings() -> Iterator[None]:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _initialise(lifeline: Connection, task: Task | None) -> None:
+def _initialise(lifeline: Connection, task: PortableScorer | None) -> None:
     if task is not None and task.payload is not None:
         _given[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)

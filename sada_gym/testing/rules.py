@@ -14,14 +14,12 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from sada_gym.application import RESERVED_KEYS, Application
 from sada_gym.envs.adversary import AdversaryEnv
+from sada_gym.envs.checks import MAX_TILE
 from sada_gym.parameters import ParameterSpace
 from sada_gym.testing.purity import assert_pure, assert_same_in_another_process, draw_worlds
 
 SIZES = (1, 2, 3, 7, 15, 16, 17, 31, 33, 64, 70)
 """Batch sizes that test purity."""
-
-MAX_TILE = 1_024
-"""Larger tiles are not tried as batches."""
 
 
 def _require(condition: bool, sentence: str) -> None:

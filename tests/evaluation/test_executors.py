@@ -18,7 +18,7 @@ from toy import Toy, paraboloid
 from sada_gym.errors import MissingExtra, UserError, WorkerError
 from sada_gym.evaluation import dispatch, executors
 from sada_gym.evaluation.executors import count_workers, open_executor
-from sada_gym.evaluation.workers import Task, evaluate_if_known
+from sada_gym.evaluation.workers import PortableScorer, evaluate_if_known
 from sada_gym.oracle import Oracle
 
 pytestmark = pytest.mark.timeout(120)
@@ -436,8 +436,8 @@ def test_a_large_model_reaches_dasks_workers_even_one_that_is_new(cluster):
 
 
 def test_a_process_that_lacks_the_payload_asks_for_it():
-    task = Task.of(Large(seed=1))  # that no other test has sent
-    light = Task(None, task.key)
+    task = PortableScorer.of(Large(seed=1))  # that no other test has sent
+    light = PortableScorer(None, task.key)
     assert evaluate_if_known(light, MU[:2], [0, 1]) is None
     whole = evaluate_if_known(task, MU[:2], [0, 1])
     np.testing.assert_array_equal(evaluate_if_known(light, MU[:2], [0, 1]), whole)
