@@ -24,7 +24,7 @@ import psutil
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import OpenExecutor, open_executor
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import Registered, PortableScorer, WorkerPool
+from sada_gym.evaluation.workers import PortableScorer, Registered, WorkerPool
 from sada_gym.oracle import Oracle
 from sada_gym.registration import make_application
 

@@ -9,7 +9,7 @@ from sada_gym.envs.uav.world.drone import (
     MAX_ROTOR_N,
     SIMULATION_HZ,
     control,
-    headings,
+    heading_of,
     upright,
 )
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
@@ -18,6 +18,10 @@ from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
 DT = 1 / SIMULATION_HZ
 GATE = np.array([[5.0, 0.0, CENTRE_HEIGHT_M, 0.0]])
 NEAR, FAR = [0, -1, -1, -1], [-1, -1, -1, -1]
+
+
+def headings(states):
+    return np.array([heading_of(*state[3:7]) for state in states])
 
 
 @pytest.fixture
