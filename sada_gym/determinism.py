@@ -32,7 +32,7 @@ def generators_kept() -> Iterator[None]:
 
 
 def _used_gpus(torch: Any) -> Sequence[int]:
-    """The GPUs whose generators can have moved; asking for the states would start an idle one."""
+    """List the GPUs whose generators can have moved; asking for states would start an idle one."""
     return range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
 
 
@@ -82,7 +82,7 @@ def refuse_random(
 
 
 def _same(first: Any, second: Any) -> bool:
-    """Whether two answers are equal to the last bit, as far as they are plain data or arrays."""
+    """Check that two answers are equal to the last bit, as far as they are plain data or arrays."""
     if isinstance(first, Mapping):
         return all(_same(first[key], second.get(key)) for key in first)
     if isinstance(first, list | tuple):

@@ -24,7 +24,7 @@ class RenderModes(list[str]):
     """
 
     def __contains__(self, mode: object) -> bool:
-        """Whether a mode is known, or is no mode at all."""
+        """Say whether a mode is known, or is no mode at all."""
         return not isinstance(mode, str) or super().__contains__(mode)
 
 

@@ -136,7 +136,7 @@ def _columns(rows: Sequence[Row]) -> dict[str, Mean]:
 
 
 def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
-    """All applications in one table, each by its default agent; none where there is but one."""
+    """Put all applications in one table, each by its default agent; none if there is only one."""
     applications = dict.fromkeys(target.application for target in results.targets)
     if len(applications) == 1:
         return
@@ -231,7 +231,7 @@ def _paper_columns(tracks: Collection[str]) -> list[_Column]:
 
 
 def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
-    """Lay the AFR out like the paper's Table 1: ours and, behind it, the paper's."""
+    """Lay the AFR out like the paper's Table 1: ours / the paper's."""
     if not columns:
         return
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")

@@ -51,7 +51,7 @@ class Rollout(Generic[StartT]):
     score: float
 
     def __getitem__(self, key: str) -> npt.NDArray[Any]:
-        """One key of the moments."""
+        """Give one key of the moments."""
         return self.moments[key]
 
 

@@ -49,7 +49,7 @@ class Episodes(ABC, Generic[StartT]):
         self.steps = np.zeros(len(starts), np.int64)
 
     def __len__(self) -> int:
-        """Number of episodes."""
+        """Count the episodes."""
         return len(self.starts)
 
     @abstractmethod
