@@ -7,8 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from sada_gym.adversaries.learner import Arrays, Floats, take
-from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
-from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.models.exact_gp import (
+    Array,
+    Kernel,
+    fit_kernel,
+    fit_weights,
+    predict_mean,
+)
 from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError

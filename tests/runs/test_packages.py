@@ -12,7 +12,7 @@ from sada_gym import adversaries
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
 from sada_gym.attack import attack
-from sada_gym.envs.catalogue import cards
+from sada_gym.envs.catalogue import cards, find_card
 from sada_gym.registration import make_application
 from sada_gym.runs import packages as module
 from sada_gym.runs.ideal import Ideal
@@ -123,7 +123,7 @@ def test_what_a_run_loads_is_declared(what):
     found = {name.lower() for name in json.loads(loaded.stdout.splitlines()[-1])}
     if what.startswith("SADA"):
         application = make_application(what)
-        declared = module._OF_APPLICATION[application.name]
+        declared = find_card(application.name).packages
     else:
         declared = adversaries.find(what).packages
     counted = {*module._EVERY_RUN, *declared}
