@@ -1,0 +1,24 @@
+"""The robot: the warehouse, the lidar, the physics, the task and its scoring."""
+
+from typing import TYPE_CHECKING
+
+from sada_gym.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from sada_gym.envs.robot.application import RobotApplication
+    from sada_gym.envs.robot.conditions import Conditions
+    from sada_gym.envs.robot.course import Course
+    from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
+
+__all__ = ["Conditions", "Course", "RobotApplication", "RobotTaskEnv", "RobotTaskVectorEnv"]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Conditions": "conditions",
+        "Course": "course",
+        "RobotApplication": "application",
+        "RobotTaskEnv": "task",
+        "RobotTaskVectorEnv": "task",
+    },
+)

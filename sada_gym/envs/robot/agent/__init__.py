@@ -1,0 +1,1 @@
+"""Robots: the shipped policy, and a planner that knows everything."""

@@ -1,0 +1,202 @@
+"""The privileged driver, which knows the whole world and tries out what each command would do.
+
+It shows that a trip can be made: its ways lead around the barrels too, and it knows the robot's
+physics, its pending commands, and how carts move.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.compiled import kernel
+from sada_gym.envs.robot.episodes import (
+    BACKWARD_M_S,
+    CART_M_S,
+    CART_SEES_M,
+    FORWARD_M_S,
+    STEP_S,
+    SUBSTEPS,
+    TURN_RAD_S,
+    Start,
+    Trips,
+)
+from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
+from sada_gym.envs.robot.world.geometry import (
+    CELL_M,
+    SPACING_M,
+    clearance,
+    clearances,
+    smooth_way,
+    spread_from,
+)
+from sada_gym.envs.robot.world.robot import RADIUS_M, TRACK_M, axle_to_mass, move
+
+Array = npt.NDArray[np.float64]
+
+_HALL = np.array(HALL_M)
+_LEAST_M, _ROOM_M = 0.25, 0.6
+_HORIZON = 45
+"""The steps over which a command is tried out once it is in force."""
+_PEDALS = (-1.0, 0.0, 0.25, 0.5, 0.75, 1.0)
+_WHEELS = (-1.0, -0.6, -0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+COMMANDS = np.array([(pedal, wheel) for pedal in _PEDALS for wheel in _WHEELS])
+
+
+class PrivilegedDriver:
+    """Drives robots through worlds of which it knows everything."""
+
+    fingerprint = "tries out 66 commands"
+
+    def __init__(self) -> None:
+        self._ways: dict[int, Array] = {}
+        self._at: dict[int, int] = {}
+
+    def start(self, count: int) -> None:  # noqa: ARG002 - as agents have it
+        """Begin new trips."""
+        self._ways, self._at = {}, {}
+
+    def act(self, trips: Trips, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+        """Choose actions (n, 2) for some robots."""
+        actions = np.empty((len(which), 2))
+        for row, i in enumerate(which.tolist()):
+            start = trips.starts[i]
+            if i not in self._ways:
+                self._ways[i], self._at[i] = _way_around(start), 0
+            physics = start.conditions
+            self._at[i], best = _best(
+                self._ways[i],
+                self._at[i],
+                trips.poses[i],
+                trips.velocities[i],
+                trips.commands[i],
+                round(physics.latency_s / STEP_S),
+                np.array([physics.payload_kg, physics.payload_offset_m]),
+                physics.floor_friction,
+                physics.wheel_gain,
+                start.plan.racks,
+                _standing(start),
+                trips.lanes[i],
+                trips.places[i],
+                COMMANDS,
+            )
+            actions[row] = COMMANDS[best]
+        return actions
+
+
+def _standing(start: Start) -> Array:
+    plan = start.plan
+    return np.concatenate([plan.pillars, plan.barrels[: start.conditions.barrels]])
+
+
+def _way_around(start: Start) -> Array:
+    """Plan a trip's way around the barrels too."""
+    planned = start.plan.ways[start.trip]
+    cells = clearances(_HALL, start.plan.racks, _standing(start))
+    columns = round(HALL_M[0] / CELL_M)
+    first, last = (
+        int(y / CELL_M) * columns + int(x / CELL_M) for x, y in (planned[0], planned[-1])
+    )
+    cost, before = spread_from(first, _HALL, cells, _LEAST_M, _ROOM_M)
+    if not math.isfinite(cost[last]):
+        return planned
+    return smooth_way(last, before, _HALL, start.plan.racks, _standing(start))
+
+
+@kernel
+def _best(
+    way: Array,
+    at: int,
+    pose: Array,
+    velocity: Array,
+    commands: Array,
+    delay: int,
+    payload: Array,
+    friction: float,
+    gain: float,
+    racks: Array,
+    circles: Array,
+    lanes: Array,
+    places: Array,
+    choices: Array,
+) -> tuple[int, int]:
+    """Give where on its way the robot is, and which command leads furthest and safely.
+
+    Args:
+        way: (n, 2)
+        at: Where on its way it was.
+        pose: (3,)
+        velocity: (3,)
+        commands: (5, 2), those before, newest first.
+        delay: The latency in steps.
+        payload: (2,)
+        friction: As `move` has it.
+        gain: As `velocities` has it.
+        racks: (k, 4)
+        circles: (m, 3), what stands.
+        lanes: (c, 4), those of carts.
+        places: (c, 2), place and direction of each cart.
+        choices: (j, 2), the commands to choose from.
+    """
+    least = math.inf
+    for k in range(max(0, at - 5), min(len(way), at + 15)):
+        squared = (way[k, 0] - pose[0]) ** 2 + (way[k, 1] - pose[1]) ** 2
+        if squared < least:
+            at, least = k, squared
+    ahead = axle_to_mass(payload[0], payload[1])
+    best, lowest = 0, math.inf
+    now, rims, carts = np.empty(3), np.empty(2), np.empty_like(places)
+    for j in range(len(choices)):
+        now[:], carts[:] = velocity, places
+        heading = pose[2]
+        x, y = pose[0] + ahead * math.cos(heading), pose[1] + ahead * math.sin(heading)
+        tight, cost = 1.0, 0.0
+        for tick in range(delay + _HORIZON):
+            late = -((tick - delay) // SUBSTEPS) - 1
+            if late >= 0:
+                pedal, wheel = commands[late, 0], commands[late, 1]
+            else:
+                pedal, wheel = choices[j, 0], choices[j, 1]
+            speed = pedal * FORWARD_M_S if pedal > 0 else pedal * BACKWARD_M_S
+            turn = wheel * TURN_RAD_S * TRACK_M
+            rims[0], rims[1] = (speed - turn) * (1.0 - gain), (speed + turn) * (1.0 + gain)
+            move(now, heading, payload, friction, rims, STEP_S)
+            heading += now[2] * STEP_S
+            x, y = x + now[0] * STEP_S, y + now[1] * STEP_S
+            if tick % 3 != 2:
+                continue
+            ax, ay = x - ahead * math.cos(heading), y - ahead * math.sin(heading)
+            room = clearance(ax, ay, _HALL, racks, circles)
+            for k in range(len(lanes)):
+                if lanes[k, 0] < 0.0:
+                    continue
+                dx, dy = lanes[k, 2] - lanes[k, 0], lanes[k, 3] - lanes[k, 1]
+                px = lanes[k, 0] + carts[k, 0] * dx - ax
+                py = lanes[k, 1] + carts[k, 0] * dy - ay
+                gap = math.sqrt(px * px + py * py)
+                if gap >= CART_SEES_M:
+                    pace = CART_M_S * 3 * STEP_S / math.sqrt(dx * dx + dy * dy)
+                    carts[k, 0] = min(1.0, max(0.0, carts[k, 0] + carts[k, 1] * pace))
+                room = min(room, gap - CART_RADIUS_M)
+            tight = min(tight, room - RADIUS_M)
+            if tight < 0.01:
+                cost = 1_000.0 - tick
+                break
+        ax, ay = x - ahead * math.cos(heading), y - ahead * math.sin(heading)
+        left = math.inf
+        for k in range(max(0, at - 3), min(len(way), at + 25)):
+            away = math.sqrt((way[k, 0] - ax) ** 2 + (way[k, 1] - ay) ** 2)
+            left = min(left, SPACING_M * (len(way) - 1 - k) + 2.0 * away)
+        nearest = len(way) - 1
+        for k in range(at, min(len(way), at + 25)):  # the heading that leads on from there
+            if (way[k, 0] - ax) ** 2 + (way[k, 1] - ay) ** 2 > 0.16 and k > at + 4:
+                nearest = k
+                break
+        wanted = math.atan2(way[nearest, 1] - ay, way[nearest, 0] - ax) - heading
+        turned = abs(math.atan2(math.sin(wanted), math.cos(wanted)))
+        cost += left + 0.15 * turned + 2.0 * max(0.0, 0.12 - tight)
+        if cost < lowest:
+            best, lowest = j, cost
+    return at, best

@@ -1,0 +1,152 @@
+"""A robot under attack: floor, load, lidar, wheels and latency; Q is the share of goals reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.application import Frame, Scored, validate_seeds, validate_world
+from sada_gym.envs.episodes.acting import Rollout, play
+from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.robot.agent.driver import RobotDriver, RobotDriverLike, as_driver
+from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
+from sada_gym.envs.robot.conditions import PARAMETERS, conditions
+from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
+from sada_gym.parameters import Mu
+
+PLANS = 2
+"""The floor plans of one evaluation."""
+
+
+class RobotApplication(EpisodesApplication[Trips]):
+    """A robot with a lidar makes ten trips through warehouses.
+
+    ## Description
+    The robot, a TurtleBot 2, knows the map of a warehouse and where it is, and follows a planned
+    way to its goal. Barrels and moving carts are not on the map: it sees them with its lidar. The
+    adversary sets the floor, the load, how the lidar is mounted and how well it works, how worn the
+    wheels are, how many barrels stand about, and the latency of commands. The score Q is the share
+    of ten trips (five on each of two floor plans) that reach their goal in time and touch nothing.
+    The seed draws the floor plans and the lidar's noise. Rigid bodies and contacts are pymunk's.
+
+    ## Action Space
+    `Box(-1, 1, (10,), float32)`, linear in:
+
+    | index | parameter | at -1 | at +1 | unit |
+    | --- | --- | --- | --- | --- |
+    | 0 | friction between wheels and floor | 0.05 | 0.45 | |
+    | 1 | payload | 0 | 5 | kg |
+    | 2 | how far before the axle the payload lies | -0.1 | 0.1 | m |
+    | 3 | angle by which the lidar is turned to the left | -20 | 20 | deg |
+    | 4 | how far to the left of the middle the lidar sits | -0.15 | 0.15 | m |
+    | 5 | standard deviation of the lidar's ranges | 0 | 0.3 | m |
+    | 6 | share of the lidar's rays that return nothing | 0 | 0.9 | |
+    | 7 | the right wheel turns faster by this share, the left one slower | -0.12 | 0.12 | |
+    | 8 | barrels on 10 m² of the hall | 0 | 2 | 1/10 m² |
+    | 9 | latency of commands | 0 | 0.8 | s |
+
+    `ppo` was trained in the middle of all ranges, `ppo-randomised` in the middle quarter of each.
+
+    ## Observation Space
+    `Box(-1, 1, (12,), float32)`: last mu (0 to 9), last score (10), share of the steps left (11);
+    zeros where there is none yet.
+
+    ## Rewards
+    A Python float, exactly `-info["score"]`: minus the share of arrivals.
+
+    ## Starting State
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s.
+
+    ## Episode End
+    Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
+    `fooled` (score <= 0.6, the paper's threshold for self-driving, where Q is a share of trips
+    too), `seed`, `parameters`, `endings` (for each trip `arrived`, `collided` or `too_late`) and
+    `remaining_m` (what was left of each way).
+
+    ## Arguments
+    - `agent="ppo"`: a shipped robot (`ppo`, `ppo-randomised`), a file of weights that our training
+      script wrote, or an SB3 model trained on `SADA-RobotTask-v0`.
+    - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
+      weights.
+    - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
+
+    ## Version History
+    - v0: initial version.
+    """
+
+    name = "SADA-Robot"
+    render_fps = POLICY_HZ
+    fooling_threshold = 0.6
+    sample_size = 100
+    parameters = PARAMETERS
+
+    def __init__(
+        self, *, agent: str | Path | RobotDriverLike = "ppo", agent_id: str | None = None
+    ) -> None:
+        super().__init__(agent, agent_id)
+
+    def _as_agent(self, given: Any) -> RobotDriver:
+        return as_driver(given)
+
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Trips:
+        """Begin all trips in the worlds of mu, ten each: (10 n) of them."""
+        starts = []
+        for row, seed in zip(mu, seeds, strict=True):
+            drawn = np.random.SeedSequence(seed).generate_state(PLANS + PLANS * TRIPS, np.uint64)
+            numbers = (drawn >> 1).tolist()
+            for k in range(PLANS):
+                plan = floor_plan(numbers[k])
+                starts += [
+                    Start(plan, trip, conditions(row), numbers[PLANS + k * TRIPS + trip])
+                    for trip in range(TRIPS)
+                ]
+        return Trips(starts)
+
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        trips = self.episodes(mu, seeds)
+        self.play(trips)
+        ending = trips.ending.reshape(len(mu), -1)
+        left = trips.remaining_m.reshape(len(mu), -1)
+        extras = [
+            {"endings": [Ending(code).name.lower() for code in codes], "remaining_m": row}
+            for codes, row in zip(ending, left, strict=True)
+        ]
+        return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
+
+    def reference_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+        """Give the scores of the privileged driver, (n,); arguments as `evaluate`.
+
+        It knows the whole world, and what it doesn't reach can hardly be reached.
+        """
+        batch = self.parameters.validate(mu)
+        trips = self.episodes(batch, validate_seeds(seeds, len(batch)))
+        play(PrivilegedDriver(), trips)
+        score: npt.NDArray[np.float64] = trips.score.reshape(len(batch), -1).mean(axis=1)
+        return score
+
+    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_]:
+        """Say where the privileged driver is not fooled, (n,); arguments as `evaluate`."""
+        reached: npt.NDArray[np.bool_] = self.reference_score(mu, seeds) > self.fooling_threshold
+        return reached
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw the first trip that fails, above maps of all trips."""
+        from sada_gym.envs.robot.pictures import summary
+
+        return summary(self.rollouts(mu, seed))
+
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw the hall, and what the lidar returns, at the start of the first trip."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        frame: Frame = self.episodes(row, [seed]).render(np.zeros(1, np.intp))[0]
+        return frame
+
+    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
+        from sada_gym.envs.robot.pictures import frames
+
+        return frames(rollouts)

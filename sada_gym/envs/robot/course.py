@@ -1,0 +1,51 @@
+"""What a robot is trained on: random floor plans, trips and conditions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sada_gym.envs.checks import check_kind, check_number
+from sada_gym.envs.robot.conditions import PARAMETERS, Conditions, conditions
+from sada_gym.envs.robot.episodes import Start
+from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
+
+PLANS = 2_000
+"""The floor plans of the training have the numbers below this. The benchmark draws its own from
+numbers of 63 bits."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A distribution of trips.
+
+    Attributes:
+        conditions: The conditions of all trips, where `spread` is 0.
+        spread: Otherwise each condition is drawn from this share of its range, around its middle.
+        turned_deg: The greatest angle by which a robot is turned from its way at the start.
+    """
+
+    conditions: Conditions = field(default_factory=Conditions)
+    spread: float = 0.0
+    turned_deg: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no course."""
+        check_kind("conditions", self.conditions, Conditions)
+        check_number("spread", self.spread, 0.0, 1.0)
+        check_number("turned_deg", self.turned_deg, 0.0, 180.0)
+
+    def draw(self, rng: np.random.Generator) -> Start:
+        """Draw one trip."""
+        drawn = self.conditions
+        if self.spread > 0.0:
+            mu = rng.uniform(-self.spread, self.spread, len(PARAMETERS)).astype(np.float32)
+            drawn = conditions(mu)
+        return Start(
+            plan=floor_plan(int(rng.integers(PLANS))),
+            trip=int(rng.integers(TRIPS)),
+            conditions=drawn,
+            seed=int(rng.integers(2**31)),
+            turned_rad=float(np.deg2rad(rng.uniform(-self.turned_deg, self.turned_deg))),
+        )

@@ -1,0 +1,241 @@
+"""Pictures of trips for people: the hall from above, with the robot and what its lidar returned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from sada_gym.application import Frame
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
+from sada_gym.envs.robot.conditions import Conditions
+from sada_gym.envs.robot.episodes import GOAL_M, POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
+from sada_gym.envs.robot.world.robot import RADIUS_M
+
+WIDTH = 700
+"""The width of a map in pixels."""
+_FINE = 2
+"""Maps are drawn so many times larger, and made smaller afterwards, so that edges are smooth."""
+_FLOOR, _RACK, _SHELF = (236, 238, 240), (193, 154, 107), (148, 112, 70)
+_PILLAR, _BARREL, _LID, _CART = (110, 116, 124), (222, 120, 31), (246, 168, 92), (70, 110, 160)
+_WAY, _DRIVEN, _RETURN = (250, 204, 21), (37, 99, 235), (220, 38, 38)
+_GOAL, _FAILED, _ROBOT = (34, 197, 94), (220, 38, 38), (40, 44, 52)
+
+Array = npt.NDArray[np.float64]
+Rollouts = Sequence[Rollout[Start]]
+
+_TEXTS = {
+    Ending.ARRIVED: "arrived",
+    Ending.COLLIDED: "collided",
+    Ending.TOO_LATE: "too late",
+    Ending.UNDER_WAY: "under way",
+}
+
+
+def summary(rollouts: Rollouts) -> Frame:
+    """Draw the end of the first trip that failed, above maps of the trips of each floor plan."""
+    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
+    which = failed[0] if failed else 0
+    rollout = rollouts[which]
+    last = len(rollout["poses"]) - 1
+    arrived = len(rollouts) - len(failed)
+    ending = _TEXTS[Ending(int(rollout["ending"][-1]))]
+    maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
+    top = _moment(rollout, last)
+    return stacked(
+        [
+            caption(f"{arrived} of {len(rollouts)} trips arrived", top.width),
+            *_conditions(rollout.start.conditions, top.width),
+            top,
+            caption(f"trip {which + 1}, {last / POLICY_HZ:.1f} s: {ending}", top.width),
+            beside(*maps),
+            caption("all trips of both floor plans; a cross is where one failed", top.width),
+        ]
+    )
+
+
+def frames(rollouts: Rollouts) -> list[Frame]:
+    """Draw every step of every trip."""
+    drawn = []
+    for i, rollout in enumerate(rollouts):
+        last = len(rollout["poses"]) - 1
+        for step in range(last + 1):
+            ending = _TEXTS[Ending(int(rollout["ending"][step]))]
+            text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
+            frame = stacked([_moment(rollout, step), caption(text, WIDTH)])
+            drawn += [frame] * (POLICY_HZ if step == last else 1)  # a second to read the ending
+    return drawn
+
+
+def frame(trips: Trips, i: int) -> Frame:
+    """Draw one of the trips as it is now."""
+    return np.asarray(_view(trips.starts[i], trips.poses[i], trips.carts[i], trips.points[i]))
+
+
+def _moment(rollout: Rollout[Start], step: int) -> Image.Image:
+    carts, points = rollout["carts"][step], rollout["points"][step]
+    return _view(rollout.start, rollout["poses"][step], carts, points, rollout["poses"][: step + 1])
+
+
+def _view(
+    start: Start, pose: Array, carts: Array, points: Array, driven: Array | None = None
+) -> Image.Image:
+    """Draw the hall, the way, the robot at a pose (3,), and what it believes to see."""
+    chart = _Chart(WIDTH, start)
+    chart.line(start.plan.ways[start.trip], _WAY, 0.07)
+    goal_x, goal_y = start.plan.ways[start.trip][-1]
+    chart.disc(goal_x, goal_y, GOAL_M, _GOAL)
+    if driven is not None:
+        chart.line(driven[:, :2], _DRIVEN, 0.04)
+    chart.carts(carts)
+    chart.robot(pose)
+    for x, y in points[np.isfinite(points[..., 0])]:
+        chart.disc(x, y, 0.03, _RETURN)
+    return chart.finished()
+
+
+def _overview(rollouts: Rollouts, first: int) -> Image.Image:
+    """Draw the trips of one floor plan, with their numbers, and crosses where they failed."""
+    chart = _Chart(WIDTH // 2, rollouts[0].start)
+    for rollout in rollouts:
+        chart.line(rollout.start.plan.ways[rollout.start.trip], _WAY, 0.1)
+    for rollout in rollouts:
+        chart.line(rollout["poses"][:, :2], _DRIVEN, 0.06)
+    for k, rollout in enumerate(rollouts):
+        way = rollout.start.plan.ways[rollout.start.trip]
+        for (x, y), colour in ((way[0], (255, 255, 255)), (way[-1], _GOAL)):
+            chart.disc(x, y, 0.14, colour)
+        x, y = way[len(way) // 2]
+        chart.text(x, y, str(first + k + 1))
+    for rollout in rollouts:
+        if rollout.score < 1:
+            chart.cross(*rollout["poses"][-1, :2])
+    return chart.finished()
+
+
+def _conditions(of: Conditions, width: int) -> list[Image.Image]:
+    """Write the conditions."""
+    return [
+        caption(
+            f"friction {of.floor_friction:.2f}, payload {of.payload_kg:.1f} kg "
+            f"{100 * of.payload_offset_m:+.0f} cm ahead, wheels {100 * of.wheel_gain:+.0f} %, "
+            f"latency {of.latency_s:.2f} s, {of.barrels} barrels",
+            width,
+        ),
+        caption(
+            f"lidar: turned {_left(of.lidar_yaw_deg, '°')}, mounted "
+            f"{_left(100 * of.lidar_offset_m, ' cm')}, noise {100 * of.lidar_noise_m:.0f} cm, "
+            f"{100 * of.lidar_dropout:.0f} % lost",
+            width,
+        ),
+    ]
+
+
+def _left(amount: float, unit: str) -> str:
+    """Write an amount to the left, or to the right where it is negative."""
+    return f"{abs(amount):.0f}{unit} to the {'left' if amount >= 0 else 'right'}"
+
+
+class _Chart:
+    """A map of a floor plan that is being drawn.
+
+    Args:
+        width: Its width in pixels.
+        start: A trip on the floor plan.
+    """
+
+    def __init__(self, width: int, start: Start) -> None:
+        self._size = width, round(width * HALL_M[1] / HALL_M[0])
+        self._unit = _FINE * width / HALL_M[0]
+        picture = Image.new("RGB", (_FINE * self._size[0], _FINE * self._size[1]), _FLOOR)
+        self._picture, self._draw = picture, ImageDraw.Draw(picture)
+        plan = start.plan
+        for x0, y0, x1, y1 in plan.racks:
+            self._box(x0, y0, x1, y1, _RACK, _SHELF)
+            self.line(np.array([[x0, (y0 + y1) / 2], [x1, (y0 + y1) / 2]]), _SHELF, 0.03)
+            for x in np.linspace(x0, x1, max(2, round((x1 - x0) / 0.5)) + 1)[1:-1]:
+                self.line(np.array([[x, y0], [x, y1]]), _SHELF, 0.03)
+        for x, y, radius in plan.pillars:
+            self.disc(x, y, radius, _PILLAR)
+        for x, y, radius in plan.barrels[: start.conditions.barrels]:
+            self.disc(x, y, radius, _BARREL)
+            self.disc(x, y, 0.7 * radius, _LID)
+        self._box(0.0, 0.0, *HALL_M, None, INK)
+
+    def _at(self, x: float, y: float) -> tuple[float, float]:
+        return x * self._unit, (HALL_M[1] - y) * self._unit
+
+    def _box(
+        self,
+        x0: float,
+        y0: float,
+        x1: float,
+        y1: float,
+        fill: tuple[int, ...] | None,
+        edge: tuple[int, ...],
+    ) -> None:
+        left, top = self._at(x0, y1)
+        right, bottom = self._at(x1, y0)
+        width = round(0.04 * self._unit)
+        self._draw.rectangle((left, top, right - 1, bottom - 1), fill, edge, width)
+
+    def line(self, points: Array, colour: tuple[int, ...], width_m: float) -> None:
+        """Draw a line through points (n, 2)."""
+        pixels = [self._at(x, y) for x, y in points.tolist()]
+        self._draw.line(pixels, colour, max(2, round(width_m * self._unit)), joint="curve")
+
+    def disc(self, x: float, y: float, radius: float, colour: tuple[int, ...]) -> None:
+        """Draw a disc with a rim."""
+        edge = INK if radius > 0.05 else None
+        width = max(1, round(0.02 * self._unit))
+        self._draw.circle(self._at(x, y), radius * self._unit, colour, edge, width)
+
+    def carts(self, places: Array) -> None:
+        """Draw carts: discs with a square load."""
+        for x, y in places:
+            if x > 0.0:
+                self.disc(x, y, CART_RADIUS_M, _CART)
+                half = 0.5 * CART_RADIUS_M
+                self._box(x - half, y - half, x + half, y + half, (214, 226, 240), INK)
+
+    def robot(self, pose: Array) -> None:
+        """Draw the robot: a disc with wheels and an arrow ahead."""
+        x, y, heading = pose
+        ahead, left = (
+            (math.cos(heading), math.sin(heading)),
+            (-math.sin(heading), math.cos(heading)),
+        )
+        self.disc(x, y, RADIUS_M, _ROBOT)
+        tips = [(0.15, 0.0), (-0.08, 0.09), (-0.08, -0.09)]
+        corners = [
+            self._at(x + a * ahead[0] + b * left[0], y + a * ahead[1] + b * left[1])
+            for a, b in tips
+        ]
+        self._draw.polygon(corners, (255, 255, 255))
+
+    def cross(self, x: float, y: float) -> None:
+        """Draw a cross where a trip failed."""
+        for side in (-1, 1):
+            ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
+            self.line(ends, _FAILED, 0.09)
+
+    def text(self, x: float, y: float, text: str) -> None:
+        """Write a number."""
+        self._draw.text(
+            self._at(x, y),
+            text,
+            INK,
+            ImageFont.load_default(0.4 * self._unit),
+            "mm",
+            stroke_width=round(0.05 * self._unit),
+            stroke_fill="white",
+        )
+
+    def finished(self) -> Image.Image:
+        """Give the picture."""
+        return self._picture.resize(self._size, Image.Resampling.BOX)

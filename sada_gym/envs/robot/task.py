@@ -1,0 +1,148 @@
+"""SADA-RobotTask: the inner task, on which robots are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
+
+from sada_gym.envs.checks import check_kind
+from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
+from sada_gym.envs.robot.course import Course
+from sada_gym.envs.robot.episodes import FORWARD_M_S, POLICY_HZ, Ending, Start, Trips
+
+ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
+
+
+class RobotTask(Task[Trips]):
+    """Trips of a course, and their rewards."""
+
+    episodes_class, course_class = Trips, Course
+
+    def _begin(self, starts: Sequence[Start]) -> Trips:
+        return Trips(starts)
+
+    def _step(self, episodes: Trips, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        before = episodes.remaining_m.copy()
+        episodes.step(np.arange(len(episodes)), actions)
+        pace = np.clip((before - episodes.remaining_m) * POLICY_HZ / FORWARD_M_S, -1.0, 1.0)
+        end = np.where(episodes.ending == Ending.ARRIVED, ARRIVAL_REWARD, 0.0)
+        end = np.where(episodes.ending == Ending.COLLIDED, COLLISION_REWARD, end)
+        reward: npt.NDArray[np.float64] = pace - 0.1 + end
+        return reward
+
+    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Say which trips are terminated, and which are truncated: out of time."""
+        ending = self.episodes.ending
+        truncated = ending == Ending.TOO_LATE
+        return (ending != Ending.UNDER_WAY) & ~truncated, truncated
+
+    def info(self, i: int) -> dict[str, Any]:
+        """Say where robot i is."""
+        return {
+            "remaining_m": float(self.episodes.remaining_m[i]),
+            "is_success": bool(self.episodes.ending[i] == Ending.ARRIVED),
+        }
+
+
+class RobotTaskEnv(TaskEnv):
+    """A robot with a lidar drives to a goal in a warehouse.
+
+    ## Description
+    The robot, a TurtleBot 2, decides at 5 Hz how fast it drives and turns. It knows the map of the
+    hall (racks and pillars), where it is, and the way that was planned on the map. It does not know
+    the barrels and the moving carts, which its lidar shows. The wheels' grip and the motors' torque
+    decide what becomes of its commands; pymunk integrates rigid bodies and finds contacts.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`: the speed, 1 is 0.6 m/s ahead and -1 is 0.1 m/s backwards; and the
+    turning rate, 1 is 1.5 rad/s to the left.
+
+    ## Observation Space
+    `Dict`:
+
+    | key | space | what |
+    | --- | --- | --- |
+    | `lidar` | `Box(0, 1, (36,), float32)` | how near the nearest return of the last four scans is in each sector of 10°, ahead first, then to the left: 1 at the robot's middle, 0 at 3.5 m or where there is none |
+    | `state` | `Box(-inf, inf, (16,), float32)` | points of the way 0.4, 0.8, 1.2 and 2 m ahead (0 to 7: ahead, to the left, in these distances); what is left of the way in 3 m, at most 1 (8); velocity ahead, to the left, in 0.6 m/s, and turning rate in 1.5 rad/s (9 to 11); the last two actions (12 to 15) |
+
+    ## Rewards
+    A step: the distance made along the way as a share of that at 0.6 m/s, from -1 to 1, less 0.1.
+    In addition, +10 on arrival and -10 for a collision.
+
+    ## Starting State
+    The start of a random trip on a random floor plan, with the robot turned by up to 30°.
+
+    ## Episode End
+    Terminated less than 0.3 m from the goal, or when the robot touches something. Truncated when the
+    way would have been driven at 0.25 m/s, and 10 s more. `info` holds `remaining_m`, `is_success`.
+
+    ## Arguments
+    - `course=Course()`: what floor plans, trips and conditions are drawn from.
+    - `floor_friction`, `payload_kg`, `payload_offset_m`, `lidar_yaw_deg`, `lidar_offset_m`,
+      `lidar_noise_m`, `lidar_dropout`, `wheel_gain`, `obstacle_density`, `latency_s`: the conditions
+      of all trips, see `Conditions`; those that are not given are the course's.
+    - `render_mode=None`: `"rgb_array"` draws the hall from above with the robot and its lidar's
+      returns.
+
+    ## Version History
+    - v0: initial version.
+    """  # noqa: E501 - a table's row
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": POLICY_HZ}  # noqa: RUF012
+    task_class = RobotTask
+
+    def __init__(
+        self,
+        course: Course | None = None,
+        *,
+        floor_friction: float | None = None,
+        payload_kg: float | None = None,
+        payload_offset_m: float | None = None,
+        lidar_yaw_deg: float | None = None,
+        lidar_offset_m: float | None = None,
+        lidar_noise_m: float | None = None,
+        lidar_dropout: float | None = None,
+        wheel_gain: float | None = None,
+        obstacle_density: float | None = None,
+        latency_s: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        given = {
+            "floor_friction": floor_friction,
+            "payload_kg": payload_kg,
+            "payload_offset_m": payload_offset_m,
+            "lidar_yaw_deg": lidar_yaw_deg,
+            "lidar_offset_m": lidar_offset_m,
+            "lidar_noise_m": lidar_noise_m,
+            "lidar_dropout": lidar_dropout,
+            "wheel_gain": wheel_gain,
+            "obstacle_density": obstacle_density,
+            "latency_s": latency_s,
+        }
+        changed = {name: value for name, value in given.items() if value is not None}
+        if changed:
+            course = Course() if course is None else course
+            check_kind("course", course, Course)
+            course = replace(course, conditions=replace(course.conditions, **changed))
+        super().__init__(course, render_mode=render_mode)
+
+
+class RobotTaskVectorEnv(TaskVectorEnv):
+    """`RobotTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
+
+    Args:
+        course: The distribution of floor plans, trips and conditions.
+        num_envs: Number of robots.
+        render_mode: `"rgb_array"` draws the hall of each robot.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        **RobotTaskEnv.metadata,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+    task_class = RobotTask

@@ -1,0 +1,1 @@
+"""The warehouse, the robot that drives in it, and its lidar."""

@@ -1,0 +1,24 @@
+"""How the shipped robots are trained."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sada_gym.envs.robot.course import Course
+from studies.training.common import Recipe, Reinforcement
+
+_PPO = Reinforcement(
+    course=Course(),
+    lockstep=64,
+    steps=2_000_000,
+    rollout=64,
+    batch=1_024,
+    epochs=6,
+    rate=5e-4,
+    discount=0.98,
+)
+
+RECIPES: dict[str, Recipe[Course]] = {
+    "ppo": _PPO,
+    "ppo-randomised": replace(_PPO, course=Course(spread=0.25)),
+}

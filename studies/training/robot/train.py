@@ -1,0 +1,76 @@
+"""Train a robot: `python -m studies.training.robot.train ppo --seed 0 --out DIR`.
+
+The last weights are kept (nothing is chosen by a score), measured, and written with a model card to
+--out. With --steps it is a trial: nothing is measured, and no card is written. The shipped robots'
+names and SHA-256 stand in `sada_gym/envs/robot/catalogue.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stable_baselines3 import PPO
+
+from sada_gym.determinism import one_thread
+from sada_gym.envs.robot.agent.network import new_model
+from sada_gym.envs.robot.agent.weights import save
+from sada_gym.envs.robot.course import Course
+from sada_gym.envs.robot.task import RobotTaskVectorEnv
+from studies.training.common import (
+    ModelCard,
+    Recipe,
+    Reinforcement,
+    Report,
+    learn,
+    new_learner,
+    run_script,
+)
+from studies.training.robot.evaluate import measure, table
+from studies.training.robot.recipe import RECIPES
+
+
+def train(recipe: Recipe[Course], *, seed: int) -> PPO:
+    """Train a robot by PPO, in one thread: more would give other last bits."""
+    assert isinstance(recipe, Reinforcement)
+    tasks = RobotTaskVectorEnv(recipe.course, num_envs=recipe.lockstep)
+    with one_thread():
+        model = new_learner(new_model, tasks, recipe, seed=seed)
+        return learn(model, recipe, seed=seed, report=Report("arrived"))
+
+
+def write_card(
+    weights: Path, recipe: Recipe[Course], seed: int, minutes: float, figures: str
+) -> None:
+    """Write a model card: how the robot was trained, its file's SHA-256, what it scores."""
+    name = weights.stem
+    ModelCard(
+        name=name,
+        description="""A robot that drives by its lidar and the way that was planned on its map
+(`sada_gym/envs/robot/agent/network.py`), trained by Stable-Baselines3's PPO on SADA-RobotTask-v0,
+on 2,000 floor plans. The benchmark draws other floor plans.""",
+        command=f"python -m studies.training.robot.train {name} --seed {seed} --out DIR",
+        training=f"{minutes:.0f} minutes of one core, simulation included",
+        recipe=recipe,
+        measured=f"""Measured by `python -m studies.training.robot.evaluate {name} --seed
+{seed + 1_000}`: nominal worlds (mu = 0), mild ones (uniform within 0.25), and uniform mu,
+fooled where Q <= 0.6; the mu that fooled, again on other seeds; and the privileged driver on
+uniform mu.""",
+        figures=figures,
+    ).write(weights.with_suffix(".md"), weights)
+
+
+def main() -> None:
+    """Train, measure, write."""
+    run_script(
+        __doc__,
+        RECIPES,
+        "robots",
+        train=train,
+        save=save,
+        measure=lambda robot, seed: table(measure(robot, seed=seed)),
+        write_card=write_card,
+    )
+
+
+if __name__ == "__main__":
+    main()
