@@ -14,11 +14,11 @@ PARAMETERS = ParameterSpace(
     Parameter("floor_friction", 0.05, 0.45),
     Parameter("payload_kg", 0.0, 5.0, "kg"),
     Parameter("payload_offset_m", -0.1, 0.1, "m"),
-    Parameter("lidar_yaw_deg", -25.0, 25.0, "deg"),
+    Parameter("lidar_yaw_deg", -30.0, 30.0, "deg"),
     Parameter("lidar_offset_m", -0.15, 0.15, "m"),
     Parameter("lidar_noise_m", 0.0, 0.2, "m"),
     Parameter("lidar_dropout", 0.0, 0.9),
-    Parameter("wheel_gain", -0.15, 0.15),
+    Parameter("wheel_gain", -0.18, 0.18),
     Parameter("obstacle_density", 0.0, 2.0, "1/10 m²"),
     Parameter("latency_s", 0.0, 0.6, "s"),
 )

@@ -10,7 +10,7 @@ from studies.training.common import Recipe, Reinforcement
 _PPO = Reinforcement(
     course=Course(),
     lockstep=64,
-    steps=2_000_000,
+    steps=1_500_000,
     rollout=64,
     batch=1_024,
     epochs=6,
