@@ -184,6 +184,11 @@ class Application(ABC):
             refuse_random(self.agent_name or type(self.agent).__name__, first, second, seeds)
             self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
 
+    @property
+    def draws(self) -> bool:
+        """Whether it draws pictures."""
+        return type(self).render is not Application.render
+
     @abstractmethod
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""

@@ -156,7 +156,7 @@ def _run(name: str, check: Callable[[], str]) -> Check:
 
 
 def _check_gymnasium(env: AdversaryEnv) -> str:
-    draws = type(env.application).render is not Application.render
+    draws = env.application.draws
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env, skip_render_check=env.spec is None or not draws)
