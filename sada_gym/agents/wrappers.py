@@ -260,12 +260,13 @@ def _normalised(
         key: moments.mean.shape
         for key, moments in (known if isinstance(known, dict) else {ALONE: known}).items()
     }
-    if all(key in single and shape == single[key].shape for key, shape in shapes.items()):
+    usual = {key: part.shape for key, part in single.items()}
+    if all(shape == usual.get(key) for key, shape in shapes.items()):
         return [Normalize(normalisation), *stack]
     if all(shape == stacked.get(key) for key, shape in shapes.items()):
         return [*stack, Normalize(normalisation)]
     raise UserError(
-        f"Expected the statistics of observations {single}, got those of arrays of shape "
+        f"Expected the statistics of observations of shape {[*usual.values()]}, got those of "
         f"{[*shapes.values()]}. Pass the VecNormalize that this agent was trained with."
     )
 

@@ -84,6 +84,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     """
 
     game: Game
+    packages: tuple[str, ...]
+    _other_cause = (
+        "If it is the environment that is random, let it draw from its own np_random and not from "
+        "numpy.random or random, and let its episodes share nothing."
+    )
 
     def __init__(
         self,
@@ -110,10 +115,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         maker = Maker(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._count, self._trust = episodes, trust
-        self.name, self.version = _named(maker, name)  # type: ignore[misc]
         self._normalisation = _statistics(statistics, trust=trust)
         with closing(maker.make({})) as env:
             self._explore(env, maker, parameters, as_score(score))
+        if name is not None:
+            if not isinstance(name, str) or not name:
+                raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
+            self.name = name  # type: ignore[misc]
         refuse_undeclared(self)
         if isinstance(agent, str | Path):
             file = Path(agent)
@@ -132,7 +140,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Learn from one environment what all have in common, and find the parameters' places."""
         self._metadata = dict(env.metadata)
         self.render_fps = int(self._metadata.get("render_fps") or 30)  # type: ignore[misc]
-        self._wrapped_by = tuple({type(layer) for layer in layers(env)})
+        self._wrapped_by = tuple(
+            kind
+            for kind in (gym.ObservationWrapper, gym.ActionWrapper)
+            if any(isinstance(layer, kind) for layer in layers(env))
+        )
+        self.packages = _packages(env)
+        self.name, self.version = _named(maker, env)  # type: ignore[misc]
         if not isinstance(env.action_space, _ACTIONS):
             raise UserError(
                 "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
@@ -243,10 +257,18 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
                     "return": float(np.mean([sum(one.rewards) for one in together])),
                     "length": float(np.mean([len(one.rewards) for one in together])),
                     "clipped": any(one.clipped for one in together),
+                    **self._whole(together[0].world.values),
                 }
             )
         self._warn_of_clipping(extras)
         return Scored(score, extras)
+
+    def _whole(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Give what choices and whole numbers were set, which `parameters` shows as a place."""
+        places = self.game.places.items()
+        chosen = {key: str(values[key]) for key, place in places if place.choices}
+        whole = {key: values[key] for key, place in places if place.integer}
+        return {"values": chosen | whole} if chosen or whole else {}
 
     def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:
         """Warn once where many returns lie outside the range of the score."""
@@ -311,14 +333,25 @@ def _drawing() -> Iterator[None]:
         raise NotImplementedError(f"The environment cannot be drawn: {error}") from error
 
 
-def _named(maker: Maker, name: str | None) -> tuple[str, int]:
-    """Give the application's name and version: those of the environment's id, if it has one."""
-    if name is not None and (not isinstance(name, str) or not name):
-        raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
+def _packages(env: gym.Env[Any, Any]) -> tuple[str, ...]:
+    """Name the packages that an environment and an agent may need; some may not be installed."""
+    modules = {kind.__module__ for layer in layers(env) for kind in type(layer).__mro__}
+    engines = {
+        engine
+        for module in modules
+        for engine in ("box2d", "mujoco")
+        if module.startswith(f"gymnasium.envs.{engine}")
+    }
+    homes = {module.partition(".")[0] for module in modules} - {"builtins", "abc", "typing"}
+    return tuple(sorted({"torch", "stable-baselines3", *engines, *homes}))
+
+
+def _named(maker: Maker, env: gym.Env[Any, Any]) -> tuple[str, int]:
+    """Give the name and version of the environment's id, or its class's name and 0."""
+    if not isinstance(maker.environment, str):
+        return type(env.unwrapped).__name__, 0
     match = _ID.fullmatch(maker.name)
-    if match is None:
-        return name or maker.name, 0
-    return name or match[1], int(match[2])
+    return (maker.name, 0) if match is None else (match[1], int(match[2]))
 
 
 def _statistics(given: Any, *, trust: bool) -> VecNormalize | None:
@@ -350,4 +383,6 @@ def _statistics(given: Any, *, trust: bool) -> VecNormalize | None:
             f"Expected the file of a VecNormalize in {given}, got a {type(found).__name__}. Write "
             "it by VecNormalize.save."
         )
+    # what its file leaves out, without which it could not be sent to worker processes
+    vars(found).update(venv=None, class_attributes={}, returns=None)
     return found

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -33,8 +33,13 @@ class Disturbance(Place):
     most: ClassVar[float] = np.inf
     whole: ClassVar[bool] = False
 
+    def __post_init__(self) -> None:
+        """Make numbers of steps whole."""
+        if self.whole and not self.choices:
+            object.__setattr__(self, "integer", True)
+
     def parameter(self, name: str) -> Parameter:
-        """Give the parameter of this name; numbers of steps are whole.
+        """Give the parameter of this name.
 
         Raises:
             UserError: If the range is empty, or reaches beyond what the disturbance can be.
@@ -50,15 +55,7 @@ class Disturbance(Place):
                 f"Expected {type(self).__name__} {name!r} of at least {self.least:g}{most}, got "
                 f"{ends}. Mend its range."
             )
-        if self.whole and not self.choices and not self.integer:
-            return replace(self, integer=True).parameter(name)
         return super().parameter(name)
-
-    def value(self, physical: float) -> Any:
-        """Give the value; numbers of steps are whole."""
-        if self.whole and not self.choices and not self.integer:
-            return replace(self, integer=True).value(physical)
-        return super().value(physical)
 
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
         """Check that it fits the environment's spaces."""

@@ -132,6 +132,7 @@ class Running:
     """One episode under way.
 
     Attributes:
+        world: How it began.
         env: Its environment.
         seen: What the agent sees.
         rewards: The rewards so far.
@@ -141,7 +142,7 @@ class Running:
     """
 
     def __init__(self, game: Game, world: World, *, pictures: bool) -> None:
-        self._game, self._world = game, world
+        self._game, self.world = game, world
         names = [*game.places]
         setup = Setup(
             game.maker,
@@ -215,7 +216,7 @@ class Running:
             self.env.close()
 
     def _reset(self, options: Mapping[str, Any]) -> tuple[Any, Any]:
-        seed = np.random.SeedSequence(self._world.seed, spawn_key=(self._world.number, 0))
+        seed = np.random.SeedSequence(self.world.seed, spawn_key=(self.world.number, 0))
         first = int(seed.generate_state(1, np.uint32)[0]) >> 1
         try:
             observation, info = self.env.reset(seed=first, options=dict(options) or None)
@@ -243,7 +244,7 @@ class Running:
         if not np.isfinite(value):
             raise UserError(
                 f"Expected rewards that are finite numbers from {self._game.maker.name}, got "
-                f"{reward!r} at step {len(self.rewards)} with {dict(self._world.values)}. Narrow "
+                f"{reward!r} at step {len(self.rewards)} with {dict(self.world.values)}. Narrow "
                 "the ranges to worlds that the simulator can compute."
             )
         self.rewards.append(value)
@@ -267,7 +268,7 @@ class Running:
             if type(here) is not type(usual) or shapes(here) != shapes(usual):
                 raise UserError(
                     f"Expected the same {name.replace('_', ' ')} in all worlds, {usual}, got "
-                    f"{here} with {dict(self._world.values)}. Leave out the parameter that "
+                    f"{here} with {dict(self.world.values)}. Leave out the parameter that "
                     "changes it."
                 )
 
@@ -275,7 +276,7 @@ class Running:
         if isinstance(error, UserError):
             return error
         return UserError(
-            f"Expected {self._game.maker.name} to make {what} with {dict(self._world.values)}, got "
+            f"Expected {self._game.maker.name} to make {what} with {dict(self.world.values)}, got "
             f"{type(error).__name__}: {error}. Narrow the ranges to worlds that it takes."
         )
 

@@ -110,10 +110,15 @@ class Maker:
         except UserError:
             raise
         except Exception as error:  # whatever an environment's constructor may raise
+            found = f"got {type(error).__name__}: {error}"
+            if isinstance(error, ImportError):
+                raise UserError(f"Expected the packages of {self.name}, {found}.") from error
+            hint = (
+                " Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
+                "whole number."
+            )
             raise UserError(
-                f"Expected {self.name} to be made with {dict(keywords)}, got "
-                f"{type(error).__name__}: {error}. Narrow the ranges to what it takes; write "
-                "Keyword(low, high, integer=True) for a whole number."
+                f"Expected {self.name} to be made with {given}, {found}.{hint if keywords else ''}"
             ) from error
         if not isinstance(made, gym.Env):
             raise UserTypeError(
