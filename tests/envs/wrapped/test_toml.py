@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 from dataclasses import fields
 from pathlib import Path
 
@@ -89,6 +90,17 @@ def test_every_key_of_the_constructor_can_stand_in_a_file():
         if one.default is one.empty
     ]
     assert sorted(toml._REQUIRED) == sorted(required)
+
+
+def test_the_page_names_every_key_and_kind_and_its_files_are_right():
+    page = (Path(__file__).parents[3] / "docs" / "toml.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    table = toml.tomllib.loads(block)
+    assert {*toml._REQUIRED} <= {*table} <= {*toml._KEYS}
+    for name, value in table["parameters"].items():
+        assert toml._place(name, value, Path("lander.toml"))
+    for name in (*toml._KEYS, *toml.KINDS, *toml._PLACE_KEYS):
+        assert f"`{name}`" in page
 
 
 def test_every_field_of_every_kind_has_a_type():
