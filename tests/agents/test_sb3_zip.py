@@ -345,7 +345,10 @@ def test_huge_layers_that_the_weights_lack_are_never_allocated(path):
         load_sb3(path, VECTOR, DISCRETE)
 
 
-@pytest.mark.parametrize("arguments", [{"nonsense": 1}, {"net_arch": {"pi": -1}}, [1]])
+RELU = {"features_extractor_class": str(nn.ReLU)}
+
+
+@pytest.mark.parametrize("arguments", [{"nonsense": 1}, {"net_arch": {"pi": -1}}, [1], RELU])
 def test_arguments_that_no_policy_takes_are_refused(arguments, path):
     rewrite(path, data=lambda data: data.update(policy_kwargs=arguments))
     with pytest.raises(UserError, match="Expected policy_kwargs"):
