@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sada_gym import agents
@@ -47,6 +48,17 @@ class Interface:
     wrapped_by: tuple[type[Any], ...] = ()
 
 
+@dataclass(frozen=True)
+class Silent:
+    """Stands for a model that does not say what it sees: it sees what the task shows.
+
+    Attributes:
+        observation_space: The space of the task's observations.
+    """
+
+    observation_space: spaces.Space[Any]
+
+
 class Policy:
     """A model that was trained on an inner task, with the wrappers that it was trained under.
 
@@ -70,7 +82,11 @@ class Policy:
         normalisation: VecNormalize | None = None,
     ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
-        given = getattr(model, "action_space", None)
+        # whoever writes `predict` for any environment need not repeat its spaces
+        silent = isinstance(episodes, Interface) and not (
+            hasattr(model, "action_space") or hasattr(model, "observation_space")
+        )
+        given = action_space if silent else getattr(model, "action_space", None)
         if given != action_space:
             raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
@@ -80,7 +96,7 @@ class Policy:
         self.model = model
         self._plain = not isinstance(observation_space, spaces.Dict)
         self._transforms = observation_transforms(
-            model,
+            Silent(observation_space) if silent else model,
             observation_space,
             episodes.task_id,
             normalisation=normalisation,
@@ -113,6 +129,10 @@ class Policy:
             "transforms": [type(transform).__name__ for transform in self._transforms],
             "normalisation": hashlib.sha256(statistics(self._transforms)).hexdigest(),
         }
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what only training needs: environments, and functions of the learning rate."""
+        return {**self.__dict__, "model": _for_playing(self.model)}
 
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
@@ -198,6 +218,24 @@ class Policy:
                 if not _is_torchs_refusal(error):
                     raise
         return actions
+
+
+def _for_playing(model: Any) -> Any:
+    """Give a copy of an SB3 model that predicts and can be pickled, or another model as it is."""
+    if not isinstance(model, BaseAlgorithm):
+        return model
+    left_out = {*model._excluded_save_params()} - {"policy", "device"}
+    copied: Any = object.__new__(type(model))
+    vars(copied).update(
+        {
+            key: value
+            for key, value in vars(model).items()
+            if key not in left_out
+            and (key == "policy" or isinstance(value, type) or not callable(value))
+        }
+    )
+    copied.env = copied._vec_normalize_env = None
+    return copied
 
 
 def _is_torchs_refusal(error: ValueError) -> bool:

@@ -118,7 +118,7 @@ class StackFrames(Transform):
 
 
 def observation_transforms(
-    model: Predictor,
+    model: Any,
     observation_space: spaces.Space[Any],
     task: str,
     *,
@@ -202,7 +202,7 @@ def statistics(transforms: list[Transform]) -> bytes:
 
 
 def _by_spaces(
-    model: Predictor,
+    model: Any,
     expected: spaces.Space[Any],
     task: str,
     normalisation: VecNormalize | None,

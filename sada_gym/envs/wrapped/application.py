@@ -206,6 +206,16 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             mu = np.full((1, len(self.parameters)), corner, np.float32)
             self.episodes(mu, [0]).close()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the model that its policy holds as well, in a form that can be pickled."""
+        shared = self.agent is getattr(self.acting, "model", None)
+        return {**self.__dict__, "agent": None if shared else self.agent}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Take the model from its policy."""
+        self.__dict__.update(state)
+        self.agent = getattr(self.acting, "model", None) if self.agent is None else self.agent
+
     @property
     def settings(self) -> dict[str, Any]:
         """All that a score depends on besides the agent."""

@@ -133,7 +133,10 @@ class Maker:
         if isinstance(creator, str):
             creator = find_spec(creator).entry_point
             creator = load_env_creator(creator) if isinstance(creator, str) else creator
-        return inspect.signature(creator).parameters
+        try:
+            return inspect.signature(creator).parameters
+        except ValueError:  # it is written in C
+            return {}
 
     @property
     def takes_any_keyword(self) -> bool:
