@@ -304,7 +304,8 @@ def refuse_doubles(places: dict[str, Place]) -> None:
     seen: dict[Any, str] = {}
     for name, place in places.items():
         if isinstance(place, Disturbance):
-            kind = (type(place), getattr(place, "key", None), getattr(place, "entries", None))
+            entries = tuple(getattr(place, "entries", None) or ())
+            kind = (type(place), getattr(place, "key", None), entries)
             if kind in seen:
                 raise UserError(
                     f"Expected one {type(place).__name__}, got {seen[kind]!r} and {name!r}. Leave "

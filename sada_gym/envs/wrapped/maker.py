@@ -112,7 +112,7 @@ class Maker:
         except Exception as error:  # whatever an environment's constructor may raise
             found = f"got {type(error).__name__}: {error}"
             if isinstance(error, ImportError):
-                raise UserError(f"Expected the packages of {self.name}, {found}.") from error
+                raise self._lacking(error) from error
             hint = (
                 " Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
                 "whole number."
@@ -127,12 +127,22 @@ class Maker:
             )
         return made
 
+    def _lacking(self, error: ImportError) -> UserError:
+        return UserError(
+            f"Expected the packages that {self.name} needs, got {type(error).__name__}: {error}. "
+            "Install what it names."
+        )
+
     @property
     def _signature(self) -> Mapping[str, inspect.Parameter]:
         creator: Any = self.environment
         if isinstance(creator, str):
             creator = find_spec(creator).entry_point
-            creator = load_env_creator(creator) if isinstance(creator, str) else creator
+        if isinstance(creator, str):
+            try:
+                creator = load_env_creator(creator)
+            except ImportError as error:
+                raise self._lacking(error) from error
         try:
             return inspect.signature(creator).parameters
         except ValueError:  # it is written in C

@@ -218,5 +218,5 @@ def test_noise_on_actions_without_bounds_is_refused():
 def test_two_of_a_kind_are_refused():
     with pytest.raises(ValueError, match="one ObservationDelay, got 'a' and 'b'"):
         pendulum(parameters={"a": ObservationDelay(0, 1), "b": ObservationDelay(0, 2)})
-    parts = {str(i): ObservationNoise(0.0, 1.0, entries=(i,)) for i in range(3)}
+    parts = {str(i): ObservationNoise(0.0, 1.0, entries=[i]) for i in range(3)}
     assert len(pendulum(parameters=parts).parameters) == 3

@@ -140,6 +140,25 @@ def test_a_model_of_one_key_named_observation_is_no_special_case():
     assert_pure(application, n=3, sizes=(1, 2, 3))
 
 
+def test_the_path_of_a_zip_means_the_model_in_it(tmp_path):
+    model = PPO("MlpPolicy", "CartPole-v1", seed=1, device="cpu")
+    model.save(tmp_path / "careful.zip")
+    held = cart_pole(agent=model, agent_id=None)
+    filed = cart_pole(agent=str(tmp_path / "careful.zip"), agent_id=None)
+    mu, seeds = worlds(held)
+    assert (filed.evaluate(mu, seeds).score == held.evaluate(mu, seeds).score).all()
+    assert filed.fingerprint == held.fingerprint
+    assert filed.agent_name == "careful"
+    assert_pure(filed, n=3, sizes=(1, 2))
+
+
+def test_a_package_that_is_missing_gets_a_sentence(monkeypatch):
+    spec = gym.envs.registration.EnvSpec("Lacking-v0", entry_point="no_such_package:Env")
+    monkeypatch.setitem(gym.registry, "Lacking-v0", spec)
+    with pytest.raises(ValueError, match="the packages that Lacking-v0 needs, got ModuleNotFound"):
+        cart_pole("Lacking-v0")
+
+
 def test_a_model_for_other_spaces_is_refused():
     with pytest.raises(ValueError, match="Train it on CartPole-v1"):
         cart_pole(agent=PPO("MlpPolicy", "Acrobot-v1", device="cpu"))
