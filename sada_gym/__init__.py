@@ -4,15 +4,22 @@ Importing the package registers its environments with Gymnasium and loads no sim
 and no weights.
 """
 
+from typing import TYPE_CHECKING
+
 from sada_gym.application import Application, Frame, Outcomes, Scored
+from sada_gym.lazy import lazy_names
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.registration import env_ids, make_application, register_environments, tracks
+
+if TYPE_CHECKING:
+    from sada_gym.envs.wrapped.application import GymnasiumApplication
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Application",
     "Frame",
+    "GymnasiumApplication",
     "Outcomes",
     "Parameter",
     "ParameterSpace",
@@ -23,5 +30,7 @@ __all__ = [
     "register_environments",
     "tracks",
 ]
+
+__getattr__ = lazy_names(__name__, {"GymnasiumApplication": "envs.wrapped.application"})
 
 register_environments()

@@ -87,6 +87,7 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
+    _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -181,8 +182,14 @@ class Application(ABC):
                 [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
                 for _ in range(2)
             )
-            refuse_random(self.agent_name or type(self.agent).__name__, first, second, seeds)
+            name = self.agent_name or type(self.agent).__name__
+            refuse_random(name, first, second, seeds, self._other_cause)
             self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
+
+    @property
+    def draws(self) -> bool:
+        """Whether it draws pictures."""
+        return type(self).render is not Application.render
 
     @abstractmethod
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:

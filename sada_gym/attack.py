@@ -73,7 +73,7 @@ def attack(
     result.
 
     Args:
-        environment: An environment's id, or an `Application`.
+        environment: An environment's id, the path of a TOML file, or an `Application`.
         adversary: An adversary's name, or its class.
         out: The folder for the results: result.json, samples.npz, adversary/, pictures, run.sqlite.
         env_kwargs: Keywords of the environment's id.

@@ -57,6 +57,7 @@ def refuse_random(
     first: Sequence[Mapping[str, Any]],
     second: Sequence[Mapping[str, Any]],
     seeds: Sequence[int],
+    hint: str = "",
 ) -> None:
     """Refuse an agent that answered differently when it was asked a second time.
 
@@ -65,6 +66,7 @@ def refuse_random(
         first: Its answers in n worlds: the score, and what else is known of each.
         second: Its answers in the same worlds, asked again.
         seeds: The worlds' seeds.
+        hint: What else may be the cause, a sentence.
 
     Raises:
         UserError: If two answers differ in a single bit.
@@ -77,7 +79,7 @@ def refuse_random(
                     f"gave the {key} {before[key]} and then {after.get(key)} in the same world "
                     f"(seed {seed}). Switch off what is random in it (a sampling policy: "
                     "deterministic=True; dropout: model.eval()), and let it remember nothing from "
-                    "one episode to the next."
+                    f"one episode to the next.{hint and f' {hint}'}"
                 )
 
 

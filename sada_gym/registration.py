@@ -58,6 +58,11 @@ def task_ids() -> tuple[str, ...]:
     return tuple(env_id for card in cards() for env_id in card.tasks)
 
 
+def names_file(env_id: str) -> bool:
+    """Say whether a name stands for a TOML file with an application, and not for an id."""
+    return env_id.endswith(".toml")
+
+
 def find_spec(env_id: str) -> EnvSpec:
     """Look up the specification of a registered id.
 
@@ -95,12 +100,16 @@ def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
     """Make an adversary environment, unwrapped: one whose `application` is an `Application`.
 
     Args:
-        env_id: Any Gymnasium id of such an environment; `module:ID` imports the module first.
+        env_id: Any Gymnasium id of such an environment; `module:ID` imports the module first. Or
+            the path of a TOML file, see `sada_gym.envs.wrapped.toml.read_application`.
         **env_kwargs: The environment's keywords, as `gymnasium.make` takes them.
 
     Raises:
-        ValueError: If the id or a keyword is unknown, or it is no adversary environment.
+        ValueError: If the id or a keyword is unknown, it is no adversary environment, or the file
+            describes none.
     """
+    if names_file(env_id):
+        return _of_file(env_id, env_kwargs)
     spec = find_spec(env_id)
     _check_keywords(spec, env_kwargs)
     env = gym.make(spec, disable_env_checker=True, **env_kwargs).unwrapped
@@ -118,6 +127,18 @@ def make_application(env_id: str, **env_kwargs: Any) -> Application:
     env: Any = make_env(env_id, **env_kwargs)
     application: Application = env.application
     return application
+
+
+def _of_file(path: str, env_kwargs: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    from sada_gym.envs.adversary import AdversaryEnv
+    from sada_gym.envs.wrapped.toml import read_application
+
+    if env_kwargs:
+        raise UserError(
+            f"Expected keywords of an environment only with its id, got {dict(env_kwargs)} with "
+            f"{path}. Write them into the file."
+        )
+    return AdversaryEnv(read_application(path))
 
 
 def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:

@@ -29,6 +29,20 @@ import sys
 from setuptools import build_meta
 print(build_meta.build_sdist(sys.argv[1]))
 """
+POLE = """
+import gymnasium as gym
+from pathlib import Path
+from stable_baselines3 import PPO
+PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=64, device="cpu").learn(64).save("pole.zip")
+Path("pole.toml").write_text('''
+environment = "CartPole-v1"
+agent = "pole.zip"
+score = ["return", 0, 500]
+fooling_threshold = 0.5
+[parameters]
+gravity = [5.0, 20.0]
+''')
+"""
 STEP_ALL = """
 import sys
 import gymnasium as gym
@@ -152,3 +166,10 @@ def test_driving_is_attacked_outside_the_checkout(installed: Path) -> None:
     command = "attack SADA-Driving-Straight-v0 --adversary random --budget 4 --samples 2 --out run"
     python(installed, installed / "bin" / "sada-gym", *command.split())
     assert (installed.parent / "elsewhere" / "run" / "result.json").is_file()
+
+
+def test_a_toml_file_is_attacked_outside_the_checkout(installed: Path) -> None:
+    python(installed, "-c", POLE)
+    command = "attack pole.toml --adversary random --budget 8 --samples 4 --workers 2 --out pole"
+    python(installed, installed / "bin" / "sada-gym", *command.split())
+    assert (installed.parent / "elsewhere" / "pole" / "result.json").is_file()

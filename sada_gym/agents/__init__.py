@@ -104,7 +104,7 @@ def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, An
     if isinstance(agent, str | Path):
         return str(agent), load(agent, application)
     refuse_nonfinite(agent)
-    return agent_id or type(agent).__name__, agent
+    return agent_id or str(getattr(agent, "__name__", type(agent).__name__)), agent
 
 
 def verify(agent: AgentCard) -> None:

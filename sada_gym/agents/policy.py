@@ -5,16 +5,19 @@ from __future__ import annotations
 import hashlib
 import traceback
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
 
 from sada_gym import agents
 from sada_gym.agents.contract import Indices
-from sada_gym.agents.tile import Batch, tiled
+from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
 from sada_gym.errors import UserError
 
@@ -28,6 +31,34 @@ batch (narrow layers do) sees one observation at a time."""
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 
+@dataclass(frozen=True)
+class Interface:
+    """What an agent sees and does in a task.
+
+    Attributes:
+        task_id: The task's id, for messages.
+        observation_space: The space of its observations.
+        action_space: The space of its actions.
+        wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
+    """
+
+    task_id: str
+    observation_space: spaces.Space[Any]
+    action_space: spaces.Space[Any]
+    wrapped_by: tuple[type[Any], ...] = ()
+
+
+@dataclass(frozen=True)
+class Silent:
+    """Stands for a model that does not say what it sees: it sees what the task shows.
+
+    Attributes:
+        observation_space: The space of the task's observations.
+    """
+
+    observation_space: spaces.Space[Any]
+
+
 class Policy:
     """A model that was trained on an inner task, with the wrappers that it was trained under.
 
@@ -36,26 +67,44 @@ class Policy:
 
     Args:
         model: An SB3 model, or whatever has its spaces and `predict`.
-        episodes: The episodes in which it will act, or their class.
+        episodes: The episodes in which it will act, or their class, or what it sees and does there.
+        normalisation: The `VecNormalize` of its training; None takes that which the model holds.
 
     Raises:
         UserError: If the model's spaces are others, or it has a memory of its own.
     """
 
-    def __init__(self, model: Predictor, episodes: Episodes[Any] | type[Episodes[Any]]) -> None:
+    def __init__(
+        self,
+        model: Predictor,
+        episodes: Episodes[Any] | type[Episodes[Any]] | Interface,
+        *,
+        normalisation: VecNormalize | None = None,
+    ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
-        given = getattr(model, "action_space", None)
-        if not isinstance(given, spaces.Box) or given != action_space:
+        # whoever writes `predict` for any environment need not repeat its spaces
+        silent = isinstance(episodes, Interface) and not (
+            hasattr(model, "action_space") or hasattr(model, "observation_space")
+        )
+        given = action_space if silent else getattr(model, "action_space", None)
+        if given != action_space:
             raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
                 f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
                 f"actions {given}. Train it on {episodes.task_id}."
             )
         self.model = model
-        self._transforms = observation_transforms(model, observation_space, episodes.task_id)
-        self._action_shape = action_space.shape
+        self._plain = not isinstance(observation_space, spaces.Dict)
+        self._transforms = observation_transforms(
+            Silent(observation_space) if silent else model,
+            observation_space,
+            episodes.task_id,
+            normalisation=normalisation,
+            wrapped_by=getattr(episodes, "wrapped_by", ()),
+        )
+        self._action_shape = action_space.shape or ()
         self._tile = POLICY_TILE
-        if not self._same_in_every_place(observation_space):
+        if not self._same_in_every_place(keyed(observation_space)):
             self._tile = 1
 
     @property
@@ -66,7 +115,7 @@ class Policy:
         """
         if type(self.model).__module__.partition(".")[0] not in _LIBRARIES:
             return None
-        weights = agents.fingerprint(getattr(self.model, "policy", None))
+        weights = agents.fingerprint(getattr(self.model, "policy", self.model))
         normalisation = statistics(self._transforms)
         if weights is None or not normalisation:
             return weights
@@ -81,13 +130,19 @@ class Policy:
             "normalisation": hashlib.sha256(statistics(self._transforms)).hexdigest(),
         }
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what only training needs: environments, and functions of the learning rate."""
+        return {**self.__dict__, "model": _for_playing(self.model)}
+
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
         for transform in self._transforms:
             transform.start(count)
 
     def act(self, episodes: Episodes[Any], which: Indices) -> npt.NDArray[np.float64]:
-        """Choose actions (n, k) in some of the episodes; NaN where the model refuses to choose one.
+        """Choose actions (n, ...) in some of the episodes; NaN where the model refuses to choose.
+
+        Whole numbers are given as float64, too.
 
         Raises:
             UserError: If the model gives actions of another shape, or one that is not finite where
@@ -97,7 +152,7 @@ class Policy:
         for transform in self._transforms:
             batch = transform.apply(batch, which)
         actions = np.concatenate(tiled(self._predict, batch, self._tile))
-        wrong = np.flatnonzero(~np.isfinite(actions).all(axis=1))
+        wrong = np.flatnonzero(~np.isfinite(actions).reshape(len(actions), -1).all(axis=1))
         if wrong.size and episodes.finite_only:
             first = int(wrong[0])
             raise UserError(
@@ -107,7 +162,7 @@ class Policy:
             )
         return actions.astype(np.float64)
 
-    def _same_in_every_place(self, observation_space: spaces.Dict) -> bool:
+    def _same_in_every_place(self, observation_space: Any) -> bool:
         """Say whether each of a tile's observations keeps its action when the tile is reversed."""
         drawn = deepcopy(observation_space)
         drawn.seed(0)
@@ -127,7 +182,8 @@ class Policy:
         return np.array_equal(actions, reversed_[::-1], equal_nan=True)
 
     def _ask(self, tile: Batch) -> npt.NDArray[Any]:
-        actions, memory = self.model.predict(tile, deterministic=True)
+        observation: Any = tile[ALONE] if self._plain else tile
+        actions, memory = self.model.predict(observation, deterministic=True)
         if memory is not None:
             raise UserError(
                 f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
@@ -157,11 +213,29 @@ class Policy:
         for row in range(self._tile):
             try:
                 alone = {key: value[row : row + 1] for key, value in tile.items()}
-                (actions[row],) = tiled(self._ask, alone, self._tile)[0]
+                actions[row] = tiled(self._ask, alone, self._tile)[0][0]
             except ValueError as error:
                 if not _is_torchs_refusal(error):
                     raise
         return actions
+
+
+def _for_playing(model: Any) -> Any:
+    """Give a copy of an SB3 model that predicts and can be pickled, or another model as it is."""
+    if not isinstance(model, BaseAlgorithm):
+        return model
+    left_out = {*model._excluded_save_params()} - {"policy", "device"}
+    copied: Any = object.__new__(type(model))
+    vars(copied).update(
+        {
+            key: value
+            for key, value in vars(model).items()
+            if key not in left_out
+            and (key == "policy" or isinstance(value, type) or not callable(value))
+        }
+    )
+    copied.env = copied._vec_normalize_env = None
+    return copied
 
 
 def _is_torchs_refusal(error: ValueError) -> bool:

@@ -5,18 +5,37 @@ A batch of another size would give other last bits, and a closed loop makes anot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from sada_gym.determinism import one_thread
 
 Batch = dict[str, npt.NDArray[Any]]
 """Inputs of n agents, each key (n, ...)."""
 
+ALONE = "(alone)"
+"""The key of observations that are no dictionaries."""
+
 Answers = TypeVar("Answers")
+
+
+def keyed(space: spaces.Space[Any]) -> spaces.Dict:
+    """Give the space of a batch's keys: a dictionary's own, or the one key of another space."""
+    return space if isinstance(space, spaces.Dict) else spaces.Dict({ALONE: space})
+
+
+def as_batch(observations: Sequence[Any], space: spaces.Space[Any]) -> Batch:
+    """Lay observations of a space behind one another, each key (n, ...)."""
+    if isinstance(space, spaces.Dict):
+        return {
+            key: np.stack([np.asarray(one[key], part.dtype) for one in observations])
+            for key, part in space.items()
+        }
+    return {ALONE: np.stack([np.asarray(one, space.dtype) for one in observations])}
 
 
 def tiled(

@@ -8,7 +8,7 @@ stacked, and that images were normalised, but not by which statistics.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -28,9 +28,12 @@ from stable_baselines3.common.vec_env import (
 )
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 
-from sada_gym.agents.tile import Batch
+from sada_gym.agents.tile import ALONE, Batch, keyed
 from sada_gym.errors import UserError
 from sada_gym.sb3 import SB3VecEnv
+
+CHANGING_WRAPPERS: tuple[type[Any], ...] = (gym.ObservationWrapper, gym.ActionWrapper)
+"""Gymnasium's wrappers that change what an agent sees and does."""
 
 _LEAVE_OBSERVATIONS = (VecCheckNan, VecMonitor, VecVideoRecorder)
 
@@ -65,8 +68,7 @@ class TransposeImage(Transform):
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Transpose the images among the observations."""
-        changed: Batch = self._wrapper.transpose_observations(dict(observation))  # type: ignore[assignment]
-        return changed
+        return _changed(self._wrapper.transpose_observations, observation)
 
 
 class Normalize(Transform):
@@ -77,15 +79,25 @@ class Normalize(Transform):
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
         """Normalise the observations."""
-        changed: Batch = self._wrapper.normalize_obs(dict(observation))  # type: ignore[assignment]
-        return changed
+        return _changed(self._wrapper.normalize_obs, observation)
+
+
+def _changed(wrapper: Callable[[Any], Any], observation: Batch) -> Batch:
+    """Let a wrapper change a batch: a dictionary as it is, other observations without their key."""
+    if [*observation] == [ALONE]:
+        return {ALONE: wrapper(observation[ALONE])}
+    changed: Batch = wrapper(dict(observation))
+    return changed
 
 
 class StackFrames(Transform):
     """Does what `VecFrameStack` does: lays the last frames behind one another, zeros at first."""
 
     def __init__(self, stacked: StackedObservations[Any]) -> None:
-        self._parts: Mapping[str, StackedObservations[Any]] = stacked.sub_stacked_observations
+        alone = {ALONE: stacked}
+        self._parts: Mapping[str, StackedObservations[Any]] = getattr(
+            stacked, "sub_stacked_observations", alone
+        )
         self._memory: Batch = {}
 
     def start(self, count: int) -> None:
@@ -106,7 +118,12 @@ class StackFrames(Transform):
 
 
 def observation_transforms(
-    model: Predictor, observation_space: spaces.Dict, task: str
+    model: Any,
+    observation_space: spaces.Space[Any],
+    task: str,
+    *,
+    normalisation: VecNormalize | None = None,
+    wrapped_by: tuple[type[Any], ...] = (),
 ) -> list[Transform]:
     """Find what must be done to a task's observations before a model gets them.
 
@@ -114,14 +131,16 @@ def observation_transforms(
         model: The agent.
         observation_space: The task's space.
         task: The task's id, for messages.
+        normalisation: The `VecNormalize` of its training; None takes that which the model holds.
+        wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
 
     Raises:
         ValueError: If the model was trained on other observations, or under a wrapper that is not
             known here, or on normalised observations whose statistics are missing.
     """
     env = getattr(model, "get_env", lambda: None)()
-    if env is None:
-        return _by_spaces(model, observation_space, task)
+    if env is None or normalisation is not None:
+        return _by_spaces(model, observation_space, task, normalisation)
     found: list[Transform] = []
     wrappers = []
     while isinstance(env, VecEnvWrapper):
@@ -141,18 +160,18 @@ def observation_transforms(
         key
         for wrapper in wrappers
         if isinstance(wrapper, VecNormalize) and wrapper.norm_obs
-        for key in wrapper.norm_obs_keys or observation_space.spaces
+        for key in wrapper.norm_obs_keys or keyed(observation_space)
     }
     if not _alike(env.observation_space, observation_space, normalised):
         raise _wrong_observations(env.observation_space, observation_space, task)
-    _refuse_gymnasium_wrappers(env)
+    _refuse_gymnasium_wrappers(env, wrapped_by)
     return found
 
 
-def _refuse_gymnasium_wrappers(env: VecEnv) -> None:
+def _refuse_gymnasium_wrappers(env: VecEnv, wrapped_by: tuple[type[Any], ...]) -> None:
     """Refuse Gymnasium's wrappers of observations and actions, in a batch or around it."""
-    for kind in (gym.ObservationWrapper, gym.ActionWrapper):
-        if any(env.env_is_wrapped(kind)):
+    for kind in CHANGING_WRAPPERS:
+        if kind not in wrapped_by and any(env.env_is_wrapped(kind)):
             raise _unknown_wrapper(f"gymnasium.{kind.__name__}")
     around = env.env if isinstance(env, SB3VecEnv) else None
     while isinstance(around, VectorWrapper):
@@ -176,27 +195,47 @@ def statistics(transforms: list[Transform]) -> bytes:
         if isinstance(transform, Normalize):
             of = transform._wrapper
             parts.append(f"{of.clip_obs} {of.epsilon}".encode())
-            for key, moments in sorted(of.obs_rms.items()):
+            named = of.obs_rms if isinstance(of.obs_rms, dict) else {"": of.obs_rms}
+            for key, moments in sorted(named.items()):
                 parts += [key.encode(), moments.mean.tobytes(), moments.var.tobytes()]
     return b"".join(parts)
 
 
-def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Transform]:
+def _by_spaces(
+    model: Any,
+    expected: spaces.Space[Any],
+    task: str,
+    normalisation: VecNormalize | None,
+) -> list[Transform]:
     """Find transforms by the model's own space; SB3 transposes images by itself where needed."""
-    given = getattr(model, "observation_space", None)
-    if not isinstance(given, spaces.Dict) or set(given.spaces) != set(expected.spaces):
-        raise _wrong_observations(given, expected, task)
-    sizes = {key: int(np.prod(space.shape or ())) for key, space in expected.spaces.items()}
+    wrong = _wrong_observations(getattr(model, "observation_space", None), expected, task)
+    if not isinstance(getattr(model, "observation_space", None), spaces.Space):
+        raise wrong
+    given, parts = keyed(model.observation_space), keyed(expected)
+    if set(given) != set(parts) or any(type(given[key]) is not type(parts[key]) for key in parts):
+        raise wrong
+    sizes = {key: int(np.prod(part.shape or ())) for key, part in parts.items()}
     ratios = {np.prod(given[key].shape or ()) / size for key, size in sizes.items()}
     frames = int(ratios.pop())
     if ratios or frames < 1:
-        raise _wrong_observations(given, expected, task)
-    stacked = StackedObservations[Any](1, frames, expected)
-    for key, part in stacked.sub_stacked_observations.items():
-        shape = part.stacked_shape
-        if given[key].shape not in (shape, (shape[-1], *shape[:-1])):
-            raise _wrong_observations(given, expected, task)
-    for space in given.spaces.values():
+        raise wrong
+    stack = []
+    if frames > 1:
+        if not all(isinstance(part, spaces.Box) for part in parts.values()):
+            raise wrong
+        stacked = StackedObservations[Any](1, frames, parts)
+        stack = [StackFrames(stacked)]
+        shapes = {key: one.stacked_shape for key, one in stacked.sub_stacked_observations.items()}
+    else:
+        shapes = {key: part.shape or () for key, part in parts.items()}
+    for key, shape in shapes.items():
+        if given[key].shape not in (shape, (*shape[-1:], *shape[:-1])):
+            raise wrong
+        if not isinstance(parts[key], spaces.Box) and given[key] != parts[key]:
+            raise wrong
+    if normalisation is not None:
+        return _normalised(normalisation, parts, shapes, stack)
+    for space in given.values():
         # speeds and the like have wide bounds: there a space does not show it
         if isinstance(space, spaces.Box) and len(space.shape) == 3 and space.low.min() < 0:
             raise UserError(
@@ -204,23 +243,46 @@ def _by_spaces(model: Predictor, expected: spaces.Dict, task: str) -> list[Trans
                 "got a model without. Load it as PPO.load(file, env=VecNormalize.load(statistics, "
                 "env))."
             )
-    return [] if frames == 1 else [StackFrames(stacked)]
+    return [*stack]
 
 
-def _alike(given: Any, expected: spaces.Dict, normalised: set[str]) -> bool:
-    """Say whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
-    return (
-        isinstance(given, spaces.Dict)
-        and set(given.spaces) == set(expected.spaces)
-        and all(
-            given[key].shape == space.shape
-            and (key in normalised or given[key].dtype == space.dtype)
-            for key, space in expected.spaces.items()
-        )
+def _normalised(
+    normalisation: VecNormalize,
+    single: spaces.Dict,
+    stacked: Mapping[str, tuple[int, ...]],
+    stack: list[StackFrames],
+) -> list[Transform]:
+    """Normalise single frames or stacked ones, whichever the statistics are of."""
+    if not normalisation.norm_obs:
+        return [*stack]
+    known = normalisation.obs_rms
+    shapes = {
+        key: moments.mean.shape
+        for key, moments in (known if isinstance(known, dict) else {ALONE: known}).items()
+    }
+    usual = {key: part.shape for key, part in single.items()}
+    if all(shape == usual.get(key) for key, shape in shapes.items()):
+        return [Normalize(normalisation), *stack]
+    if all(shape == stacked.get(key) for key, shape in shapes.items()):
+        return [*stack, Normalize(normalisation)]
+    raise UserError(
+        f"Expected the statistics of observations of shape {[*usual.values()]}, got those of "
+        f"{[*shapes.values()]}. Pass the VecNormalize that this agent was trained with."
     )
 
 
-def _wrong_observations(given: Any, expected: spaces.Dict, task: str) -> UserError:
+def _alike(given: spaces.Space[Any], expected: spaces.Space[Any], normalised: set[str]) -> bool:
+    """Say whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
+    found, parts = keyed(given), keyed(expected)
+    return set(found) == set(parts) and all(
+        found[key].shape == part.shape
+        and type(found[key]) is type(part)
+        and (key in normalised or found[key].dtype == part.dtype)
+        for key, part in parts.items()
+    )
+
+
+def _wrong_observations(given: Any, expected: spaces.Space[Any], task: str) -> UserError:
     return UserError(
         f"Expected an agent with observations {expected} (its picture transposed, its frames "
         f"stacked, if you like), got observations {given}. Train it on {task}."

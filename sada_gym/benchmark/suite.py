@@ -12,9 +12,10 @@ from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
 from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
-from sada_gym.errors import refuse_number, refuse_unknown
+from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.registration import names_file
 from sada_gym.runs.ideal import IDEAL
 
 MAX_SEEDS = 1_000
@@ -289,7 +290,8 @@ def choose(
         images: The number of samples whose neighbours are compared as images.
 
     Raises:
-        ValueError: If a table or a contender is unknown, or a number is out of range.
+        ValueError: If a table or a contender is unknown, a track is a file, or a number is out of
+            range.
     """
     for name, value, most in (
         ("seeds", seeds, MAX_SEEDS),
@@ -300,6 +302,12 @@ def choose(
             refuse_number(name, value, 1, most)
     if images is not None:
         refuse_number("images", images, 0)
+    files = [*filter(names_file, tracks)]
+    if files:
+        raise UserError(
+            f"Expected tracks that are ids of environments, got the file {files[0]}. Attack it by "
+            "sada-gym attack."
+        )
     refuse_unknown("table", tables, [table.name for table in suite.tables])
     changes: dict[str, Any] = {
         "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,

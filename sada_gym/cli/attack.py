@@ -24,6 +24,7 @@ from sada_gym.cli.console import (
     show_resume_hint,
 )
 from sada_gym.errors import UserError
+from sada_gym.registration import names_file
 
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult
@@ -36,7 +37,11 @@ _MANY = 8  # more workers than this seldom help and each holds its own simulator
 def attack(
     context: typer.Context,
     env_id: Annotated[
-        str, typer.Argument(metavar="ID", help="The environment; `sada-gym envs` lists them.")
+        str,
+        typer.Argument(
+            metavar="ID|FILE.toml",
+            help="The environment; `sada-gym envs` lists them. Or a file that describes one.",
+        ),
     ],
     adversary: Annotated[
         str, option("`sada-gym adversaries` lists them.", "--adversary", "-a")
@@ -76,7 +81,8 @@ def attack(
     samples.npz, pictures, the trained adversary, and run.sqlite, which holds every evaluation: a
     run that was stopped at any moment goes on with --resume and ends with the same result.
     """
-    folder = out_folder or Path("runs") / f"{env_id}-{adversary}-{seed}".replace(":", "-")
+    track = Path(env_id).stem if names_file(env_id) else env_id
+    folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
     with errors_as_sentences():
         refuse_stray(context.args, "--set a=1 --set b=2")
         keywords = key_values(env_kwargs or [], "--env-kwargs")

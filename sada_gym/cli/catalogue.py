@@ -22,7 +22,7 @@ _INDENTED: dict[str, Any] = {
 
 def envs(
     env_id: Annotated[
-        str | None, typer.Argument(metavar="[ID]", help="Show this one's parameters.")
+        str | None, typer.Argument(metavar="[ID|FILE.toml]", help="Show this one's parameters.")
     ] = None,
     env_kwargs: EnvKwargs = None,
 ) -> None:

@@ -17,7 +17,8 @@ def check(
     subject: Annotated[
         str,
         typer.Argument(
-            metavar="ID|FILE.py", help="An environment's id, or a file that defines applications."
+            metavar="ID|FILE.toml|FILE.py",
+            help="An environment's id, a file that describes one, or one with applications.",
         ),
     ],
     env_kwargs: EnvKwargs = None,

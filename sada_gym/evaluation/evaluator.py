@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -22,19 +23,21 @@ from sada_gym.evaluation.workers import (
     score,
 )
 from sada_gym.parameters import Mu
+from sada_gym.registration import names_file
 
 MAX_CHUNK = 64
 """A crash can cost a whole chunk, so a chunk is no larger than batching needs."""
 
 Problem = str | Application | BatchFunction
-"""Anything that can be attacked: an environment id, an application, or (n, d) -> (n,)."""
+"""Anything that can be attacked: an id, a TOML file, an application, or (n, d) -> (n,)."""
 
 
 class Evaluator:
     """Scores (mu, seed) pairs; owns the application, the store and the worker pool.
 
     Args:
-        problem: An environment id, an `Application`, or a function (n, d) -> (n,).
+        problem: An environment id, the path of a TOML file, an `Application`, or a function
+            (n, d) -> (n,).
         env_kwargs: Keywords of an environment id.
         dimension: d of a function.
         threshold: The fooling threshold of a function.
@@ -73,7 +76,9 @@ class Evaluator:
             raise UserTypeError(f"Expected env_kwargs to be a dictionary, got {env_kwargs!r}.")
         source: Registered | Application | BatchFunction
         if isinstance(problem, str):
-            source = Registered(problem, dict(env_kwargs or {}))
+            # a worker may run in another folder
+            name = os.path.abspath(problem) if names_file(problem) else problem
+            source = Registered(name, dict(env_kwargs or {}))
         else:
             source = problem
             if env_kwargs:

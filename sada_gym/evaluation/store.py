@@ -106,8 +106,8 @@ class Context:
         if fingerprint is None:
             raise StoreError(
                 f"Expected a fingerprint of {name}'s agent to store evaluations under, got none. "
-                "Pass agent_id='a name you change with the agent', give a renderer of your own an "
-                "`identity`, or use no store."
+                "Pass agent_id='a name you change with the agent' and with any function of your "
+                "own, give a renderer of your own an `identity`, or use no store."
             )
         try:
             settings = json.dumps(

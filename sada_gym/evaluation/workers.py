@@ -39,7 +39,7 @@ Scorer = Application | BatchFunction
 
 @dataclass(frozen=True)
 class Registered:
-    """A registered environment by id and keywords: small to send, and built by the receiver."""
+    """An environment by id and keywords, or a TOML file: small to send, built by the receiver."""
 
     env_id: str
     env_kwargs: Mapping[str, Any]

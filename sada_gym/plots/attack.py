@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,8 +62,9 @@ def draw_attack(
     fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
     try:
         frames = [application.render(samples.mu[i], int(samples.seed[i])) for i in fooled]
-    except NotImplementedError:
+    except NotImplementedError as error:
         frames = []
+        warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
     if frames:
         captions = [f"Q = {samples.score[i]:.2f}" for i in fooled]
         count = int((samples.score <= threshold).sum())

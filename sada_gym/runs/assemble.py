@@ -16,7 +16,7 @@ from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.store import Context
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
-from sada_gym.registration import ids_of, make_application
+from sada_gym.registration import ids_of, make_application, names_file
 from sada_gym.runs.ideal import IDEAL, Ideal
 from sada_gym.runs.packages import packages
 from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
@@ -172,12 +172,14 @@ def find_target(
     id, or by an `Application`. Other settings, such as another image size, have none.
 
     Args:
-        environment: The environment's id, or the application itself.
+        environment: The environment's id, a TOML file, or the application itself.
         env_kwargs: Keywords of the id.
         application: The application, made of both.
     """
     name = f"{application.name}-v{application.version}"
-    track = environment if isinstance(environment, str) else name
+    # the record does not depend on where a file lies
+    is_id = isinstance(environment, str) and not names_file(environment)
+    track = str(environment) if is_id else name
     made_of = (application.agent_name, application.version, application.fingerprint)
     fixed = ids_of(application.name)
     for entry in read_index(FOLDER).references:

@@ -71,7 +71,7 @@ def check_application(
     Args:
         application: The application.
         env: The environment around it; by default a plain `AdversaryEnv`.
-        subject: What the report calls it; by default its class.
+        subject: What the report calls it; by default a user's class, or the name of one of ours.
     """
     declared, *rest = _CHECKS.items()
     checks = [_run(declared[0], partial(declared[1], application))]
@@ -84,7 +84,10 @@ def check_application(
             _run("check_env of Stable-Baselines3", partial(_check_sb3, env)),
             _run("closing", partial(_check_closing, env)),
         ]
-    return CheckReport(subject or type(application).__name__, tuple(checks))
+    kind = type(application)
+    if subject is None and kind.__module__.startswith("sada_gym."):
+        subject = f"{application.name}-v{application.version}"
+    return CheckReport(subject or kind.__name__, tuple(checks))
 
 
 def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
@@ -156,7 +159,7 @@ def _run(name: str, check: Callable[[], str]) -> Check:
 
 
 def _check_gymnasium(env: AdversaryEnv) -> str:
-    draws = type(env.application).render is not Application.render
+    draws = env.application.draws
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env, skip_render_check=env.spec is None or not draws)

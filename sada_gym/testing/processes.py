@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +17,9 @@ from sada_gym.errors import UserError
 from sada_gym.evaluation.spawn import spawn_context
 
 Result = TypeVar("Result")
+
+_FILE = "_file_"
+"""The beginning of the names of modules that were imported by their path."""
 
 
 def import_file(path: str | Path, name: str | None = None) -> ModuleType:
@@ -32,7 +35,7 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     path = Path(path).resolve()
     if path.suffix != ".py" or not path.is_file():
         raise UserError(f"Expected an existing Python file (*.py), got {str(path)!r}.")
-    name = name or f"_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    name = name or f"{_FILE}{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
     if str(path.parent) not in sys.path:
@@ -64,6 +67,11 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
     Raises:
         ValueError: If the arguments can't be pickled.
     """
+    files = [
+        (name, module.__file__)
+        for name, module in sys.modules.items()
+        if name.startswith(_FILE) and module.__file__ is not None
+    ]
     try:
         payload = pickle.dumps((function, args))
     except Exception as error:  # pickle raises whatever a `__reduce__` raises
@@ -73,11 +81,14 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
         ) from error
     file = getattr(sys.modules[home.__module__], "__file__", None)
     with ProcessPoolExecutor(1, mp_context=spawn_context()) as pool:
-        result: Result = pool.submit(_call, home.__module__, file, payload).result()
+        result: Result = pool.submit(_call, home.__module__, file, files, payload).result()
     return result
 
 
-def _call(module: str, file: str | None, payload: bytes) -> Any:
+def _call(module: str, file: str | None, files: Sequence[tuple[str, str]], payload: bytes) -> Any:
+    for name, path in files:  # a function of the user's may be defined in one of them
+        if Path(path).is_file():
+            import_file(path, name)
     if module != "__main__":  # spawn itself has imported that one
         try:
             importlib.import_module(module)

@@ -160,6 +160,7 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
         ({"seeds": 0}, "Expected seeds of at least 1, got 0"),
         ({"budget": 0}, "Expected budget of at least 1, got 0"),
         ({"samples": 0}, "Expected samples of at least 1, got 0"),
+        ({"tracks": ["a.toml"]}, "ids of environments, got the file a.toml"),
     ],
 )
 def test_bad_choices_are_refused(changes, message):

@@ -124,6 +124,10 @@ def test_a_second_run_needs_resume(tmp_path):
         (["envs", "SADA-Nothing-v0"], "Expected a registered environment id"),
         (["check", "SADA-Nothing-v0"], "Expected a registered environment id"),
         (["check", "nothing.py"], "Expected an existing Python file"),
+        (["check", "nothing.toml"], "nothing.toml, but there is no such file"),
+        (["envs", "nothing.toml"], "nothing.toml, but there is no such file"),
+        (["attack", "nothing.toml"], "nothing.toml, but there is no such file"),
+        (["benchmark", "--tracks", "nothing.toml"], "got the file nothing.toml"),
         (["check", "mine.py", "--env-kwargs", "a=1"], "only with an environment's id"),
         (["frobnicate"], "frobnicate"),
     ],
@@ -286,6 +290,60 @@ def test_check_of_ours():
     result = run("check", "SADA-Analytic-v0")
     assert result.exit_code == 0, result.output
     assert "fails" not in result.stdout
+
+
+@pytest.fixture
+def pole(tmp_path, monkeypatch):
+    """A TOML file about an agent in a module, one of whose parameters changes nothing."""
+    (tmp_path / "leaning.py").write_text("def lean(seen):\n    return int(seen[2] > 0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "pole.toml").write_text(POLE)
+    monkeypatch.chdir(tmp_path)
+    return "pole.toml"
+
+
+def test_an_attack_on_a_file(pole, tmp_path):
+    command = ["attack", pole, "-a", "random", "--budget", 8, "--samples", 8, "--workers", 1]
+    done = run(*command)
+    assert done.exit_code == 0, done.output
+    assert "CartPole-v1 · random" in done.stdout
+    written = tmp_path / "runs" / "pole-random-0" / "result.json"
+    first = written.read_bytes()
+    assert json.loads(first)["settings"]["agent"] == "lean-1"
+    assert run(*command).exit_code == 2
+    assert run(*command, "--resume").exit_code == 0
+    assert written.read_bytes() == first
+    refused = run(*command, "--resume", "--agent", "x")
+    assert refused.exit_code == 2
+    assert "Write them into the file" in refused.stderr
+
+
+def test_a_file_in_detail(pole):
+    shown = run("envs", pole)
+    assert shown.exit_code == 0, shown.output
+    assert "screen_width" in shown.stdout
+    assert "fooled where Q <= 0.5; 100 test samples" in shown.stdout
+
+
+@pytest.mark.slow
+def test_check_of_a_file_names_dead_parameters(pole):
+    result = run("check", pole)
+    assert result.exit_code == 1
+    assert "screen_width" in re.sub(r"\W+", " ", result.stdout.partition("live parameters")[2])
+
+
+POLE = """
+environment = "CartPole-v1"
+agent = "leaning:lean"
+agent_id = "lean-1"
+score = ["length", 20]
+fooling_threshold = 0.5
+max_steps = 20
+
+[parameters]
+gravity = [5, 40]
+screen_width = { kind = "attribute", low = 300, high = 400, integer = true }
+"""
 
 
 def test_check_of_a_users_file(tmp_path):

@@ -48,9 +48,10 @@ def test_any_dimension(dimension, tmp_path):
 def test_no_contact_sheet_without_frames_or_fooled_samples(tmp_path):
     unhurt = drawn(20)
     unhurt.score[:] = 1.0
-    for application, samples in ((Blind(), drawn(20)), (Toy(), unhurt)):
-        names = {path.name for path in draw_attack(application, samples, drawn(9), tmp_path)}
-        assert names == {"marginals.png", "scores.png"}
+    with pytest.warns(UserWarning, match="No frames are drawn. Blind draws no pictures"):
+        blind = draw_attack(Blind(), drawn(20), drawn(9), tmp_path)
+    for pictures in (blind, draw_attack(Toy(), unhurt, drawn(9), tmp_path)):
+        assert {path.name for path in pictures} == {"marginals.png", "scores.png"}
 
 
 def test_marginals_show_physical_units_and_shares():

@@ -32,7 +32,7 @@ class Episodes(ABC, Generic[StartT]):
     Attributes:
         task_id: The id of the inner task that trains agents for these episodes, for messages.
         observation_space: The space of one episode's observations.
-        action_space: The space of one episode's actions, within [-1, 1].
+        action_space: The space of one episode's actions.
         finite_only: Whether an action that is not finite is an error. Otherwise the episode itself
             says what becomes of it.
         starts: How each episode began.
@@ -40,8 +40,8 @@ class Episodes(ABC, Generic[StartT]):
     """
 
     task_id: str
-    observation_space: spaces.Dict
-    action_space: spaces.Box[Any]
+    observation_space: spaces.Space[Any]
+    action_space: spaces.Space[Any]
     finite_only: bool = True
 
     def __init__(self, starts: Sequence[StartT]) -> None:
@@ -88,7 +88,7 @@ class Episodes(ABC, Generic[StartT]):
             UserError: If they are of another shape, or not finite where episodes take none such.
         """
         checked = np.array(actions, np.float64)
-        shape = (len(which), *self.action_space.shape)
+        shape = (len(which), *(self.action_space.shape or ()))
         if checked.shape != shape:
             raise UserError(
                 f"Expected actions of shape {shape}, one for each of the episodes under way, got "

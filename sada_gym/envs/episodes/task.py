@@ -137,7 +137,7 @@ class TaskEnv(gym.Env[Batch, npt.NDArray[Any]]):
         self.task = self.task_class(course, 1)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         # copies: SB3's VecNormalize changes the space that it is given, and spaces hold generators
-        spaces_of = self.task_class.episodes_class
+        spaces_of: Any = self.task_class.episodes_class
         self.observation_space: spaces.Dict = deepcopy(spaces_of.observation_space)  # type: ignore[assignment]
         self.action_space = deepcopy(spaces_of.action_space)
 
@@ -191,7 +191,7 @@ class TaskVectorEnv(SeededVectorEnv[Batch]):
     ) -> None:
         self.task = self.task_class(course, num_envs)  # first: Gymnasium closes what was refused
         super().__init__(num_envs=num_envs, render_mode=render_mode)
-        spaces_of = self.task_class.episodes_class
+        spaces_of: Any = self.task_class.episodes_class
         self.single_observation_space: spaces.Dict = deepcopy(spaces_of.observation_space)
         self.single_action_space = deepcopy(spaces_of.action_space)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -1,0 +1,319 @@
+"""SB3's zip files, loaded without unpickling, so that a file can run no code.
+
+The JSON `data` of such a file shows most objects twice: pickled, and in words for readers. Only the
+words are read here. Weights are read by torch, which builds nothing but tensors.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import pickletools
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NoReturn
+
+import gymnasium as gym
+import stable_baselines3
+import torch
+from stable_baselines3.common import torch_layers
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from torch.nn.modules import activation
+
+from sada_gym.agents.sb3_spaces import checked_actions, network_space
+from sada_gym.determinism import generators_kept
+from sada_gym.errors import FileError, UserError
+from sada_gym.files import as_path, read_file
+
+MAX_MODEL_BYTES = 500 * 2**20
+"""Larger files, and files with larger parts, are refused unread."""
+
+_ALGORITHMS = {
+    "clip_range": "PPO",
+    "exploration_fraction": "DQN",
+    "target_entropy": "SAC",
+    "policy_delay": "TD3",  # DDPG's too: it is TD3 with other settings
+    "gae_lambda": "A2C",
+}
+"""The algorithm whose files have this key and none of those above."""
+
+_CLASSES = {
+    str(kind): kind
+    for kind in (
+        *(getattr(activation, name) for name in activation.__all__),
+        torch_layers.FlattenExtractor,
+        torch_layers.NatureCNN,
+        torch_layers.CombinedExtractor,
+    )
+}
+"""The classes in a policy's arguments that are known by the words that a file has for them."""
+
+_TRAINING_ONLY = {"optimizer_class", "optimizer_kwargs", "device"}
+_TRUST = (
+    "Load it yourself and pass the model, such as agent=PPO.load(file), or let trust=True unpickle "
+    "a file of your own."
+)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, RuntimeError, OSError)
+
+
+def load_sb3(
+    path: str | Path,
+    observation_space: gym.Space[Any],
+    action_space: gym.Space[Any],
+    *,
+    trust: bool = False,
+) -> Any:
+    """Load a model of PPO, A2C, DQN, SAC, TD3 or DDPG, on the CPU, for acting.
+
+    Its `predict` gives the same bits as that of a model which SB3 itself loads. It has no buffers
+    and no optimiser's state; DDPG comes as TD3, whose policy it has. The spaces are taken from the
+    environment and compared with what the file says about its own; stacked frames and transposed
+    pictures are seen there.
+
+    Args:
+        path: The zip file.
+        observation_space: The environment's observations.
+        action_space: The environment's actions.
+        trust: Whether to unpickle the file as SB3 does, which can run any code that it holds.
+
+    Raises:
+        FileError: If the file is missing, damaged, too large, or none of SB3's.
+        UserError: If it must be unpickled to be understood, or serves other spaces.
+    """
+    path = as_path(path, "an SB3 model")
+    content = read_file(path, MAX_MODEL_BYTES)
+    data = _read_data(path, content)
+    policy_class = _referenced_class(data.get("policy_class"))
+    algorithm = _algorithm(path, data, policy_class)
+    with generators_kept():
+        if trust:
+            return _unpickled(path, content, algorithm)
+        known = {f"{kind.__module__}.{kind.__name__}": kind for kind in _policies(algorithm)}
+        if policy_class not in known:
+            _refuse_words(path, "a policy of SB3's", f"{policy_class or 'a class of its own'}")
+        weights = _read_weights(path, content)
+        return _rebuilt(
+            path,
+            data,
+            weights,
+            algorithm,
+            known[policy_class],
+            network_space(path, data.get("observation_space"), observation_space),
+            checked_actions(path, data.get("action_space"), action_space),
+        )
+
+
+def _unpickled(path: Path, content: bytes, algorithm: type[Any]) -> Any:
+    try:
+        return algorithm.load(io.BytesIO(content), device="cpu")
+    except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
+        raise FileError(
+            f"Expected a {algorithm.__name__} model that can be unpickled in {path}, got "
+            f"{type(error).__name__}: {error}. Load it where it was saved, and pass the model."
+        ) from error
+
+
+def _rebuilt(
+    path: Path,
+    data: Mapping[str, Any],
+    weights: Mapping[str, torch.Tensor],
+    algorithm: type[Any],
+    policy_class: type[Any],
+    observation_space: gym.Space[Any],
+    action_space: gym.Space[Any],
+) -> Any:
+    arguments = _policy_arguments(path, data)
+    if issubclass(algorithm, OnPolicyAlgorithm):
+        arguments["use_sde"] = data.get("use_sde") is True
+
+    stored = sum(part.numel() for part in weights.values())
+    try:
+        if not _can_hold(arguments, stored):
+            raise ValueError(f"its {stored:,} weights cannot fill such layers")
+        policy = policy_class(observation_space, action_space, lambda _: 0.0, **arguments)
+    except (
+        TypeError,
+        ValueError,
+        RuntimeError,
+        AssertionError,
+        LookupError,
+        AttributeError,
+    ) as error:
+        raise UserError(
+            f"Expected policy_kwargs in {path} that {policy_class.__name__} takes with "
+            f"observations {observation_space} and actions {action_space}, got {arguments} "
+            f"({error}). Name an agent that was trained on this environment. {_TRUST}"
+        ) from error
+    shapes = {name: tuple(part.shape) for name, part in policy.state_dict().items()}
+    weights = _with_shared_extractors(weights, shapes)
+    for name in sorted({*shapes, *weights}):
+        found = tuple(weights[name].shape) if name in weights else "none"
+        if found != shapes.get(name):
+            raise UserError(
+                f"Expected an agent for observations {observation_space} and actions "
+                f"{action_space} in {path}, whose {name} has the shape "
+                f"{shapes.get(name, 'none')}, got {found}. Name an agent that was trained on this "
+                "environment."
+            )
+    policy.load_state_dict(weights)
+    policy.set_training_mode(False)
+    model = algorithm(policy=policy_class, env=None, device="cpu", _init_setup_model=False)
+    model.observation_space, model.action_space = observation_space, action_space
+    model.policy, model.policy_kwargs = policy, arguments
+    model.use_sde = data.get("use_sde") is True
+    return model
+
+
+def _read_data(path: Path, content: bytes) -> dict[str, Any]:
+    """Read the JSON of an SB3 file, in which pickles are strings that stay strings."""
+    cause: Exception | None = None
+    try:
+        data = json.loads(_member(path, content, "data"))
+        if isinstance(data, dict) and "policy_class" in data:
+            return data
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, UserError):
+            raise
+        cause = error
+    raise FileError(
+        f"Expected a JSON object with a policy_class as data in {path}, got something else. Name "
+        "a file that model.save(file) wrote."
+    ) from cause
+
+
+def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
+    """Read the weights of an SB3 file; torch refuses whatever is no tensor."""
+    pth = _member(path, content, "policy.pth")
+    cause: Exception | None = None
+    try:
+        with zipfile.ZipFile(io.BytesIO(pth)) as archive:
+            large = sum(part.file_size for part in archive.infolist()) > MAX_MODEL_BYTES
+        weights = None if large else torch.load(io.BytesIO(pth), "cpu", weights_only=True)
+        if isinstance(weights, dict) and all(map(_is_named_tensor, weights.items())):
+            return dict(weights)
+    except Exception as error:  # a crafted pickle stops torch's reader with any of them
+        cause = error
+    raise FileError(
+        f"Expected tensors alone as policy.pth in {path}, at most {MAX_MODEL_BYTES >> 20} MiB, got "
+        "something else, or it is damaged. Save the model again."
+    ) from cause
+
+
+def _is_named_tensor(item: tuple[Any, Any]) -> bool:
+    return isinstance(item[0], str) and isinstance(item[1], torch.Tensor)
+
+
+def _member(path: Path, content: bytes, name: str) -> bytes:
+    """Read one part of a zip file, unless it claims to be too large."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            parts = archive.namelist()
+            if "data" in parts and name in parts:
+                size = archive.getinfo(name).file_size
+                if size <= MAX_MODEL_BYTES:
+                    return archive.read(name)
+                raise FileError(
+                    f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "
+                    f"{size >> 20:,} MiB. Save the model without what it needs for training only."
+                )
+    except _DAMAGE as error:
+        if isinstance(error, UserError):
+            raise
+        raise FileError(
+            f"Expected a zip file that SB3 wrote in {path}, got something else, or it is damaged "
+            f"({error}). Name a file that model.save(file) wrote."
+        ) from error
+    raise FileError(
+        f"Expected a zip file that SB3 wrote in {path}, with {name} in it, got "
+        f"{', '.join(parts[:5]) or 'an empty one'}. Name a file that model.save(file) wrote."
+    )
+
+
+def _referenced_class(entry: Any) -> str | None:
+    """Give the class that a pickle refers to by name; None where it holds anything else.
+
+    The pickle is taken apart, never run.
+    """
+    try:
+        pickled = base64.b64decode(entry[":serialized:"])
+        steps = [(step.name, given) for step, given, _ in pickletools.genops(pickled)]
+    except (TypeError, LookupError, ValueError):
+        return None
+    used = [step for step in steps if step[0] not in ("PROTO", "FRAME", "MEMOIZE", "STOP")]
+    if [name for name, _ in used] == ["SHORT_BINUNICODE", "SHORT_BINUNICODE", "STACK_GLOBAL"]:
+        return f"{used[0][1]}.{used[1][1]}"
+    return None
+
+
+def _algorithm(path: Path, data: Mapping[str, Any], policy_class: str | None) -> type[Any]:
+    contrib = "cg_max_steps" in data or (policy_class or "").startswith("sb3_contrib")
+    found = next((name for key, name in _ALGORITHMS.items() if key in data), None)
+    if contrib or found is None:
+        raise UserError(
+            f"Expected a model of PPO, A2C, DQN, SAC, TD3 or DDPG in {path}, got one of "
+            f"{'sb3_contrib' if contrib else 'another algorithm'}. Load it yourself and pass the "
+            "model, such as agent=TQC.load(file)."
+        )
+    kind: type[Any] = getattr(stable_baselines3, found)
+    return kind
+
+
+def _policies(algorithm: type[Any]) -> Iterator[type[Any]]:
+    yield from algorithm.policy_aliases.values()
+
+
+def _policy_arguments(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Read a policy's arguments: plain data, and classes that are known by their words."""
+    entry = data.get("policy_kwargs")
+    if not isinstance(entry, dict) or entry.get(":type:", "<class 'dict'>") != "<class 'dict'>":
+        _refuse_words(path, "policy_kwargs that are a dictionary", "others")
+    arguments = {}
+    for key, value in entry.items():
+        if key.startswith(":") or key in _TRAINING_ONLY:
+            continue
+        if isinstance(value, str) and value not in _CLASSES:
+            _refuse_words(path, "policy_kwargs of plain data and known classes", f"{key}={value}")
+        arguments[key] = _CLASSES[value] if isinstance(value, str) else value
+    layers = arguments.get("net_arch")
+    if isinstance(layers, list) and layers and isinstance(layers[0], dict):
+        arguments["net_arch"] = layers[0]  # as SB3 1.x wrote them
+    return arguments
+
+
+def _can_hold(argument: Any, stored: int) -> bool:
+    """Say whether so many weights can fill the layers that an argument asks for.
+
+    A layer between neighbours in a list has as many weights as their product.
+    """
+    if isinstance(argument, Mapping):
+        return all(_can_hold(part, stored) for part in argument.values())
+    if isinstance(argument, list):
+        widths = [width for width in argument if isinstance(width, int)]
+        return all(_can_hold(part, stored) for part in argument) and all(
+            one * other <= stored for one, other in pairwise(widths)
+        )
+    return not isinstance(argument, int) or argument <= stored
+
+
+def _refuse_words(path: Path, expected: str, found: str) -> NoReturn:
+    raise UserError(
+        f"Expected {expected} in {path}, got {found}, which cannot be known without unpickling. "
+        f"{_TRUST}"
+    )
+
+
+def _with_shared_extractors(
+    weights: Mapping[str, torch.Tensor], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, torch.Tensor]:
+    """Add the other names of a shared extractor, which files of SB3 before 1.7 lack."""
+    complete = dict(weights)
+    for name in shapes:
+        shared = re.sub(r"^(pi|vf)_features_extractor\.", "features_extractor.", name)
+        if name not in complete and shared in complete:
+            complete[name] = complete[shared]
+    return complete

@@ -1,0 +1,199 @@
+"""Scores of episodes: what the return, success, length or a function of one's own says of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.envs.wrapped.maker import code_name
+from sada_gym.errors import UserError, UserTypeError
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode of T steps, from its reset to its end.
+
+    Attributes:
+        rewards: (T,) float64.
+        observations: What the environment gave, at the reset and after each step: T + 1. Noise,
+            delay and dropout are not in it.
+        actions: What the environment got: T.
+        infos: What the environment said, at the reset and after each step: T + 1.
+        terminated: Whether the environment ended the episode.
+        truncated: Whether a limit of time ended the episode.
+    """
+
+    rewards: npt.NDArray[np.float64]
+    observations: tuple[Any, ...]
+    actions: tuple[Any, ...]
+    infos: tuple[Mapping[str, Any], ...]
+    terminated: bool
+    truncated: bool
+
+    @property
+    def total(self) -> float:
+        """The sum of the rewards."""
+        return float(self.rewards.sum())
+
+    def __len__(self) -> int:
+        """Count the steps."""
+        return len(self.rewards)
+
+
+ScoreLike = str | tuple[Any, ...] | list[Any] | Callable[[Episode], float]
+"""("return", low, high), "success", ("length", most), or a function of an `Episode`."""
+
+
+class Score(ABC):
+    """Says how well the agent did in an episode, from 0 to 1."""
+
+    keeps_all: bool = False
+    """Whether it needs the observations, the actions and all infos."""
+
+    @property
+    @abstractmethod
+    def settings(self) -> Any:
+        """The score as data for JSON."""
+
+    @abstractmethod
+    def __call__(self, episode: Episode) -> tuple[float, bool]:
+        """Give the score in [0, 1], and whether it was clipped."""
+
+
+@dataclass(frozen=True)
+class Return(Score):
+    """The sum of rewards, from `low` (0) to `high` (1); what lies outside is clipped."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        """Refuse an empty range."""
+        if not (_is_number(self.low) and _is_number(self.high) and self.low < self.high):
+            raise UserError(
+                f"Expected score=('return', low, high) with finite low < high, got {self.low!r} "
+                f"and {self.high!r}. Take the returns of a bad and of a good episode."
+            )
+
+    @property
+    def settings(self) -> Any:
+        """The score as data for JSON."""
+        return ["return", float(self.low), float(self.high)]
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:
+        """Place the return between low and high."""
+        share = (episode.total - self.low) / (self.high - self.low)
+        return min(max(share, 0.0), 1.0), not 0.0 <= share <= 1.0
+
+
+@dataclass(frozen=True)
+class Success(Score):
+    """1 where the last info says `is_success`, else 0."""
+
+    @property
+    def settings(self) -> Any:
+        """The score as data for JSON."""
+        return "success"
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:
+        """Read `is_success`."""
+        info = episode.infos[-1]
+        if "is_success" not in info:
+            raise UserError(
+                "Expected info['is_success'] at the end of an episode for score='success', got "
+                f"the keys {sorted(map(str, info)) or 'none'}. Pass a function of the episode "
+                "instead, such as score=lambda episode: float(episode.terminated)."
+            )
+        return float(bool(info["is_success"])), False
+
+
+@dataclass(frozen=True)
+class Length(Score):
+    """The number of steps as a share of `most`, which makes a long episode a good one."""
+
+    most: int
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number of steps."""
+        if not _is_number(self.most) or self.most < 1:
+            raise UserError(
+                f"Expected score=('length', most) with a number of steps, got {self.most!r}."
+            )
+
+    @property
+    def settings(self) -> Any:
+        """The score as data for JSON."""
+        return ["length", self.most]
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:
+        """Divide the length by `most`."""
+        return min(len(episode) / self.most, 1.0), False
+
+
+@dataclass(frozen=True)
+class Own(Score):
+    """A function of one's own."""
+
+    function: Callable[[Episode], float]
+    keeps_all = True
+
+    @property
+    def settings(self) -> Any:
+        """The score as data for JSON."""
+        return code_name(self.function)
+
+    def __call__(self, episode: Episode) -> tuple[float, bool]:
+        """Call the function, and check what it gives."""
+        try:
+            score: Any = self.function(episode)
+        except Exception as error:  # whatever a user's function may raise
+            raise UserError(
+                f"Expected a score from {self._name}, got {type(error).__name__}: {error}. Mend "
+                "the function."
+            ) from error
+        if not _is_number(score) and not isinstance(score, bool | np.bool_):
+            raise UserTypeError(
+                f"Expected a number in [0, 1] from {self._name}, got {score!r}. Return a float."
+            )
+        if not 0.0 <= score <= 1.0:
+            raise UserError(
+                f"Expected a score in [0, 1] from {self._name}, got {score}. Scale and clip it: 1 "
+                "means that the agent did well."
+            )
+        return float(score), False
+
+    @property
+    def _name(self) -> str:
+        return getattr(self.function, "__name__", type(self.function).__name__)
+
+
+def as_score(given: Any) -> Score:
+    """Give the score that a description means.
+
+    Raises:
+        UserError: If it is none of `ScoreLike`.
+    """
+    if given == "success":
+        return Success()
+    if isinstance(given, tuple | list) and given:
+        kind, *numbers = given
+        if kind == "return" and len(numbers) == 2:
+            return Return(*numbers)
+        if kind == "length" and len(numbers) == 1:
+            return Length(*numbers)
+    if callable(given):
+        return Own(given)
+    raise UserTypeError(
+        "Expected score to be ('return', low, high), 'success', ('length', most) or a function of "
+        f"the episode, got {given!r}."
+    )
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return bool(number and np.isfinite(value))

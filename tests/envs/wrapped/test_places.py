@@ -1,0 +1,228 @@
+"""Tests of the places to which parameters' values go."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import wrapped_toys as toys
+from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv
+from wrapped_toys import Reach, cart_pole, pendulum, reach
+
+from sada_gym.envs.wrapped import Attribute, Config, Function, Keyword, ResetOption
+
+
+def env_at(application, mu, seed=0):
+    """The environment of one episode in the world of mu."""
+    return application.episodes(np.array([mu], np.float32), [seed]).running[0].env.unwrapped
+
+
+class Reader(CartPoleEnv):
+    """It reads its gravity when it is reset, and overwrites its length there."""
+
+    def reset(self, **kwargs):
+        self.read = self.gravity
+        self.length = 0.5
+        self.gusts = [0.0, 1.0]
+        return super().reset(**kwargs)
+
+    @property
+    def fixed(self):
+        return 1.0
+
+
+class Configured(Reach):
+    """It has a dictionary of settings, part of which is shared by the class."""
+
+    config = {"speed": 0.1, "goal": {"place": 1.0}}  # noqa: RUF012 - the mistake under test
+
+
+def make_reader(render_mode=None):
+    return gym.wrappers.TimeLimit(Reader(render_mode=render_mode), 50)
+
+
+def test_a_name_finds_a_keyword_before_an_attribute():
+    application = pendulum(parameters={"g": (5.0, 15.0), "m": (0.5, 2.0)})
+    kinds = [type(place) for place in application.game.places.values()]
+    assert kinds == [Keyword, Attribute]
+    env = env_at(application, [1.0, -1.0])
+    assert (env.g, env.m) == (15.0, 0.5)
+
+
+def test_an_attribute_is_set_before_reset_and_again_where_reset_changed_it():
+    application = cart_pole(make_reader, parameters={"gravity": (5.0, 20.0), "length": (0.2, 2.0)})
+    env = env_at(application, [1.0, 1.0])
+    assert env.read == 20.0
+    assert env.length == 2.0
+
+
+def test_what_exists_after_reset_only_is_set_then():
+    application = cart_pole(make_reader, parameters={"wind": Attribute(0.0, 2.0, "gusts[1]")})
+    assert env_at(application, [1.0]).gusts == [0.0, 2.0]
+
+
+@pytest.mark.parametrize("path", ["gusts", "missing.gravity", "length.real.x", "gravity[0]"])
+def test_a_path_that_leads_nowhere_gets_a_sentence(path):
+    with pytest.raises(ValueError, match=r"found no|a single value at 'gusts'"):
+        cart_pole(make_reader, parameters={"here": Attribute(0.0, 1.0, path)})
+
+
+@pytest.mark.parametrize("path", ["", "a..b", "a[x]", "a b"])
+def test_a_path_that_is_none_gets_a_sentence(path):
+    with pytest.raises(ValueError, match="an attribute such as 'length'"):
+        cart_pole(parameters={"here": Attribute(0.0, 1.0, path)})
+
+
+def test_several_attributes_get_one_value_and_entries_are_attributes():
+    application = cart_pole(parameters={"mass": Attribute(1.0, 3.0, ("masscart", "total_mass"))})
+    env = env_at(application, [1.0])
+    assert env.masscart == env.total_mass == 3.0
+
+
+def test_a_list_that_the_class_shares_is_copied_first():
+    application = cart_pole(
+        "Acrobot-v1",
+        agent=lambda seen: 2,
+        parameters={"torque": Attribute(2.0, 3.0, "AVAIL_TORQUE[2]")},
+        score=("return", -500.0, 0.0),
+        max_steps=5,
+    )
+    assert env_at(application, [1.0]).AVAIL_TORQUE == [-1.0, 0.0, 3.0]
+    assert [*AcrobotEnv.AVAIL_TORQUE] == [-1.0, 0.0, 1]
+
+
+def test_a_property_without_a_setter_gets_a_sentence():
+    with pytest.raises(ValueError, match=r"'fixed' to be settable to 2.0, got AttributeError"):
+        cart_pole(make_reader, parameters={"fixed": (2.0, 3.0)})
+
+
+def test_an_unknown_name_gets_a_list_of_what_there_is():
+    with pytest.raises(ValueError, match="Did you mean g") as caught:
+        pendulum(parameters={"gg": (5.0, 15.0)})
+    assert "Keywords: g." in str(caught.value)
+    assert "max_torque" in str(caught.value)
+
+
+def test_keywords_reach_the_constructor_and_are_checked():
+    application = reach(parameters={"pace": Keyword(0.1, 0.3, name="speed")})
+    assert env_at(application, [1.0]).speed == 0.3
+    with pytest.raises(ValueError, match=r"keyword of Reach .*'pace'"):
+        reach(parameters={"pace": Keyword(0.1, 0.3)})
+    with pytest.raises(ValueError, match="Leave it out of env_kwargs"):
+        reach(env_kwargs={"speed": 0.1})
+
+
+def test_a_constructor_that_refuses_a_value_gets_a_sentence():
+    pytest.importorskip("Box2D")
+    with pytest.raises(ValueError, match=r"LunarLander-v3 to be made with .*AssertionError"):
+        cart_pole(
+            "LunarLander-v3",
+            parameters={"gravity": (-30.0, -4.0)},
+        )
+
+
+def test_reset_gets_options():
+    application = reach(parameters={"start": ResetOption(0.0, 1.0)})
+    assert env_at(application, [1.0]).options == {"start": 1.0}
+
+
+def test_entries_of_a_configuration_are_set_in_a_copy():
+    application = reach(
+        Configured,
+        parameters={"speed": Config(0.1, 0.5), "place": Config(0.0, 3.0, name="goal.place")},
+    )
+    assert env_at(application, [1.0, 1.0]).config == {"speed": 0.5, "goal": {"place": 3.0}}
+    assert Configured.config == {"speed": 0.1, "goal": {"place": 1.0}}
+    with pytest.raises(ValueError, match="Did you mean speed"):
+        reach(Configured, parameters={"speeed": Config(0.1, 0.5)})
+    with pytest.raises(ValueError, match="Reach to have a dictionary `config`"):
+        reach(parameters={"speed": Config(0.1, 0.5)})
+
+
+def test_env_kwargs_are_not_shared_between_episodes():
+    given = {"config": {"speed": [0.1]}}
+
+    class Writing(Reach):
+        def __init__(self, config):
+            super().__init__(config["speed"][0])
+            config["speed"][0] += 1.0
+
+    application = reach(Writing, parameters={"wind": (0.0, 0.1)}, env_kwargs=given)
+    assert env_at(application, [0.0]).speed == env_at(application, [0.0]).speed == 0.1
+    assert given == {"config": {"speed": [0.1]}}
+
+
+@pytest.mark.parametrize(("after", "length"), [(True, 2.0), (False, 0.5)])
+def test_a_function_of_ones_own_is_called_once(after, length):
+    calls = []
+
+    def lengthen(env, value):
+        calls.append(value)
+        env.length = value
+
+    application = cart_pole(
+        make_reader,
+        parameters={"longer": Function(1.0, 2.0, set=lengthen, after_reset=after)},
+    )
+    calls.clear()
+    assert env_at(application, [1.0]).length == length
+    assert calls == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (None, "a function set"),
+        (lambda env, value: 1 / 0, "function of 'mine' to set .*, got ZeroDivisionError"),
+    ],
+)
+def test_a_bad_function_gets_a_sentence(function, message):
+    with pytest.raises(ValueError, match=message):
+        cart_pole(parameters={"mine": Function(1.0, 2.0, set=function)})
+
+
+def test_choices_and_whole_numbers_take_equal_parts():
+    choice = Keyword(choices=("low", "mid", "high"))
+    assert [choice.value(x) for x in (0.0, 0.99, 1.0, 2.5, 3.0)] == [
+        "low",
+        "low",
+        "mid",
+        "high",
+        "high",
+    ]
+    whole = Keyword(2, 4, integer=True)
+    parameter = whole.parameter("lanes")
+    values = [whole.value(x) for x in np.linspace(parameter.low, parameter.high, 3_001)]
+    counts = np.bincount(values)
+    assert [*counts[:2]] == [0, 0]
+    assert np.ptp(counts[2:]) <= 1
+    assert parameter.choices == ("2", "3", "4")
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (Keyword(choices=("one",)), "at least two choices"),
+        (Keyword(choices="dry"), "at least two choices"),
+        (Keyword(0.0, 1.0, choices=(1, 2)), "either choices or low and high"),
+        (Keyword(0.5, 2.0, integer=True), "whole numbers as low and high"),
+        (Keyword("a", 2.0), "numbers as low and high"),
+        (Keyword(), "numbers as low and high"),
+        (Keyword(3, 3, integer=True), "low < high"),
+        (Keyword(0.0, np.nan), "low < high"),
+    ],
+)
+def test_a_bad_range_gets_a_sentence(place, message):
+    with pytest.raises(ValueError, match=message):
+        place.parameter("mine")
+
+
+def test_settings_say_what_differs_from_the_default():
+    assert Attribute(0.5, 2.0, ("a", "b"), unit="m").settings == {
+        "kind": "Attribute",
+        "low": 0.5,
+        "high": 2.0,
+        "unit": "m",
+        "paths": ["a", "b"],
+    }
+    assert Function(0.5, 2.0, set=toys.upright).settings["set"] == "wrapped_toys:upright"

@@ -1,0 +1,107 @@
+"""Tests of the scores of episodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wrapped_toys import cart_pole, pendulum, reach
+
+from sada_gym.envs.wrapped import Episode
+from sada_gym.envs.wrapped.scores import as_score
+
+
+def episode(rewards, **last):
+    count = len(rewards)
+    infos = (*({} for _ in range(count)), last)
+    return Episode(
+        np.array(rewards, float), (None,) * (count + 1), (0,) * count, infos, True, False
+    )
+
+
+@pytest.mark.parametrize(
+    ("rewards", "expected"),
+    [
+        ([-1.0, -1.0], (0.0, False)),
+        ([3.0], (1.0, True)),
+        ([0.0], (0.5, False)),
+        ([-9.0], (0.0, True)),
+    ],
+)
+def test_a_return_is_placed_between_low_and_high(rewards, expected):
+    assert as_score(("return", -2, 2))(episode(rewards)) == expected
+
+
+def test_success_is_read_at_the_end():
+    score = as_score("success")
+    assert score(episode([0.0], is_success=np.True_)) == (1.0, False)
+    assert score(episode([0.0], is_success=False)) == (0.0, False)
+    with pytest.raises(ValueError, match=r"info\['is_success'\] at the end .* keys \['speed'\]"):
+        score(episode([0.0], speed=1.0))
+
+
+def test_length_is_a_share():
+    score = as_score(["length", 4])
+    assert [score(episode([0.0] * n))[0] for n in (1, 4, 9)] == [0.25, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("return", 1.0, 1.0), "finite low < high"),
+        (("return", 0.0, np.inf), "finite low < high"),
+        (("return", 0.0), "Expected score to be"),
+        (("length", 0), "a number of steps"),
+        ("sucess", "Expected score to be"),
+        (None, "Expected score to be"),
+    ],
+)
+def test_what_is_no_score_gets_a_sentence(given, message):
+    with pytest.raises(ValueError, match=message):
+        cart_pole(score=given)
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (1.5, r"a score in \[0, 1\] from <lambda>, got 1.5"),
+        (np.nan, r"a number in \[0, 1\] from <lambda>, got nan"),
+        ("good", r"a number in \[0, 1\] from <lambda>, got 'good'"),
+        (None, r"a number in \[0, 1\] from <lambda>, got None"),
+    ],
+)
+def test_a_function_must_give_a_score(found, message):
+    with pytest.raises(ValueError, match=message):
+        cart_pole(score=lambda episode: found).evaluate([[0.0, 0.0]], [0])
+
+
+def test_a_function_that_raises_gets_a_sentence():
+    with pytest.raises(ValueError, match="a score from <lambda>, got KeyError: 'speed'"):
+        cart_pole(score=lambda episode: episode.infos[-1]["speed"]).evaluate([[0.0, 0.0]], [0])
+
+
+def test_a_function_gets_the_whole_episode():
+    seen = []
+
+    def keep(episode):
+        seen.append(episode)
+        return float(episode.terminated)
+
+    pendulum(score=keep, max_steps=5).evaluate([[0.0, 0.0]], [0])
+    for one in seen:
+        assert len(one) == len(one.rewards) == len(one.actions) == 5
+        assert len(one.observations) == len(one.infos) == 6
+        assert (one.truncated, one.terminated) == (True, False)
+        assert one.total == one.rewards.sum()
+        assert np.ptp([observation[0] for observation in one.observations]) > 0.0
+    reach(score=keep).evaluate([[1.0]], [0])
+    assert seen[-1].infos[-1]["is_success"] == seen[-1].terminated
+
+
+def test_several_episodes_are_averaged():
+    application = cart_pole(episodes=4)
+    info = application.evaluate([[0.3, 0.5]], [1]).infos[0]
+    assert info["score"] == pytest.approx(info["return"] / 500.0)
+    episodes = application.episodes(np.array([[0.3, 0.5]], np.float32), [1])
+    application.play(episodes)
+    assert len(set(episodes.score.tolist())) > 1
+    assert info["score"] == episodes.score.mean()

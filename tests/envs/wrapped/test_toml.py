@@ -1,0 +1,283 @@
+"""Applications in TOML files: the same as in Python, and one sentence for each mistake."""
+
+import inspect
+import json
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sada_gym import GymnasiumApplication, make_application
+from sada_gym.attack import attack
+from sada_gym.envs.wrapped import places, toml
+from sada_gym.envs.wrapped.disturbances import (
+    ActionDelay,
+    ActionGain,
+    ActionNoise,
+    ObservationDelay,
+    ObservationDropout,
+    ObservationNoise,
+    RepeatedActions,
+)
+from sada_gym.envs.wrapped.toml import read_application
+from sada_gym.errors import FileError, UserError
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.testing import rules
+
+POLE = """
+environment = "CartPole-v1"
+agent = "agents/pole.zip"
+score = ["return", 0, 60.0]
+fooling_threshold = 0.5
+max_steps = 60
+
+[parameters]
+gravity = [5, 20.0]
+length = { kind = "attribute", low = 0.2, high = 2.0, unit = "m", paths = ["length"] }
+late = { kind = "observation-delay", low = 0, high = 3 }
+"""
+RANDOM = {"adversary": "random", "budget": 12, "samples": 12, "pictures": False}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=64, seed=0, device="cpu")
+
+
+@pytest.fixture
+def pole(tmp_path, model):
+    """A TOML file, and a folder with the agent that it names."""
+    model.save(tmp_path / "agents" / "pole.zip")
+    (tmp_path / "pole.toml").write_text(POLE)
+    return tmp_path / "pole.toml"
+
+
+def test_a_file_means_what_the_constructor_means(pole, model):
+    read = read_application(pole)
+    made = GymnasiumApplication(
+        "CartPole-v1",
+        agent=model,
+        parameters={
+            "gravity": (5.0, 20.0),
+            "length": places.Attribute(0.2, 2.0, unit="m", paths="length"),
+            "late": ObservationDelay(0, 3),
+        },
+        score=("return", 0.0, 60.0),
+        fooling_threshold=0.5,
+        max_steps=60,
+        name="CartPole",
+    )
+    mu = np.random.default_rng(0).uniform(-1, 1, (8, 3))
+    expected = made.evaluate(mu, range(8)).score
+    np.testing.assert_array_equal(read.evaluate(mu, range(8)).score, expected)
+    assert len(set(expected)) > 1
+    assert read.fingerprint == made.fingerprint is not None
+    assert read.agent_name == "pole"
+    assert read.parameters.parameters == made.parameters.parameters
+
+
+def test_every_key_of_the_constructor_can_stand_in_a_file():
+    arguments = [*inspect.signature(GymnasiumApplication).parameters]
+    assert [*toml._KEYS] == ["environment", *[key for key in arguments if key != "environment"]]
+    required = [
+        key
+        for key, one in inspect.signature(GymnasiumApplication).parameters.items()
+        if one.default is one.empty
+    ]
+    assert sorted(toml._REQUIRED) == sorted(required)
+
+
+def test_the_page_names_every_key_and_kind_and_its_files_are_right():
+    page = (Path(__file__).parents[3] / "docs" / "toml.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    table = toml.tomllib.loads(block)
+    assert {*toml._REQUIRED} <= {*table} <= {*toml._KEYS}
+    for name, value in table["parameters"].items():
+        assert toml._place(name, value, Path("lander.toml"))
+    for name in (*toml._KEYS, *toml.KINDS, *toml._PLACE_KEYS):
+        assert f"`{name}`" in page
+
+
+def test_every_field_of_every_kind_has_a_type():
+    assert {one.name for kind in toml.KINDS.values() for one in fields(kind)} == {*toml._PLACE_KEYS}
+
+
+@pytest.mark.parametrize(
+    ("table", "place"),
+    [
+        ({"kind": "keyword", "low": 1, "high": 2, "name": "g"}, places.Keyword(1, 2, name="g")),
+        (
+            {"kind": "attribute", "low": 1, "high": 2, "paths": ["a.b", "c[1]"]},
+            places.Attribute(1, 2, paths=("a.b", "c[1]")),
+        ),
+        ({"kind": "reset-option", "choices": ["dry", 1]}, places.ResetOption(choices=("dry", 1))),
+        (
+            {"kind": "config", "low": 1, "high": 4, "integer": True, "name": "lanes_count"},
+            places.Config(1, 4, integer=True, name="lanes_count"),
+        ),
+        (
+            {"kind": "observation-noise", "low": 0.0, "high": 0.1, "entries": [2, 3]},
+            ObservationNoise(0.0, 0.1, entries=(2, 3)),
+        ),
+        ({"kind": "observation-delay", "low": 0, "high": 3}, ObservationDelay(0, 3)),
+        ({"kind": "observation-dropout", "low": 0, "high": 0.5}, ObservationDropout(0, 0.5)),
+        ({"kind": "action-noise", "low": 0, "high": 0.5}, ActionNoise(0, 0.5)),
+        (
+            {"kind": "action-delay", "low": 0, "high": 2, "unit": "steps"},
+            ActionDelay(0, 2, unit="steps"),
+        ),
+        ({"kind": "action-gain", "low": 0.5, "high": 1.5}, ActionGain(0.5, 1.5)),
+        ({"kind": "repeated-actions", "low": 1, "high": 4}, RepeatedActions(1, 4)),
+    ],
+)
+def test_every_kind_is_its_place(table, place):
+    assert toml._place("x", table, Path("a.toml")) == place
+
+
+def test_paths_are_relative_to_the_file(pole, tmp_path, monkeypatch):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert read_application("../pole.toml").agent_name == "pole"
+
+
+def test_an_agent_can_be_an_object_of_a_module(pole, tmp_path, monkeypatch):
+    (tmp_path / "leaning.py").write_text("def lean(seen):\n    return int(seen[2] > 0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    pole.write_text(POLE.replace("agents/pole.zip", "leaning:lean") + "\n")
+    assert read_application(pole).fingerprint is None
+    pole.write_text('agent_id = "lean-1"' + POLE.replace("agents/pole.zip", "leaning:lean"))
+    application = read_application(pole)
+    assert application.agent_name == "lean-1"
+    assert application.fingerprint is not None
+    assert application.evaluate([[0.0, 0.0, -1.0]], [0]).score > 0.3
+
+
+def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):
+    statistics = VecNormalize(DummyVecEnv([lambda: gym.make("CartPole-v1")]))
+    statistics.obs_rms.mean += 1.0
+    statistics.save(str(tmp_path / "agents" / "statistics.pkl"))
+    with_statistics = 'statistics = "agents/statistics.pkl"' + POLE
+    pole.write_text(with_statistics)
+    with pytest.raises(UserError, match="Expected trust=True with statistics"):
+        read_application(pole)
+    pole.write_text("trust = true\n" + with_statistics)
+    trusted = read_application(pole)
+    pole.write_text(POLE)
+    assert trusted.fingerprint != read_application(pole).fingerprint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "score =",
+            "scor =",
+            r"the key in .*pole.toml to be one of .*got 'scor'. Did you mean score",
+        ),
+        ("agent =", "max_step =", "got 'max_step'. Did you mean max_steps"),
+        ('agent = "agents/pole.zip"', "", r"Expected the key 'agent' in .*pole.toml, got none"),
+        ("score =", "score ", r"TOML file in .*pole.toml, got something else: .*line 4"),
+        ("max_steps = 60", "max_steps = 60\nmax_steps = 6", "TOML file in .*line 7"),
+        ("max_steps = 60", 'max_steps = "60"', r"'max_steps' in .*pole.toml to be a whole number"),
+        ("max_steps = 60", "max_steps = true", "'max_steps' in .* to be a whole number, got True"),
+        ("threshold = 0.5", "threshold = [0.5]", "'fooling_threshold' in .* to be a number"),
+        ('"CartPole-v1"', "1", r"'environment' in .* to be a text in quotes, .* got 1\."),
+        ('["return", 0, 60.0]', "3", "'score' in .* to be .*success.*, got 3"),
+        ("max_steps = 60", "trust = 1", "'trust' in .* to be true or false, got 1"),
+        ("[parameters]\n", "parameters = 3\n[env_kwargs]\n", "'parameters' in .* to be a table"),
+        ("[5, 20.0]", "[5]", r"parameter 'gravity' in .*pole.toml to be \[low, high\], got \[5\]"),
+        ("[5, 20.0]", '["a", 2]', r"parameter 'gravity' in .* to be \[low, high\]"),
+        ("[5, 20.0]", "5", "parameter 'gravity' in .* to be .* or a table with a kind, got 5"),
+        ("[5, 20.0]", "{ low = 1, high = 2 }", "the kind of parameter 'gravity' in .* got None"),
+        ('"attribute"', '"atribute"', "got 'atribute'. Did you mean attribute"),
+        ("unit =", "units =", "the key of parameter 'length' in .* got 'units'. Did you mean unit"),
+        ("unit =", "key =", "the key of parameter 'length' in .* got 'key'"),
+        ("low = 0.2", 'low = "a"', "'low' of parameter 'length' in .* to be a number, got 'a'"),
+        ("[5, 20.0]", "[20.0, 5]", "Expected finite low < high for parameter 'gravity'"),
+        ("[5, 20.0]", "[nan, 5]", "Expected finite low < high for parameter 'gravity'"),
+        ("gravity", "gravty", "Expected parameter 'gravty' .* Did you mean gravity"),
+        ("CartPole-v1", "CartPole-v7", "Expected a registered environment id, got 'CartPole-v7'"),
+        ("agents/pole.zip", "pole.zip", "Expected an SB3 zip .*pole.zip: no such file"),
+        (
+            "agents/pole.zip",
+            "no_such:thing",
+            r"module:object, got 'no_such:thing' \(ModuleNotFound",
+        ),
+        ("agents/pole.zip", "json:thing", r"module:object, got 'json:thing' \(AttributeError"),
+    ],
+)
+def test_bad_files_get_a_sentence(old, new, message, pole):
+    assert old in POLE
+    pole.write_text(POLE.replace(old, new, 1))
+    with pytest.raises(UserError, match=message):
+        read_application(pole)
+
+
+def test_files_that_are_no_toml_get_a_sentence(pole, tmp_path):
+    with pytest.raises(FileError, match="there is no such file"):
+        read_application(tmp_path / "none.toml")
+    pole.write_bytes(b"\xff\xfe")
+    with pytest.raises(FileError, match=r"Expected a TOML file in .*utf-8"):
+        read_application(pole)
+    pole.write_text("a = " + "[" * 100_000)
+    with pytest.raises(FileError, match="Expected a TOML file in"):
+        read_application(pole)
+    pole.write_text("#" * (toml.MAX_TOML_BYTES + 1))
+    with pytest.raises(FileError, match="at most 1 MiB"):
+        read_application(pole)
+
+
+def test_keywords_of_ids_do_not_go_with_files(pole):
+    with pytest.raises(UserError, match=r"only with its id, got {'agent': 'x'} with .*pole.toml"):
+        make_application(str(pole), agent="x")
+
+
+def test_an_attack_takes_a_file_and_its_record_names_no_folder(pole, tmp_path, monkeypatch):
+    whole = attack(str(pole), out=tmp_path / "whole", **RANDOM)
+    application = read_application(pole)
+    assert whole.report.settings.track == "CartPole-v1"
+    assert whole.report == attack(application, out=tmp_path / "python", **RANDOM).report
+    for name in ("attack.json", "result.json"):
+        assert str(tmp_path) not in (tmp_path / "whole" / name).read_text()
+    # moved, it is the same run
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for name in ("pole.toml", "agents"):
+        (tmp_path / name).rename(moved / name)
+    monkeypatch.chdir(moved)
+    resumed = attack("pole.toml", out=tmp_path / "whole", resume=True, **RANDOM)
+    assert resumed.report == whole.report
+
+
+@pytest.mark.slow
+def test_workers_build_the_application_from_the_file(pole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    alone = attack("pole.toml", out=tmp_path / "alone", **RANDOM)
+    together = attack("pole.toml", out=tmp_path / "together", workers=2, **RANDOM)
+    assert together.report == alone.report
+
+
+def test_another_agent_under_the_same_name_is_another_run(pole, tmp_path):
+    attack(str(pole), out=tmp_path / "run", **RANDOM)
+    PPO("MlpPolicy", gym.make("CartPole-v1"), seed=1, device="cpu").save(tmp_path / "agents/pole")
+    with pytest.raises(UserError, match="fingerprint was"):
+        attack(str(pole), out=tmp_path / "run", resume=True, **RANDOM)
+
+
+def test_an_oracle_takes_a_file(pole):
+    mu = np.zeros((2, 3))
+    with Oracle(str(pole), budget=4) as oracle:
+        assert oracle(mu).shape == (2,)
+    assert json.loads(json.dumps(read_application(pole).settings))["environment"] == "CartPole-v1"
+
+
+def test_dead_parameters_are_found_by_name(pole):
+    pole.write_text(POLE + "screen_width = [100, 200]\n")
+    with pytest.raises(AssertionError, match="screen_width"):
+        rules.check_live_parameters(read_application(pole))
