@@ -13,7 +13,7 @@ from typing import Any
 
 from sada_gym.lazy import load
 
-APPLICATIONS = ("analytic", "detection", "driving", "uav", "digits", "pixel")
+APPLICATIONS = ("analytic", "detection", "driving", "uav", "robot", "digits", "pixel")
 """The folders of the applications, in the order of all listings."""
 
 

@@ -1,4 +1,4 @@
-"""The inner tasks' environments: what those of driving and racing have in common."""
+"""The inner tasks' environments: what those of driving, racing and the robot have in common."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 import sada_gym  # noqa: F401 - registers
 from sada_gym.envs.driving.episodes import LANE_TOLERANCE_M
 from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
+from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
 from sada_gym.envs.uav.task import RacingTaskEnv, RacingTaskVectorEnv
 from sada_gym.sb3 import SB3VecEnv
 
@@ -46,6 +47,14 @@ def careless_driving(rng):
 def careless_flying(rng):
     # mostly forward and down, so that some hit frames and the ground
     return rng.normal([0.5, 0.0, -0.1, 0.0], 0.3, (18, 4)).clip(-1, 1).astype(np.float32)
+
+
+def careless_robots(rng):
+    return rng.normal([1.0, 0.0], 0.2, (6, 2)).clip(-1, 1).astype(np.float32)
+
+
+def has_collided(info):
+    return info["TimeLimit.truncated"] is False and info["is_success"] is False
 
 
 def left_the_lane(info):
@@ -79,6 +88,17 @@ TASKS = [
         least_ends=1,
         fatal=[0.0, 0.0, 0.0, 0.0],
         ended=was_late,
+    ),
+    Task(
+        "SADA-RobotTask-v0",
+        RobotTaskEnv,
+        RobotTaskVectorEnv,
+        many=6,
+        steps=80,
+        actions=careless_robots,
+        least_ends=3,
+        fatal=[1.0, 0.0],
+        ended=has_collided,
     ),
 ]
 

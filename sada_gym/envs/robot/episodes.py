@@ -44,12 +44,14 @@ SLOWEST_M_S, GRACE_S = 0.25, 10.0
 
 _AHEAD_M = (0.4, 0.8, 1.2, 2.0)
 """How far ahead on its way the robot is shown a point."""
+_FURTHEST = 40.0
+"""More than the hall's diagonal in units of the nearest of these points."""
 STATES = 2 * len(_AHEAD_M) + 8
 
 OBSERVATION_SPACE = spaces.Dict(
     {
         "lidar": spaces.Box(0.0, 1.0, (SECTORS,), np.float32),
-        "state": spaces.Box(-np.inf, np.inf, (STATES,), np.float32),
+        "state": spaces.Box(-_FURTHEST, _FURTHEST, (STATES,), np.float32),
     }
 )
 ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -46,7 +46,7 @@ def summary(rollouts: Rollouts) -> Frame:
     arrived = len(rollouts) - len(failed)
     ending = _TEXTS[Ending(int(rollout["ending"][-1]))]
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
-    top = _moment(rollout, last)
+    top = moment(rollout, last)
     return stacked(
         [
             caption(f"{arrived} of {len(rollouts)} trips arrived", top.width),
@@ -67,7 +67,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
         for step in range(last + 1):
             ending = _TEXTS[Ending(int(rollout["ending"][step]))]
             text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
-            frame = stacked([_moment(rollout, step), caption(text, WIDTH)])
+            frame = stacked([moment(rollout, step), caption(text, WIDTH)])
             drawn += [frame] * (POLICY_HZ if step == last else 1)  # a second to read the ending
     return drawn
 
@@ -77,7 +77,8 @@ def frame(trips: Trips, i: int) -> Frame:
     return np.asarray(_view(trips.starts[i], trips.poses[i], trips.carts[i], trips.points[i]))
 
 
-def _moment(rollout: Rollout[Start], step: int) -> Image.Image:
+def moment(rollout: Rollout[Start], step: int) -> Image.Image:
+    """Draw one step of a trip, with the way that was driven until then."""
     carts, points = rollout["carts"][step], rollout["points"][step]
     return _view(rollout.start, rollout["poses"][step], carts, points, rollout["poses"][: step + 1])
 

@@ -68,7 +68,7 @@ class RobotTaskEnv(TaskEnv):
     | key | space | what |
     | --- | --- | --- |
     | `lidar` | `Box(0, 1, (36,), float32)` | how near the nearest return of the last four scans is in each sector of 10°, ahead first, then to the left: 1 at the robot's middle, 0 at 3.5 m or where there is none |
-    | `state` | `Box(-inf, inf, (16,), float32)` | points of the way 0.4, 0.8, 1.2 and 2 m ahead (0 to 7: ahead, to the left, in these distances); what is left of the way in 3 m, at most 1 (8); velocity ahead, to the left, in 0.6 m/s, and turning rate in 1.5 rad/s (9 to 11); the last two actions (12 to 15) |
+    | `state` | `Box(-40, 40, (16,), float32)` | points of the way 0.4, 0.8, 1.2 and 2 m ahead (0 to 7: ahead, to the left, in these distances); what is left of the way in 3 m, at most 1 (8); velocity ahead, to the left, in 0.6 m/s, and turning rate in 1.5 rad/s (9 to 11); the last two actions (12 to 15) |
 
     ## Rewards
     A step: the distance made along the way as a share of that at 0.6 m/s, from -1 to 1, less 0.1.

@@ -65,7 +65,9 @@ def test_a_well_mounted_lidar_returns_what_is_there():
 
 def test_a_turned_lidar_shows_things_turned_to_the_other_side():
     ahead = np.array([[[3.0, 4.0, 0.2]]])  # 1 m ahead of a robot at (2, 4)
-    straight = nearest(np.array([[2.0, 4.0, 0.0]]), scanned((2.0, 4.0, 0.0), circles=ahead)[:, None])
+    straight = nearest(
+        np.array([[2.0, 4.0, 0.0]]), scanned((2.0, 4.0, 0.0), circles=ahead)[:, None]
+    )
     turned = nearest(
         np.array([[2.0, 4.0, 0.0]]),
         scanned((2.0, 4.0, 0.0), (math.radians(20), 0.0), ahead)[:, None],

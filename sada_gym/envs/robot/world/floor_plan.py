@@ -48,7 +48,7 @@ class FloorPlan:
         racks: (k, 4) rectangles x0, y0, x1, y1.
         pillars: (p, 3) circles x, y, radius.
         barrels: (b, 3) circles, at most `BARRELS`; a world has the first of them.
-        lanes: (c, 4), at most `CARTS`: x0, y0, x1, y1: the carts drive to and fro between these points.
+        lanes: (c, 4), at most `CARTS`: x0, y0, x1, y1; carts drive to and fro between these points.
         places: (CARTS,) where on their lanes carts start, from 0 to 1.
         ways: The planned way of each trip, (n, 2) points about 0.1 m apart.
     """

@@ -1,0 +1,46 @@
+"""Draw the pictures of docs/environments/robot.md into docs/images: `python docs/draw_robot.py`."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from sada_gym.envs.robot.application import RobotApplication
+from sada_gym.envs.robot.conditions import PARAMETERS, Conditions, conditions
+from sada_gym.envs.robot.pictures import WIDTH, moment, summary
+
+IMAGES = Path(__file__).parent / "images"
+SEED = 1
+
+
+def mu_of(wanted: Conditions) -> np.ndarray:
+    """The mu of some conditions."""
+    return PARAMETERS.normalised([getattr(wanted, name) for name in PARAMETERS.names])
+
+
+def main() -> None:
+    """Draw all pictures."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--agent", default="ppo")
+    application = RobotApplication(agent=parser.parse_args().agent)
+    nominal = np.zeros(len(PARAMETERS), np.float32)
+    turned = mu_of(Conditions(lidar_yaw_deg=22.0, obstacle_density=2.0, wheel_gain=0.1))
+    for name, mu in (("arrived", nominal), ("fooled", turned)):
+        Image.fromarray(summary(application.rollouts(mu, SEED))).save(IMAGES / f"robot-{name}.png")
+    # half-way through one trip, with a good lidar and with the worst
+    clear = mu_of(Conditions(lidar_noise_m=0.0, lidar_dropout=0.0))
+    poor = mu_of(Conditions(lidar_noise_m=0.2, lidar_dropout=0.9))
+    views = []
+    for mu in (clear, poor):
+        rollout = application.rollouts(mu, SEED)[1]
+        views.append(moment(rollout, len(rollout["poses"]) // 2))
+    pair = Image.new("RGB", (2 * WIDTH, views[0].height))
+    for k, view in enumerate(views):
+        pair.paste(view, (k * WIDTH, 0))
+    pair.save(IMAGES / "robot-lidar.png")
+    print(application.evaluate([turned], [SEED]).infos[0], conditions(turned))
+
+
+if __name__ == "__main__":
+    main()
