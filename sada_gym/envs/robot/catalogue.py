@@ -11,13 +11,13 @@ CARD = ApplicationCard(
         AgentCard(
             "ppo",
             "robot/agent/ppo.safetensors",
-            "",
+            "8dee89ea877872d41012d9877e60439e48416d115faee92f7954d7557c3e730e",
             "learnt by PPO in the middle of all ranges; the default",
         ),
         AgentCard(
             "ppo-randomised",
             "robot/agent/ppo-randomised.safetensors",
-            "",
+            "d30329e60700267ffa8ac57d8f181cf37a01a84c1d98d329376c8e59bfc2a08e",
             "the same, with conditions from the middle quarter of each range",
         ),
     ),

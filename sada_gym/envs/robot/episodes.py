@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pymunk
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.compiled import kernel
 from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
 from sada_gym.envs.robot.conditions import NOMINAL, Conditions
+from sada_gym.envs.robot.world.bodies import Bodies
+from sada_gym.envs.robot.world.carts import drive, places_of
 from sada_gym.envs.robot.world.floor_plan import (
     BARRELS,
     CART_RADIUS_M,
@@ -27,26 +27,19 @@ from sada_gym.envs.robot.world.floor_plan import (
 )
 from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.lidar import RAYS, SCANS, SECTORS, nearest, scan
-from sada_gym.envs.robot.world.robot import RADIUS_M, TRACK_M, axle_to_mass, velocities
+from sada_gym.envs.robot.world.robot import axle_to_mass, delayed_rims, velocities
+from sada_gym.envs.robot.world.way import STATES, fill_state, locate
 
 POLICY_HZ = 5
 SUBSTEPS = 5
 STEP_S = 1 / (POLICY_HZ * SUBSTEPS)
-FORWARD_M_S, BACKWARD_M_S, TURN_RAD_S = 0.6, 0.1, 1.5
-"""The greatest speeds that the robot commands."""
 GOAL_M = 0.3
 """The goal is reached where the robot's middle is nearer to it than this."""
-CART_M_S = 0.25
-CART_SEES_M = 0.9
-"""A cart stands still while the robot's middle is nearer to its own than this."""
 SLOWEST_M_S, GRACE_S = 0.25, 10.0
 """A trip may take as long as its way takes at this speed, and so much longer."""
 
-_AHEAD_M = (0.4, 0.8, 1.2, 2.0)
-"""How far ahead on its way the robot is shown a point."""
 _FURTHEST = 40.0
 """More than the hall's diagonal in units of the nearest of these points."""
-STATES = 2 * len(_AHEAD_M) + 8
 
 OBSERVATION_SPACE = spaces.Dict(
     {
@@ -57,7 +50,6 @@ OBSERVATION_SPACE = spaces.Dict(
 ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 _HALL = np.array(HALL_M)
-_ROBOT = 1
 _RACKS = 9
 """The greatest number of racks."""
 _CIRCLES = 4 + BARRELS + CARTS
@@ -100,6 +92,9 @@ class Trips(Episodes[Start]):
     Attributes:
         poses: (n, 3) x, y of the axle's middle in m, heading in rad.
         velocities: (n, 3) of the centre of mass in m/s, and the turning rate in rad/s.
+        commands: (n, 5, 2) the last actions, newest first.
+        lanes: (n, CARTS, 4) of the carts: x0, y0, x1, y1, the same twice where there is no cart.
+        places: (n, CARTS, 2) each cart's share of its lane, and its direction, 1 or -1.
         carts: (n, CARTS, 2) where the carts are.
         points: (n, SCANS, RAYS, 2) where the robot believes the last returns to be, newest first.
         remaining_m: (n,) what is left of the way.
@@ -128,7 +123,7 @@ class Trips(Episodes[Start]):
         # the last commands, newest first: as many as the longest latency needs, and one more
         self.commands = np.zeros((n, 5, 2))
         self._rng = [np.random.default_rng(0)] * n
-        self._bodies: list[_Bodies] = [None] * n  # type: ignore[list-item]
+        self._bodies: list[Bodies] = [None] * n  # type: ignore[list-item]
         for i, start in enumerate(starts):
             self.begin(i, start)
 
@@ -142,19 +137,15 @@ class Trips(Episodes[Start]):
         self.remaining_m[i] = SPACING_M * (len(way) - 1)
         self.steps[i], self.ending[i], self._at[i] = 0, Ending.UNDER_WAY, 0
         self._limit[i] = math.ceil((self.remaining_m[i] / SLOWEST_M_S + GRACE_S) * POLICY_HZ)
-        self._racks[i], self._circles[i] = 0.0, 0.0
-        # places that stay empty lie far outside of the hall
-        self._racks[i] = -100.0
+        # places that stay empty lie far outside of the hall, or have no size
+        self._racks[i], self.lanes[i], self._circles[i] = -100.0, -100.0, 0.0
         self._racks[i, : len(plan.racks)] = plan.racks
         barrels = plan.barrels[: conditions.barrels]
         self._circles[i, CARTS : CARTS + len(plan.pillars)] = plan.pillars
         first = CARTS + len(plan.pillars)
         self._circles[i, first : first + len(barrels)] = barrels
-        self.lanes[i] = -100.0
         self.lanes[i, : len(plan.lanes)] = plan.lanes
-        self.places[i] = 0.0
-        self.places[i, :, 0] = plan.places
-        self.places[i, :, 1] = 1.0
+        self.places[i, :, 0], self.places[i, :, 1] = plan.places, 1.0
         self._circles[i, : len(plan.lanes), 2] = CART_RADIUS_M
         self._mount[i] = math.radians(conditions.lidar_yaw_deg), conditions.lidar_offset_m
         self._payload[i] = conditions.payload_kg, conditions.payload_offset_m
@@ -165,7 +156,10 @@ class Trips(Episodes[Start]):
         self._rng[i] = np.random.default_rng(start.seed)
         self.points[i] = np.nan
         self._place_carts(np.array([i]))
-        self._bodies[i] = _Bodies(start, self.poses[i], self.carts[i])
+        ahead_m = axle_to_mass(conditions.payload_kg, conditions.payload_offset_m)
+        self._bodies[i] = Bodies(
+            plan, conditions.barrels, self.poses[i], self.carts[i], ahead_m, STEP_S
+        )
         self._scan(np.array([i]))
 
     def under_way(self) -> Indices:
@@ -197,7 +191,7 @@ class Trips(Episodes[Start]):
         state = np.empty((len(which), STATES), np.float32)
         for row, i in enumerate(which.tolist()):
             way = self.starts[i].plan.ways[self.starts[i].trip]
-            _fill_state(
+            fill_state(
                 way, self._at[i], self.poses[i], self.velocities[i], self.commands[i], state[row]
             )
         return {"lidar": nearest(self.poses[which], self.points[which]), "state": state}
@@ -234,15 +228,13 @@ class Trips(Episodes[Start]):
         ending = np.where(away < GOAL_M, Ending.ARRIVED, ending)
         touched = np.array([self._bodies[i].touched for i in which.tolist()])
         self.ending[which] = np.where(touched, Ending.COLLIDED, ending)
-        for row, i in enumerate(which.tolist()):
+        for i in which.tolist():
             way = self.starts[i].plan.ways[self.starts[i].trip]
-            self._at[i], self.remaining_m[i] = _locate(way, self._at[i], self.poses[i])
-            if ending[row] or touched[row]:
-                self._bodies[i].remove()
+            self._at[i], self.remaining_m[i] = locate(way, self._at[i], self.poses[i])
 
     def _drive(self, which: Indices) -> None:
         poses, velocity = self.poses[which], self.velocities[which]
-        rims = _rims(self.commands[which], self._delay[which])
+        rims = delayed_rims(self.commands[which], self._delay[which], SUBSTEPS)
         each = velocities(
             poses,
             velocity,
@@ -253,21 +245,16 @@ class Trips(Episodes[Start]):
             STEP_S,
         ).tolist()
         self.velocities[which] = velocity
-        going = _move_carts(poses, self.lanes[which], self.carts[which])
-        going *= CART_M_S
-        cart = self.places[which]
-        speeds = _cart_speeds(cart, self.lanes[which], going).tolist()
+        places = self.places[which]
+        carts = drive(poses, self.lanes[which], places, STEP_S, SUBSTEPS).tolist()
         for row, i in enumerate(which.tolist()):
-            self.poses[i] = self._bodies[i].move(each[row], speeds[row])
-        _advance_carts(cart, self.lanes[which], going)
-        self.places[which] = cart
+            self.poses[i] = self._bodies[i].move(each[row], carts[row])
+        self.places[which] = places
         self._place_carts(which)
 
     def _place_carts(self, which: Indices) -> None:
-        lane, share = self.lanes[which], self.places[which, :, :1]
-        self.carts[which] = lane[..., :2] + share * (lane[..., 2:] - lane[..., :2])
-        for row, i in enumerate(which.tolist()):
-            self._circles[i, :CARTS, :2] = self.carts[which[row]]
+        self.carts[which] = places_of(self.lanes[which], self.places[which])
+        self._circles[which, :CARTS, :2] = self.carts[which]
 
     def _scan(self, which: Indices) -> None:
         noise, lost = np.empty((len(which), RAYS)), np.empty((len(which), RAYS), np.bool_)
@@ -289,158 +276,3 @@ class Trips(Episodes[Start]):
         )
         points[:, 0] = new
         self.points[which] = points
-
-
-class _Bodies:
-    """The rigid bodies of one trip, in a pymunk space: the robot, the carts, and all that stands.
-
-    The wheels' grip decides the robot's velocity; pymunk integrates it and finds the first contact.
-    """
-
-    def __init__(self, start: Start, pose: Array, carts: Array) -> None:
-        plan, conditions = start.plan, start.conditions
-        self.touched = False
-        self._space = space = pymunk.Space()
-        self._ahead = axle_to_mass(conditions.payload_kg, conditions.payload_offset_m)
-        ground, (width, height) = space.static_body, HALL_M
-        corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
-        shapes: list[pymunk.Shape] = [
-            pymunk.Segment(ground, corners[k - 1], corners[k], 0.0) for k in range(4)
-        ]
-        for x0, y0, x1, y1 in plan.racks.tolist():
-            shapes.append(pymunk.Poly(ground, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]))
-        for x, y, radius in [*plan.pillars.tolist(), *plan.barrels[: conditions.barrels].tolist()]:
-            shapes.append(pymunk.Circle(ground, radius, (x, y)))
-        self._carts = []
-        for place in carts.tolist():
-            cart = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-            cart.position = place
-            self._carts.append(cart)
-            shapes.append(pymunk.Circle(cart, CART_RADIUS_M))
-        self._robot = robot = pymunk.Body(1.0, 1.0)
-        x, y, robot.angle = pose.tolist()
-        robot.position = (
-            x + self._ahead * math.cos(robot.angle),
-            y + self._ahead * math.sin(robot.angle),
-        )
-        disc = pymunk.Circle(robot, RADIUS_M, (-self._ahead, 0.0))
-        disc.collision_type = _ROBOT
-        space.add(*shapes, *self._carts, robot, disc)
-        space.on_collision(_ROBOT, None, begin=self._touch)
-
-    def _touch(self, *_: Any) -> None:
-        self.touched = True
-
-    def move(self, velocities: list[list[float]], carts: list[list[float]]) -> tuple[float, ...]:
-        """Keep each velocity of the robot for one step, and give its new pose."""
-        robot, step = self._robot, self._space.step
-        for cart, velocity in zip(self._carts, carts, strict=True):
-            cart.velocity = velocity  # type: ignore[assignment]
-        for x, y, turning in velocities:
-            robot.velocity = (x, y)
-            robot.angular_velocity = turning
-            step(STEP_S)
-            if self.touched:
-                break
-        angle, (x, y) = robot.angle, robot.position
-        return x - self._ahead * math.cos(angle), y - self._ahead * math.sin(angle), angle
-
-    def remove(self) -> None:
-        """Free the space: a reference from it to this object would keep both for long."""
-        self._space.on_collision(_ROBOT, None, begin=None)
-
-
-@kernel
-def _rims(commands: Array, delays: npt.NDArray[np.int64]) -> Array:
-    """Give the speeds of the rims over the steps, (n, SUBSTEPS, 2), of commands (n, 5, 2)."""
-    rims = np.empty((len(commands), SUBSTEPS, 2))
-    for i in range(len(commands)):
-        for k in range(SUBSTEPS):
-            late = -((k - delays[i]) // SUBSTEPS)
-            pedal, wheel = commands[i, late, 0], commands[i, late, 1]
-            speed = pedal * FORWARD_M_S if pedal > 0 else pedal * BACKWARD_M_S
-            turn = wheel * TURN_RAD_S * TRACK_M
-            rims[i, k, 0], rims[i, k, 1] = speed - turn, speed + turn
-    return rims
-
-
-@kernel
-def _move_carts(poses: Array, lanes: Array, carts: Array) -> Array:
-    """Say which carts drive, 1, and which wait for the robot, 0: (n, CARTS)."""
-    going = np.ones((len(poses), CARTS))
-    for i in range(len(poses)):
-        for k in range(CARTS):
-            dx, dy = carts[i, k, 0] - poses[i, 0], carts[i, k, 1] - poses[i, 1]
-            if lanes[i, k, 0] < 0.0 or dx * dx + dy * dy < CART_SEES_M * CART_SEES_M:
-                going[i, k] = 0.0
-    return going
-
-
-@kernel
-def _cart_speeds(carts: Array, lanes: Array, speed: Array) -> Array:
-    """Give the velocities of carts, (n, CARTS, 2): carts (n, CARTS, 2) hold place and direction."""
-    velocity = np.zeros((len(carts), CARTS, 2))
-    for i in range(len(carts)):
-        for k in range(CARTS):
-            dx, dy = lanes[i, k, 2] - lanes[i, k, 0], lanes[i, k, 3] - lanes[i, k, 1]
-            length = math.sqrt(dx * dx + dy * dy)
-            if length > 0.0:
-                pace = carts[i, k, 1] * speed[i, k] / length
-                velocity[i, k, 0], velocity[i, k, 1] = pace * dx, pace * dy
-    return velocity
-
-
-@kernel
-def _advance_carts(carts: Array, lanes: Array, speed: Array) -> None:
-    """Move carts one step along their lanes, and turn them back at the ends."""
-    for i in range(len(carts)):
-        for k in range(CARTS):
-            dx, dy = lanes[i, k, 2] - lanes[i, k, 0], lanes[i, k, 3] - lanes[i, k, 1]
-            length = math.sqrt(dx * dx + dy * dy)
-            if length > 0.0:
-                carts[i, k, 0] += carts[i, k, 1] * speed[i, k] * STEP_S * SUBSTEPS / length
-            if carts[i, k, 0] >= 1.0:
-                carts[i, k, 1] = -1.0
-            elif carts[i, k, 0] <= 0.0:
-                carts[i, k, 1] = 1.0
-
-
-@kernel
-def _locate(way: Array, at: int, pose: Array) -> tuple[int, float]:
-    """Find the way's point that is nearest to the robot, near the last one, and what is left."""
-    best, least = at, math.inf
-    for k in range(max(0, at - 5), min(len(way), at + 15)):
-        squared = (way[k, 0] - pose[0]) ** 2 + (way[k, 1] - pose[1]) ** 2
-        if squared < least:
-            best, least = k, squared
-    k = min(max(best, 1), len(way) - 1)
-    dx, dy = way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1]
-    along = (dx * (pose[0] - way[k, 0]) + dy * (pose[1] - way[k, 1])) / math.sqrt(dx * dx + dy * dy)
-    along = min(SPACING_M, max(-SPACING_M, along))
-    return best, SPACING_M * (len(way) - 1 - k) - along
-
-
-@kernel
-def _fill_state(
-    way: Array,
-    at: int,
-    pose: Array,
-    velocity: Array,
-    commands: Array,
-    state: npt.NDArray[np.float32],
-) -> None:
-    """Fill one row of the observation `state`, see `RobotTaskEnv`."""
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    for k in range(len(_AHEAD_M)):
-        point = way[min(len(way) - 1, at + round(_AHEAD_M[k] / SPACING_M))]
-        dx, dy = point[0] - pose[0], point[1] - pose[1]
-        state[2 * k] = (dx * cosine + dy * sine) / _AHEAD_M[k]
-        state[2 * k + 1] = (-dx * sine + dy * cosine) / _AHEAD_M[k]
-    k = 2 * len(_AHEAD_M)
-    state[k] = min(1.0, SPACING_M * (len(way) - 1 - at) / 3.0)
-    state[k + 1] = (velocity[0] * cosine + velocity[1] * sine) / FORWARD_M_S
-    state[k + 2] = (-velocity[0] * sine + velocity[1] * cosine) / FORWARD_M_S
-    state[k + 3] = velocity[2] / TURN_RAD_S
-    for j in range(2):
-        state[k + 4 + 2 * j] = commands[j, 0]
-        state[k + 5 + 2 * j] = commands[j, 1]

@@ -13,7 +13,8 @@ from gymnasium.vector import AutoresetMode
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.course import Course
-from sada_gym.envs.robot.episodes import FORWARD_M_S, POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.world.robot import FORWARD_M_S
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 

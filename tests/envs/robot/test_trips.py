@@ -9,7 +9,6 @@ from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
 from sada_gym.envs.robot.course import Course
 from sada_gym.envs.robot.episodes import (
-    CART_SEES_M,
     GRACE_S,
     POLICY_HZ,
     SLOWEST_M_S,
@@ -17,6 +16,7 @@ from sada_gym.envs.robot.episodes import (
     Start,
     Trips,
 )
+from sada_gym.envs.robot.world.carts import SEES_M
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, floor_plan
 from sada_gym.envs.robot.world.geometry import clearance
 from sada_gym.envs.robot.world.robot import RADIUS_M
@@ -103,8 +103,8 @@ def test_carts_drive_to_and_fro_and_wait_for_the_robot():
         for k in range(count):
             speed = np.hypot(*np.diff(carts[:, k], axis=0).T) * POLICY_HZ
             away = np.hypot(*(carts[:-1, k] - rollout["poses"][:-1, :2]).T)
-            assert (speed[away < CART_SEES_M] == 0).all()
-            assert (speed[away >= CART_SEES_M] <= 0.25 + 1e-9).all()
+            assert (speed[away < SEES_M] == 0).all()
+            assert (speed[away >= SEES_M] <= 0.25 + 1e-9).all()
             moved += (np.diff(np.sign(np.diff(carts[:, k, 0]))) != 0).any()
     assert moved > 10
 

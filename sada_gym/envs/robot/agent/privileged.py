@@ -12,17 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel
-from sada_gym.envs.robot.episodes import (
-    BACKWARD_M_S,
-    CART_M_S,
-    CART_SEES_M,
-    FORWARD_M_S,
-    STEP_S,
-    SUBSTEPS,
-    TURN_RAD_S,
-    Start,
-    Trips,
-)
+from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, Start, Trips
+from sada_gym.envs.robot.world.carts import SEES_M, SPEED_M_S
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
 from sada_gym.envs.robot.world.geometry import (
     CELL_M,
@@ -32,7 +23,7 @@ from sada_gym.envs.robot.world.geometry import (
     smooth_way,
     spread_from,
 )
-from sada_gym.envs.robot.world.robot import RADIUS_M, TRACK_M, axle_to_mass, move
+from sada_gym.envs.robot.world.robot import RADIUS_M, axle_to_mass, move, rims_of
 
 Array = npt.NDArray[np.float64]
 
@@ -159,9 +150,8 @@ def _best(
                 pedal, wheel = commands[late, 0], commands[late, 1]
             else:
                 pedal, wheel = choices[j, 0], choices[j, 1]
-            speed = pedal * FORWARD_M_S if pedal > 0 else pedal * BACKWARD_M_S
-            turn = wheel * TURN_RAD_S * TRACK_M
-            rims[0], rims[1] = (speed - turn) * (1.0 - gain), (speed + turn) * (1.0 + gain)
+            left, right = rims_of(pedal, wheel)
+            rims[0], rims[1] = left * (1.0 - gain), right * (1.0 + gain)
             move(now, heading, payload, friction, rims, STEP_S)
             heading += now[2] * STEP_S
             x, y = x + now[0] * STEP_S, y + now[1] * STEP_S
@@ -176,8 +166,8 @@ def _best(
                 px = lanes[k, 0] + carts[k, 0] * dx - ax
                 py = lanes[k, 1] + carts[k, 0] * dy - ay
                 gap = math.sqrt(px * px + py * py)
-                if gap >= CART_SEES_M:
-                    pace = CART_M_S * 3 * STEP_S / math.sqrt(dx * dx + dy * dy)
+                if gap >= SEES_M:
+                    pace = SPEED_M_S * 3 * STEP_S / math.sqrt(dx * dx + dy * dy)
                     carts[k, 0] = min(1.0, max(0.0, carts[k, 0] + carts[k, 1] * pace))
                 room = min(room, gap - CART_RADIUS_M)
             tight = min(tight, room - RADIUS_M)

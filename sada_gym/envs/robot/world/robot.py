@@ -31,6 +31,8 @@ STALL_N = 0.033 * _GEAR / _WHEEL_M
 TOP_M_S = 9_960 * 2 * math.pi / 60 / _GEAR * _WHEEL_M
 """The speed of the rim at which a motor has no force left: 0.74 m/s."""
 GRAVITY_M_S2 = 9.81
+FORWARD_M_S, BACKWARD_M_S, TURN_RAD_S = 0.6, 0.1, 1.5
+"""The greatest speeds that can be commanded."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -131,3 +133,31 @@ def velocities(
             found[i, k] = velocity[i]
             heading += velocity[i, 2] * dt_s
     return found
+
+
+@kernel
+def rims_of(pedal: float, wheel: float) -> tuple[float, float]:
+    """Give the speeds of the left and the right rim that an action commands."""
+    speed = pedal * FORWARD_M_S if pedal > 0 else pedal * BACKWARD_M_S
+    turn = wheel * TURN_RAD_S * TRACK_M
+    return speed - turn, speed + turn
+
+
+@kernel
+def delayed_rims(commands: Floats, delays: npt.NDArray[np.int64], steps: int) -> Floats:
+    """Give the commanded speeds of rims over the steps of one decision.
+
+    Args:
+        commands: (n, k, 2) the last actions, newest first.
+        delays: (n,) after how many steps a command is in force.
+        steps: The steps of a decision.
+
+    Returns:
+        (n, steps, 2).
+    """
+    rims = np.empty((len(commands), steps, 2))
+    for i in range(len(commands)):
+        for k in range(steps):
+            late = -((k - delays[i]) // steps)
+            rims[i, k] = rims_of(commands[i, late, 0], commands[i, late, 1])
+    return rims

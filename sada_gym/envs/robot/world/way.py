@@ -1,0 +1,81 @@
+"""Where a robot is on its way, and what it is told of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.compiled import kernel
+from sada_gym.envs.robot.world.geometry import SPACING_M
+from sada_gym.envs.robot.world.robot import FORWARD_M_S, TURN_RAD_S
+
+AHEAD_M = (0.4, 0.8, 1.2, 2.0)
+"""How far ahead on its way a robot is shown a point."""
+REST_M = 3.0
+"""The rest of the way that a robot is told as 1; it is told no more."""
+STATES = 2 * len(AHEAD_M) + 8
+
+_BACK, _AHEAD = 5, 15
+
+Floats = npt.NDArray[np.float64]
+
+
+@kernel
+def locate(way: Floats, at: int, pose: Floats) -> tuple[int, float]:
+    """Find the point of a way that is nearest to a robot, near the last one, and what is left.
+
+    Args:
+        way: (n, 2)
+        at: The nearest point at the last call.
+        pose: (3,)
+
+    Returns:
+        The point's index, and the rest of the way in m.
+    """
+    best, least = at, math.inf
+    for k in range(max(0, at - _BACK), min(len(way), at + _AHEAD)):
+        squared = (way[k, 0] - pose[0]) ** 2 + (way[k, 1] - pose[1]) ** 2
+        if squared < least:
+            best, least = k, squared
+    k = min(max(best, 1), len(way) - 1)
+    dx, dy = way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1]
+    along = (dx * (pose[0] - way[k, 0]) + dy * (pose[1] - way[k, 1])) / math.sqrt(dx * dx + dy * dy)
+    along = min(SPACING_M, max(-SPACING_M, along))
+    return best, SPACING_M * (len(way) - 1 - k) - along
+
+
+@kernel
+def fill_state(
+    way: Floats,
+    at: int,
+    pose: Floats,
+    velocity: Floats,
+    commands: Floats,
+    state: npt.NDArray[np.float32],
+) -> None:
+    """Fill one row of the observation `state`, see `RobotTaskEnv`.
+
+    Args:
+        way: (n, 2)
+        at: The point that is nearest to the robot.
+        pose: (3,)
+        velocity: (3,) of the centre of mass in the hall, and the turning rate.
+        commands: (k, 2) the last commands, newest first.
+        state: (STATES,), filled.
+    """
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(AHEAD_M)):
+        point = way[min(len(way) - 1, at + round(AHEAD_M[k] / SPACING_M))]
+        dx, dy = point[0] - pose[0], point[1] - pose[1]
+        state[2 * k] = (dx * cosine + dy * sine) / AHEAD_M[k]
+        state[2 * k + 1] = (-dx * sine + dy * cosine) / AHEAD_M[k]
+    k = 2 * len(AHEAD_M)
+    state[k] = min(1.0, SPACING_M * (len(way) - 1 - at) / REST_M)
+    state[k + 1] = (velocity[0] * cosine + velocity[1] * sine) / FORWARD_M_S
+    state[k + 2] = (-velocity[0] * sine + velocity[1] * cosine) / FORWARD_M_S
+    state[k + 3] = velocity[2] / TURN_RAD_S
+    for j in range(2):
+        state[k + 4 + 2 * j] = commands[j, 0]
+        state[k + 5 + 2 * j] = commands[j, 1]
