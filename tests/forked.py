@@ -15,7 +15,13 @@ from pathlib import Path
 FORKSERVER = multiprocessing.get_context("forkserver")
 FORKSERVER.set_forkserver_preload(
     [
-        *("torch", "stable_baselines3", "sklearn.gaussian_process", "sklearn.mixture"),
+        *(
+            "torch",
+            "torch._dynamo",
+            "stable_baselines3",
+            "sklearn.gaussian_process",
+            "sklearn.mixture",
+        ),
         *("sklearn.ensemble", "scipy.stats", "matplotlib.figure", "numba", "trimesh", "pytest"),
     ]
 )

@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,10 +18,12 @@ import gymnasium as gym
 import pytest
 import typer
 from forked import run_script
+from stable_baselines3 import PPO
 
 from sada_gym import adversaries, agents
 from sada_gym.cli import app
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
+from sada_gym.envs.wrapped.toml import read_application
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -43,6 +47,15 @@ SMALLER = (
         r"\bnum_envs=16\)\)(.*\n.*n_steps=32, .*\n)(\w+)\.learn\(512\)",
         r"num_envs=4))\1\2.learn(128)",
     ),
+    (r"\bTRAINING_STEPS = [\d_]+", "TRAINING_STEPS = 64"),
+    (r"\bn_envs=\d+", "n_envs=1"),
+    (r"\.learn\(60_000\)", ".learn(64)"),
+    (
+        r"(\battack\(.*\"level-set\", )budget=1_000\b",
+        r"\1budget=40, samples=8, options={'rounds': 1, 'models': ['trees']}",
+    ),
+    (r"\bbudget=0, samples=100\b", "budget=0, samples=1"),
+    (r"\bmax_steps=30\b", "max_steps=5"),
 )
 """Fewer queries, steps and processes; the numbers on a page are a reader's."""
 
@@ -118,9 +131,20 @@ def test_the_example_application_keeps_the_contract(tmp_path: Path) -> None:
 
 
 def test_the_example_application_is_attacked_by_its_id(tmp_path: Path) -> None:
-    command = "attack own_application:Balancing-v0 --adversary random --samples 20 --workers 2"
+    command = "attack own_application:Braking-v0 --adversary random --samples 20 --workers 2"
     run("-m", "sada_gym", *command.split(), folder=tmp_path)
     assert list(tmp_path.rglob("result.json"))
+
+
+def test_the_example_in_toml_says_what_the_one_in_python_says(tmp_path: Path) -> None:
+    for name in ("lunar_lander.py", "lunar_lander.toml"):
+        shutil.copy(ROOT / "examples" / name, tmp_path)
+    PPO("MlpPolicy", "LunarLander-v3", seed=0, device="cpu").save(tmp_path / "lander.zip")
+    in_python = runpy.run_path(str(tmp_path / "lunar_lander.py"))["make_application"]()
+    in_toml = read_application(tmp_path / "lunar_lander.toml")
+    assert in_toml.settings == in_python.settings
+    assert in_toml.fingerprint == in_python.fingerprint
+    assert in_toml.parameters.parameters == in_python.parameters.parameters
 
 
 @everywhere
@@ -150,8 +174,9 @@ def _parse(words: list[str]) -> None:
     assert given.get("adversary", "random") in adversaries.names()
     if given.get("agent") is not None:
         assert given["agent"] in agents.names()
-    if given.get("subject", "").endswith(".py"):
-        assert (ROOT / given["subject"]).is_file()
+    subject = given.get("subject", "")
+    if subject.endswith(".py") or subject.startswith("examples/"):
+        assert (ROOT / subject).is_file()
 
 
 @everywhere

@@ -1,0 +1,76 @@
+"""Train PPO on CartPole-v1 for half a minute, then learn the worlds in which it drops the pole.
+
+    python examples/cartpole.py
+
+CartPole has no keywords for its physics, so that the parameters are attributes of the environment.
+The mass of the pole enters two more attributes, and a function sets all three.
+"""
+
+from typing import Any
+
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+
+from sada_gym import GymnasiumApplication
+from sada_gym.attack import attack
+from sada_gym.envs.wrapped import Attribute, Function, ObservationDelay
+
+TRAINING_STEPS = 60_000
+
+
+def train() -> PPO:
+    """Train an agent that keeps the pole up for all 500 steps of the ordinary CartPole-v1."""
+    agent = PPO(
+        "MlpPolicy",
+        make_vec_env("CartPole-v1", n_envs=8, seed=0),
+        n_steps=32,
+        batch_size=256,
+        n_epochs=20,
+        gamma=0.98,
+        gae_lambda=0.8,
+        learning_rate=lambda left: 0.001 * left,
+        clip_range=lambda left: 0.2 * left,
+        seed=0,
+        device="cpu",
+    )
+    return agent.learn(TRAINING_STEPS)
+
+
+def set_pole_mass(env: Any, mass_kg: float) -> None:
+    """Set the mass of the pole and what CartPole derives from it."""
+    env.masspole = mass_kg
+    env.total_mass = env.masscart + mass_kg
+    env.polemass_length = mass_kg * env.length
+
+
+def make_application(agent: PPO) -> GymnasiumApplication:
+    """Q is the share of 500 steps for which the pole stays up.
+
+    The physics go from half to twice their usual values.
+    """
+    return GymnasiumApplication(
+        "CartPole-v1",
+        agent=agent,
+        parameters={
+            "length": Attribute(0.25, 1.0, unit="m"),  # from the joint to the middle of the pole
+            "pole_mass": Function(0.05, 0.2, unit="kg", set=set_pole_mass),
+            "gravity": Attribute(4.9, 19.6, unit="m/s²"),
+            "force_mag": Attribute(5.0, 20.0, unit="N"),
+            "delay": ObservationDelay(0, 2, unit="steps"),  # of 0.02 s each
+        },
+        score=("length", 500),
+        fooling_threshold=0.5,
+        agent_id="ppo, set_pole_mass 1",  # names the agent and our function: change it with them
+    )
+
+
+def main() -> None:
+    """Train the agent, attack it, and say how often it fails."""
+    application = make_application(train())
+    result = attack(application, "level-set", budget=1_000, seed=0, out="runs/cartpole")
+    print(f"{result.report.afr:.0%} of the new worlds fool the agent")
+    print(f"pictures of them: {result.folder}/fooled.png")
+
+
+if __name__ == "__main__":
+    main()
