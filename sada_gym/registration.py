@@ -49,8 +49,8 @@ def env_ids() -> tuple[str, ...]:
 
 
 def tracks() -> tuple[str, ...]:
-    """Give the leaderboard's tracks: the ids that fix keywords."""
-    return tuple(env_id for env_id, keywords in ids_of().items() if keywords)
+    """Give the leaderboard's tracks."""
+    return tuple(env_id for card in cards() for env_id in card.track_ids)
 
 
 def task_ids() -> tuple[str, ...]:
