@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from sada_gym.envs.robot.application import RobotApplication
-from sada_gym.envs.robot.conditions import PARAMETERS, Conditions, conditions
+from sada_gym.envs.robot.conditions import PARAMETERS, Conditions
 from sada_gym.envs.robot.pictures import WIDTH, moment, summary
 
 IMAGES = Path(__file__).parent / "images"
@@ -25,7 +25,7 @@ def main() -> None:
     parser.add_argument("--agent", default="ppo")
     application = RobotApplication(agent=parser.parse_args().agent)
     nominal = np.zeros(len(PARAMETERS), np.float32)
-    turned = mu_of(Conditions(lidar_yaw_deg=22.0, obstacle_density=2.0, wheel_gain=0.1))
+    turned = mu_of(Conditions(lidar_yaw_deg=27.0, obstacle_density=2.0, wheel_gain=0.1))
     for name, mu in (("arrived", nominal), ("fooled", turned)):
         Image.fromarray(summary(application.rollouts(mu, SEED))).save(IMAGES / f"robot-{name}.png")
     # half-way through one trip, with a good lidar and with the worst
@@ -39,7 +39,7 @@ def main() -> None:
     for k, view in enumerate(views):
         pair.paste(view, (k * WIDTH, 0))
     pair.save(IMAGES / "robot-lidar.png")
-    print(application.evaluate([turned], [SEED]).infos[0], conditions(turned))
+    print(f"the fooled robot: Q = {application.evaluate([turned], [SEED]).score[0]}")
 
 
 if __name__ == "__main__":

@@ -94,9 +94,9 @@ def _view(
     if driven is not None:
         chart.line(driven[:, :2], _DRIVEN, 0.04)
     chart.carts(carts)
-    chart.robot(pose)
     for x, y in points[np.isfinite(points[..., 0])]:
         chart.disc(x, y, 0.03, _RETURN)
+    chart.robot(pose)
     return chart.finished()
 
 
