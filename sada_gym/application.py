@@ -106,6 +106,15 @@ class Application(ABC):
         """
         return ""
 
+    @property
+    def without_fingerprint(self) -> str:
+        """Says what to pass where there is no fingerprint."""
+        return (
+            f"Expected a fingerprint of {self.name}'s agent to store evaluations under, got none. "
+            "Pass agent_id='a name you change with the agent' and with any function of your own, "
+            "give a renderer of your own an `identity`, or use no store."
+        )
+
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
         """Score the agent in the worlds of a batch of mu.
 

@@ -82,6 +82,13 @@ class Policy:
         normalisation: VecNormalize | None = None,
     ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
+        if not _seen_by_models(observation_space):
+            raise UserError(
+                f"Expected observations of {episodes.task_id} that are numbers or a flat "
+                f"dictionary of them (Box, Discrete, MultiDiscrete, MultiBinary, Dict), got "
+                f"{observation_space}. Flatten them by a wrapper, or pass a function observation "
+                "-> action."
+            )
         # whoever writes `predict` for any environment need not repeat its spaces
         silent = isinstance(episodes, Interface) and not (
             hasattr(model, "action_space") or hasattr(model, "observation_space")
@@ -218,6 +225,13 @@ class Policy:
                 if not _is_torchs_refusal(error):
                     raise
         return actions
+
+
+def _seen_by_models(space: Any) -> bool:
+    """Say whether a model can get observations as arrays, or as a dictionary of arrays."""
+    kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
+    parts = space.values() if isinstance(space, spaces.Dict) else [space]
+    return all(isinstance(part, kinds) for part in parts)
 
 
 def _for_playing(model: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
@@ -51,7 +52,8 @@ class Dispatcher:
     """Hands chunks to an executor, a few for each worker, and takes their scores back.
 
     The first chunk starts our own processes. When one of them dies, all are replaced, and their
-    chunks are evaluated again. Other executors replace their workers themselves, or give up.
+    chunks are evaluated again. What they warn of is shown here, once. Other executors replace
+    their workers themselves, or give up.
 
     Args:
         task: What to evaluate.
@@ -70,6 +72,7 @@ class Dispatcher:
         self._payloads_to_send = 0
         self._asked: int | None = None
         self._asked_at = -_CHECK_S
+        self._told: set[tuple[type[Warning], str]] = set()
 
     @property
     def workers(self) -> int:
@@ -141,11 +144,19 @@ class Dispatcher:
             chunk = running[future]
             scores = future.result()
             del running[future]
+            self._warn()
             if scores is None:
                 self._payloads_to_send += 1
                 waiting.appendleft(chunk)
             else:
                 settle(chunk, scores)
+
+    def _warn(self) -> None:
+        """Show each warning of our own processes once."""
+        for category, text in () if self._pool is None else self._pool.warnings():
+            if (category, text) not in self._told:
+                self._told.add((category, text))
+                warnings.warn(text, category, stacklevel=2)
 
     def _wait(self, running: Running) -> Iterable[Future[Scores | None]]:
         """Wait for the next results, but not for ever for a cluster that has no workers."""

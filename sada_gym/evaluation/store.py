@@ -104,11 +104,7 @@ class Context:
                 f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
             )
         if fingerprint is None:
-            raise StoreError(
-                f"Expected a fingerprint of {name}'s agent to store evaluations under, got none. "
-                "Pass agent_id='a name you change with the agent' and with any function of your "
-                "own, give a renderer of your own an `identity`, or use no store."
-            )
+            raise StoreError(application.without_fingerprint)
         try:
             settings = json.dumps(
                 application.settings, sort_keys=True, separators=(",", ":"), allow_nan=False

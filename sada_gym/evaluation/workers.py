@@ -7,12 +7,15 @@ import os
 import pickle
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import active_children
 from multiprocessing.connection import Connection
+from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -196,8 +199,12 @@ class WorkerPool:
     def __init__(self, workers: int, task: PortableScorer | None = None) -> None:
         context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
+        self._heard: SimpleQueue[tuple[type[Warning], str]] = context.SimpleQueue()
         self.executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_initialise, initargs=(watched, task)
+            workers,
+            mp_context=context,
+            initializer=_initialise,
+            initargs=(watched, task, self._heard),
         )
         before = set(active_children())
         with inherited_settings():
@@ -209,6 +216,14 @@ class WorkerPool:
     def failed_to_start(self) -> bool:
         """Whether a process raised an exception as it started. Another one would do the same."""
         return any(process.exitcode == 1 for process in self._processes)
+
+    def warnings(self) -> Iterator[tuple[type[Warning], str]]:
+        """Give the category and the text of each warning that the workers sent since the last call.
+
+        They come before the scores of the chunk in which they arose.
+        """
+        while not self._heard.empty():
+            yield self._heard.get()
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers; calling it twice is fine.
@@ -242,11 +257,27 @@ def inherited_settings() -> Iterator[None]:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _initialise(lifeline: Connection, task: PortableScorer | None) -> None:
+def _initialise(
+    lifeline: Connection,
+    task: PortableScorer | None,
+    told: SimpleQueue[tuple[type[Warning], str]],
+) -> None:
     if task is not None and task.payload is not None:
         _given[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.showwarning = partial(_tell, told)  # the parent shows it once, not each worker
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
+
+
+def _tell(
+    told: SimpleQueue[tuple[type[Warning], str]],
+    message: Warning | str,
+    category: type[Warning],
+    *_: Any,
+) -> None:
+    # the parent may be unable to import the category of another library
+    known = category if category.__module__ == "builtins" else UserWarning
+    told.put((known, str(message)))
 
 
 def _exit_with_parent(lifeline: Connection) -> None:

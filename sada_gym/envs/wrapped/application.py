@@ -24,7 +24,7 @@ from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.wrapped.disturbances import refuse_doubles
 from sada_gym.envs.wrapped.episodes import Game, GymnasiumEpisodes, World
 from sada_gym.envs.wrapped.maker import EnvLike, Maker, layers, own_limit
-from sada_gym.envs.wrapped.places import Place, found_place, plain
+from sada_gym.envs.wrapped.places import Function, Place, found_place, plain
 from sada_gym.envs.wrapped.plain import PlainAgent
 from sada_gym.envs.wrapped.scores import Own, ScoreLike, as_score
 from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
@@ -147,6 +147,17 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         )
         self.packages = _packages(env)
         self.name, self.version = _named(maker, env)  # type: ignore[misc]
+        learning = [
+            one for one in layers(env) if getattr(one, "update_running_mean", False) is True
+        ]
+        if learning:
+            wrapper = type(learning[0]).__name__
+            raise UserError(
+                f"Expected wrappers in {maker.name} that learn nothing, got {wrapper}, whose "
+                "statistics begin anew in each episode and are not those of the training. Let a "
+                "function make the environment, and set the wrapper's statistics and "
+                "update_running_mean = False there."
+            )
         if not isinstance(env.action_space, _ACTIONS):
             raise UserError(
                 "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
@@ -241,6 +252,29 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         )
         return None if own_code and not self._agent_id else super().fingerprint
 
+    @property
+    def without_fingerprint(self) -> str:
+        """Says which function makes an `agent_id` necessary."""
+        maker, score = self.game.maker, self.game.score
+        functions = {
+            **({"environment": maker.environment} if callable(maker.environment) else {}),
+            **({"score": score.function} if isinstance(score, Own) else {}),
+            **{
+                f"parameter {key!r}": place.set
+                for key, place in self.game.places.items()
+                if isinstance(place, Function)
+            },
+        }
+        if not functions or self._agent_id:
+            return super().without_fingerprint
+        named = [f"the {of} ({_function_name(given)})" for of, given in functions.items()]
+        return (
+            f"Expected agent_id in {self.name}, because {' and '.join(named)} "
+            f"{'are functions' if len(named) > 1 else 'is a function'} of your own, and nobody "
+            "else knows when such a function changes. Pass agent_id='a name', and another name "
+            "whenever you change the agent or a function."
+        )
+
     def episodes(
         self, mu: Mu, seeds: Sequence[int], *, pictures: bool = False
     ) -> GymnasiumEpisodes:
@@ -287,9 +321,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self._clipped += sum(extra["clipped"] for extra in extras)
         if self._scores >= _MANY and self._clipped > _FEW_CLIPPED * self._scores and not before:
             warnings.warn(
-                f"{self._clipped} of {self._scores} evaluations had a return outside the range of "
-                f"score={self.game.score.settings}, and their scores were clipped: an adversary "
-                "cannot tell them apart. Widen the range.",
+                f"More than {_FEW_CLIPPED:.0%} of the evaluations of {self.game.maker.name} had a "
+                f"return outside the range of score={self.game.score.settings}. Their scores were "
+                "clipped, so that an adversary cannot tell them apart. Widen the range.",
                 stacklevel=2,
             )
 
@@ -332,6 +366,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
         return [frame for rollout in rollouts for frame in rollout["frame"]]
+
+
+def _function_name(function: Any) -> str:
+    return getattr(function, "__name__", type(function).__name__)
 
 
 @contextmanager

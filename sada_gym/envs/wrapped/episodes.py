@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from sada_gym.envs.wrapped.maker import Maker
 from sada_gym.envs.wrapped.places import Place, Setup
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluation.spawn import environment
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,10 @@ class Running:
         Raises:
             NotImplementedError: If the environment draws none.
         """
-        frame: Any = self.env.render()
+        # SDL draws without a screen, and does not complain that there is none
+        headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
+        with environment(headless):
+            frame: Any = self.env.render()
         if not isinstance(frame, np.ndarray) or frame.ndim != 3 or frame.shape[2] != 3:
             raise NotImplementedError(
                 f"Expected frames of shape (height, width, 3) from {self._game.maker.name}, got "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import re
 import warnings
@@ -24,6 +25,7 @@ from sada_gym.envs.wrapped import (
     ActionGain,
     ActionNoise,
     Attribute,
+    Function,
     Keyword,
     ObservationDelay,
     ObservationDropout,
@@ -159,6 +161,39 @@ def test_a_package_that_is_missing_gets_a_sentence(monkeypatch):
         cart_pole("Lacking-v0")
 
 
+def test_wrappers_that_learn_are_refused_until_they_are_frozen():
+    normalised = partial(cart_pole, parameters={"length": (0.4, 0.6)})
+    with pytest.raises(ValueError, match="learn nothing, got NormalizeObservation, whose statist"):
+        normalised(toys.normalised_cart_pole)
+    frozen = normalised(toys.normalised_cart_pole, env_kwargs={"learning": False})
+    assert_pure(frozen, n=3, sizes=(1, 2))
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Tuple([spaces.Discrete(2)]),
+        spaces.Text(3),
+        spaces.Dict(inner=spaces.Dict(x=spaces.Discrete(2))),
+    ],
+)
+def test_observations_that_no_model_can_get_are_refused_with_a_sentence(space):
+    class Blind:
+        def predict(self, seen, deterministic):
+            raise AssertionError
+
+    class Odd(Reach):
+        def __init__(self, speed=0.1):
+            super().__init__(speed)
+            self.observation_space = space
+
+        def reset(self, *, seed=None, options=None):
+            return space.sample(), {}
+
+    with pytest.raises(ValueError, match=r"a flat dictionary of them .*, or pass a func"):
+        reach(Odd, agent=Blind())
+
+
 def test_a_model_for_other_spaces_is_refused():
     with pytest.raises(ValueError, match="Train it on CartPole-v1"):
         cart_pole(agent=PPO("MlpPolicy", "Acrobot-v1", device="cpu"))
@@ -210,6 +245,15 @@ def test_pictures_come_from_the_environment():
     assert application.render_fps == 50
 
 
+def test_pictures_are_drawn_without_a_screen_and_without_a_complaint(monkeypatch, capfd):
+    pytest.importorskip("pygame").quit()
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    cart_pole().observation([0.0, 0.0], 0)
+    assert capfd.readouterr().err == ""
+    assert "SDL_VIDEODRIVER" not in os.environ
+
+
 def test_infos_have_the_same_keys_and_whole_numbers():
     application = cart_pole(
         parameters={"late": ObservationDelay(0, 3), "push": Keyword(choices=("weak", "strong"))},
@@ -256,6 +300,41 @@ def test_settings_and_fingerprint_tell_applications_apart():
 def test_without_a_fingerprint_an_attack_asks_for_an_agent_id(tmp_path):
     with pytest.raises(ValueError, match="Pass agent_id='a name you change with the agent'"):
         attack(cart_pole(agent_id=None), "random", budget=8, samples=8, out=tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (
+            {"parameters": {"long": Function(0.2, 2.0, set=toys.set_length)}},
+            r"the parameter 'long' \(set_length\) is a function of your own",
+        ),
+        ({"score": toys.upright}, r"the score \(upright\) is a function"),
+        (
+            {
+                "environment": toys.flat_cart_pole,
+                "score": toys.upright,
+                "parameters": {"length": (0.4, 0.6)},
+            },
+            r"the environment \(flat_cart_pole\) and the score \(upright\) are functions",
+        ),
+    ],
+)
+def test_a_function_that_makes_an_agent_id_necessary_is_named(tmp_path, change, named):
+    application = cart_pole(**{"agent_id": None, **change})
+    with pytest.raises(ValueError, match=f"agent_id in .*{named}.*Pass agent_id='a name'"):
+        attack(application, "random", budget=8, samples=8, out=tmp_path / "run")
+
+
+def test_workers_tell_of_clipped_returns_once(tmp_path, capfd):
+    application = cart_pole(score=("return", 0.0, 20.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        attack(application, "random", budget=120, samples=90, out=tmp_path / "run", workers=2)
+    clipped = [one for one in caught if "return outside the range" in str(one.message)]
+    assert len(clipped) == 1
+    assert "of CartPole-v1 had" in str(clipped[0].message)
+    assert "outside the range" not in capfd.readouterr().err
 
 
 def test_many_clipped_returns_are_told_once():

@@ -7,7 +7,7 @@ from typing import ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.wrappers import FlattenObservation
+from gymnasium.wrappers import FlattenObservation, NormalizeObservation
 
 from sada_gym import GymnasiumApplication
 
@@ -113,6 +113,16 @@ def pushed_cart_pole(push="weak"):
     env = gym.make("CartPole-v1")
     env.unwrapped.force_mag = {"weak": 2.0, "strong": 10.0}[push]
     return env
+
+
+def normalised_cart_pole(learning=True):
+    env = NormalizeObservation(gym.make("CartPole-v1"))
+    env.update_running_mean = learning
+    return env
+
+
+def set_length(env, value):
+    env.length = value
 
 
 def endless():
