@@ -153,7 +153,7 @@ class Policy:
 
         Raises:
             UserError: If the model gives actions of another shape, or one that is not finite where
-                the episodes take none; and whatever its `predict` raises.
+                the episodes take none, or its `predict` raises.
         """
         batch = episodes.observe(which)
         for transform in self._transforms:
@@ -190,7 +190,24 @@ class Policy:
 
     def _ask(self, tile: Batch) -> npt.NDArray[Any]:
         observation: Any = tile[ALONE] if self._plain else tile
-        actions, memory = self.model.predict(observation, deterministic=True)
+        try:
+            answer = self.model.predict(observation, deterministic=True)
+        except UserError:
+            raise
+        except Exception as error:  # whatever a user's model may raise
+            if isinstance(error, ValueError) and _is_torchs_refusal(error):
+                raise
+            raise UserError(
+                f"Expected actions from {type(self.model).__name__}, got {type(error).__name__}: "
+                f"{error}. It is called as predict(observations, deterministic=True), with a batch "
+                "of observations."
+            ) from error
+        if not isinstance(answer, tuple) or len(answer) != 2:
+            raise UserError(
+                f"Expected (actions, None) from the predict of {type(self.model).__name__}, as "
+                f"SB3's gives it, got {type(answer).__name__}. Return both."
+            )
+        actions, memory = answer
         if memory is not None:
             raise UserError(
                 f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "

@@ -49,9 +49,9 @@ def _show_environment(env_id: str, pairs: list[str]) -> None:
     for parameter in application.parameters.parameters:
         table.add_row(
             parameter.name,
-            f"{parameter.low:g}",
-            f"{parameter.high:g}",
-            Text(parameter.unit or ", ".join(parameter.choices) or "-"),
+            "-" if parameter.choices else f"{parameter.low:g}",
+            "-" if parameter.choices else f"{parameter.high:g}",
+            Text(f"{', '.join(parameter.choices)} {parameter.unit}".strip() or "-"),
         )
     out.print(table)
     threshold, samples = application.fooling_threshold, application.sample_size

@@ -194,6 +194,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         return load_sb3(path, game.observation_space, game.action_space, trust=self._trust)
 
     def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
+        if isinstance(given, type):
+            raise UserTypeError(
+                f"Expected an agent, got the class {given.__name__}. Make one of it, such as "
+                "PPO.load('agent.zip')."
+            )
         if isinstance(given, Agent):
             return given
         if hasattr(given, "predict"):

@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sada_gym.envs.wrapped.maker import Maker
-from sada_gym.envs.wrapped.places import Place, Setup
+from sada_gym.envs.wrapped.places import Attribute, Config, Keyword, Place, ResetOption, Setup
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.parameters import Parameter
 
@@ -296,22 +296,35 @@ class RepeatedActions(Disturbance):
 
 
 def refuse_doubles(places: dict[str, Place]) -> None:
-    """Refuse two disturbances of one kind; noise on other entries is another kind.
+    """Refuse two parameters of one place, of which one would be without effect.
+
+    Noise on other entries is another place.
 
     Raises:
         UserError: If there are two.
     """
     seen: dict[Any, str] = {}
     for name, place in places.items():
-        if isinstance(place, Disturbance):
-            entries = tuple(getattr(place, "entries", None) or ())
-            kind = (type(place), getattr(place, "key", None), entries)
-            if kind in seen:
+        for where in _targets(name, place):
+            if where in seen:
                 raise UserError(
-                    f"Expected one {type(place).__name__}, got {seen[kind]!r} and {name!r}. Leave "
-                    "one out."
+                    f"Expected one {type(place).__name__}, got {seen[where]!r} and {name!r} for "
+                    "the same place. Leave one out."
                 )
-            seen[kind] = name
+            seen[where] = name
+
+
+def _targets(name: str, place: Place) -> list[Any]:
+    """Name all that a place sets."""
+    kind = type(place)
+    if isinstance(place, Disturbance):
+        entries = tuple(getattr(place, "entries", None) or ())
+        return [(kind, getattr(place, "key", None), entries)]
+    if isinstance(place, Attribute):
+        return [(kind, path) for path in dict.fromkeys(place.all_paths(name))]
+    if isinstance(place, Keyword | ResetOption | Config):
+        return [(kind, place.name or name)]
+    return []
 
 
 def _is_float(space: Space) -> bool:

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -59,7 +60,10 @@ class Maker:
         """The environment's id without its module, or the function's name."""
         if isinstance(self.environment, str):
             return self.environment.rpartition(":")[2]
-        return getattr(self.environment, "__name__", type(self.environment).__name__)
+        made_by: Any = self.environment
+        while isinstance(made_by, partial):
+            made_by = made_by.func
+        return str(getattr(made_by, "__name__", type(made_by).__name__))
 
     @property
     def identity(self) -> str:
@@ -138,6 +142,11 @@ class Maker:
         creator: Any = self.environment
         if isinstance(creator, str):
             creator = find_spec(creator).entry_point
+            if creator is None:
+                raise UserError(
+                    f"Expected an environment of single episodes, got {self.name}, which exists "
+                    "as a vector environment only. Pass a function that makes one."
+                )
         if isinstance(creator, str):
             try:
                 creator = load_env_creator(creator)
@@ -156,6 +165,9 @@ class Maker:
 
 def code_name(function: Callable[..., Any]) -> str:
     """Name a function or an object of a class by its module and its qualified name."""
+    if isinstance(function, partial):
+        held = [*function.args, *(f"{key}={one!r}" for key, one in function.keywords.items())]
+        return f"{code_name(function.func)}({', '.join(map(str, held))})"
     named = function if hasattr(function, "__qualname__") else type(function)
     return f"{named.__module__}:{named.__qualname__}"
 

@@ -217,10 +217,15 @@ class Attribute(Place):
 
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
         """Check that the attributes exist and hold single values."""
-        for path in self._paths(name):
+        for path in self.all_paths(name):
             found = _read(env.unwrapped, path)
             if found is _MISSING:
                 raise _missing(name, path, maker, env)
+            if callable(found):
+                raise UserError(
+                    f"Expected a value at {path!r} of {maker.name} for {name!r}, got a function. "
+                    "Name an attribute that holds a number."
+                )
             if (isinstance(found, np.ndarray) and found.ndim) or isinstance(found, list | dict):
                 raise UserError(
                     f"Expected a single value at {path!r} of {maker.name}, got "
@@ -230,11 +235,12 @@ class Attribute(Place):
 
     def prepare(self, name: str, value: Any, setup: Setup) -> None:
         """Set the attributes before and after `reset`."""
-        for path in self._paths(name):
+        for path in self.all_paths(name):
             setup.before.append(partial(_write, path=path, value=value, must=False))
             setup.after.append(partial(_write, path=path, value=value, must=True))
 
-    def _paths(self, name: str) -> tuple[str, ...]:
+    def all_paths(self, name: str) -> tuple[str, ...]:
+        """Give the paths of the parameter of this name."""
         if self.paths is None:
             return (name,)
         return (self.paths,) if isinstance(self.paths, str) else tuple(self.paths)

@@ -391,6 +391,12 @@ def test_check_finds_a_dead_parameter_by_name(tmp_path):
         ({"parameters": {"gravity": 9.0}}, r"\(low, high\) or a place"),
         ({"parameters": {"gravty": (5.0, 9.0)}}, "no 'gravty'. Did you mean gravity"),
         ({"agent": "missing.zip"}, "SB3 zip as the agent, got missing.zip: no such file"),
+        (
+            {"parameters": {"length": (0.2, 2.0), "b": Attribute(0.2, 2.0, paths="length")}},
+            "got 'length' and 'b' for the same place",
+        ),
+        ({"parameters": {"step": (0.0, 1.0)}}, "a value at 'step' of CartPole-v1 .*, got a funct"),
+        ({"agent": PPO}, "an agent, got the class PPO"),
         ({"agent": 3}, "a function of an observation as the agent, got 3"),
         ({"episodes": 0}, "episodes of at least 1"),
         ({"max_steps": 0}, "max_steps of at least 1"),
@@ -440,6 +446,37 @@ def test_a_model_that_gives_nan_gets_a_sentence():
 
     with pytest.raises(ValueError, match="finite actions from Diverged"):
         pendulum(agent=Diverged()).evaluate([[0.0, 0.0]], [0])
+
+
+@pytest.mark.parametrize(
+    ("predict", "message"),
+    [
+        (lambda seen, deterministic: 1 / 0, "actions from Mine, got ZeroDivisionError: division"),
+        (lambda seen: (seen, None), r"actions from Mine, got TypeError: .*It is called as predict"),
+        (lambda seen, deterministic: np.zeros(len(seen)), r"\(actions, None\) .*, got ndarray"),
+    ],
+)
+def test_a_bad_predict_gets_a_sentence(predict, message):
+    mine = type("Mine", (), {"predict": staticmethod(predict)})
+    with pytest.raises(ValueError, match=message):
+        cart_pole(agent=mine())
+
+
+def test_a_vector_environment_alone_is_refused(monkeypatch):
+    place = "gymnasium.envs.classic_control.cartpole:CartPoleVectorEnv"
+    spec = gym.envs.registration.EnvSpec("Many-v0", vector_entry_point=place)
+    monkeypatch.setitem(gym.registry, "Many-v0", spec)
+    with pytest.raises(ValueError, match="got Many-v0, which exists as a vector environment only"):
+        cart_pole("Many-v0")
+
+
+def test_partial_functions_that_make_other_environments_are_told_apart():
+    weak, strong = (
+        cart_pole(partial(toys.pushed_cart_pole, push), parameters={"length": (0.2, 2.0)})
+        for push in ("weak", "strong")
+    )
+    assert weak.game.maker.name == "pushed_cart_pole"
+    assert weak.settings != strong.settings
 
 
 def test_any_object_with_predict_gets_batches():
