@@ -11,9 +11,10 @@ import pytest
 
 from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.application import RobotApplication
-from sada_gym.envs.robot.course import Course
+from sada_gym.envs.robot.course import PLANS, Course
 from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, Trips
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
+from sada_gym.envs.robot.world.floor_plan import floor_plan
 
 RNG = np.random.default_rng(0)
 WORLDS = 32
@@ -34,6 +35,8 @@ def test_evaluations(benchmark, count):
 
 
 def test_decisions(benchmark):
+    for number in range(PLANS):  # once a training; they are kept
+        floor_plan(number)
     tasks = RobotTaskVectorEnv(Course(), num_envs=64)
     tasks.reset(seed=0)
 

@@ -49,7 +49,7 @@ SMALLER = (
     ),
     (r"\bTRAINING_STEPS = [\d_]+", "TRAINING_STEPS = 64"),
     (r"\bn_envs=\d+", "n_envs=1"),
-    (r"\.learn\(60_000\)", ".learn(64)"),
+    (r"\.learn\((60|100)_000\)", ".learn(64)"),
     (
         r"(\battack\(.*\"level-set\", )budget=1_000\b",
         r"\1budget=40, samples=8, options={'rounds': 1, 'models': ['trees']}",

@@ -52,5 +52,5 @@ def test_the_shipped_robot_arrives_where_it_was_trained_for():
     figures = measure(agents.load("ppo", "SADA-Robot"), seed=5, worlds=40, referenced=5)
     assert figures.nominal > 0.95 * 400
     assert figures.mild > 0.9 * 400
-    assert 0.1 * 40 < figures.fooled < 0.5 * 40
+    assert 0.2 * 40 < figures.fooled < 0.7 * 40  # the card's 44 %, four standard errors
     assert "privileged driver" in table(figures)

@@ -1,6 +1,6 @@
 """The card of the robot."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase
+from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Robot",
@@ -32,5 +32,6 @@ CARD = ApplicationCard(
     packages=("torch", "stable-baselines3", "pymunk", "numba"),
     reference_points=4_000,
     reference_seeds=4,
+    suite=SuiteCard(name="robot", tables=("paper-budgets", "other-agents"), seeds=3),
     case=RegistryCase(slow=True, purity=PurityCase(4, (3,))),
 )
