@@ -139,7 +139,7 @@ def picture(application: GymnasiumApplication, worlds: Evaluations) -> Figure:
     for row, (letter, i) in enumerate(zip("AB", shown, strict=True)):
         mu, seed = worlds.mu[i], int(worlds.seed[i])
         gravity, power = application.parameters.physical(mu)
-        said = f"{letter}: gravity {gravity:.1f} m/s², wind {power:.1f}, Q = {worlds.score[i]:.2f}"
+        said = f"{letter}: gravity {gravity:.1f} m/s², wind {power:.1f}\nQ = {worlds.score[i]:.2f}"
         draw_world(figure.add_subplot(grid[row, 1]), application.render(mu, seed), said)
         box = {"facecolor": "white", "edgecolor": INK, "boxstyle": "circle,pad=0.2"}
         large.text(gravity, power, letter, ha="center", va="center", fontsize=9, bbox=box)

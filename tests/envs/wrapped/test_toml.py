@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from typer.testing import CliRunner
 
 from sada_gym import GymnasiumApplication, make_application
 from sada_gym.attack import attack
+from sada_gym.cli import app
 from sada_gym.envs.wrapped import places, toml
 from sada_gym.envs.wrapped.disturbances import (
     ActionDelay,
@@ -281,3 +283,10 @@ def test_dead_parameters_are_found_by_name(pole):
     pole.write_text(POLE + "screen_width = [100, 200]\n")
     with pytest.raises(AssertionError, match="screen_width"):
         rules.check_live_parameters(read_application(pole))
+
+
+def test_the_command_line_shows_parameters_with_units_and_whole_numbers(pole):
+    pole.write_text(pole.read_text().replace("high = 3 }", 'high = 2, unit = "steps" }'))
+    shown = CliRunner().invoke(app, ["envs", str(pole)]).output
+    assert re.search(r"length +0\.2 +2 +m", shown), shown
+    assert re.search(r"late +- +- +0, 1, 2 steps", shown), shown
