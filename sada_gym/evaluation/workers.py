@@ -144,6 +144,9 @@ class PortableScorer:
             ) from error
 
 
+_MOST_WARNINGS, _LONGEST_WARNING = 10, 500
+_said: set[str] = set()
+"""The warnings that this worker has sent."""
 _given: dict[str, bytes] = {}
 """The last payloads that this process received, when it started or later, by key."""
 
@@ -275,9 +278,12 @@ def _tell(
     category: type[Warning],
     *_: Any,
 ) -> None:
-    # the parent may be unable to import the category of another library
-    known = category if category.__module__ == "builtins" else UserWarning
-    told.put((known, str(message)))
+    # a full pipe would stop the worker until the parent reads it, which waits for the worker
+    if len(_said) < _MOST_WARNINGS and str(message) not in _said:
+        _said.add(str(message))
+        # the parent may be unable to import the category of another library
+        known = category if category.__module__ == "builtins" else UserWarning
+        told.put((known, str(message)[:_LONGEST_WARNING]))
 
 
 def _exit_with_parent(lifeline: Connection) -> None:

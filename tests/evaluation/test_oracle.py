@@ -3,6 +3,7 @@ import os
 import pickle
 import subprocess
 import sys
+import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
@@ -110,6 +111,20 @@ def test_workers_have_one_thread_each_and_the_parent_keeps_its_own(monkeypatch):
     found = scores(threads_of_blas, dimension=3, threshold=0.3, workers=2)
     assert set(found) == {1.0}
     assert dict(os.environ) == before
+
+
+def warning_all_the_time(mu):
+    """Warn of much more than the pipe to the parent holds."""
+    for number in range(500):
+        warnings.warn(f"{number} " * 200, RuntimeWarning, stacklevel=1)
+    return np.zeros(len(mu))
+
+
+def test_workers_that_warn_all_the_time_go_on_and_are_heard():
+    with pytest.warns(RuntimeWarning) as heard:
+        found = scores(warning_all_the_time, dimension=3, threshold=0.3, workers=2, chunk_size=150)
+    assert set(found) == {0.0}
+    assert [str(one.message)[:2] for one in heard] == [f"{number} " for number in range(10)]
 
 
 def test_a_function_is_a_problem():
