@@ -1,6 +1,6 @@
 """Draw docs/images/own-agent.png and measure the table of docs/own-agent.md.
 
-    python docs/draw_own_agent.py
+    OMP_NUM_THREADS=1 python docs/draw_own_agent.py
 
 It attacks the agents of examples/cartpole.py and examples/lunar_lander.py, which it trains first if
 need be, and prints the table. Runs are kept in runs/own-agent, so that it goes on where it was.
