@@ -204,11 +204,26 @@ class Application(ABC):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
-    def feasible(
+    def reference_score(
         self,
         mu: npt.ArrayLike,  # noqa: ARG002
         seeds: Sequence[int],  # noqa: ARG002
-    ) -> npt.NDArray[np.bool_] | None:
+    ) -> npt.NDArray[np.float64] | None:
+        """Score a privileged agent: where it does well, a failure is the agent's own.
+
+        Args:
+            mu: (n, d), values in [-1, 1].
+            seeds: n seeds.
+
+        Returns:
+            (n,) Q of the privileged agent, or None if none is known, as by default.
+
+        Raises:
+            ValueError: If mu or the seeds are not what `evaluate` takes.
+        """
+        return None
+
+    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_] | None:
         """Find the worlds in which a privileged agent is not fooled, so that failures count.
 
         Args:
@@ -218,7 +233,8 @@ class Application(ABC):
         Returns:
             (n,) bool, or None if no privileged agent is known, as by default.
         """
-        return None
+        score = self.reference_score(mu, seeds)
+        return None if score is None else score > self.fooling_threshold
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw one frame of the world of mu, shape (d,), for a person to look at."""

@@ -6,6 +6,7 @@ import hashlib
 import traceback
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sada_gym import agents
-from sada_gym.agents.contract import Indices
+from sada_gym.agents.contract import Agent, Indices, as_agent
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
 from sada_gym.errors import UserError
@@ -46,17 +47,6 @@ class Interface:
     observation_space: spaces.Space[Any]
     action_space: spaces.Space[Any]
     wrapped_by: tuple[type[Any], ...] = ()
-
-
-@dataclass(frozen=True)
-class Silent:
-    """Stands for a model that does not say what it sees: it sees what the task shows.
-
-    Attributes:
-        observation_space: The space of the task's observations.
-    """
-
-    observation_space: spaces.Space[Any]
 
 
 class Policy:
@@ -103,7 +93,7 @@ class Policy:
         self.model = model
         self._plain = not isinstance(observation_space, spaces.Dict)
         self._transforms = observation_transforms(
-            Silent(observation_space) if silent else model,
+            episodes if silent else model,  # it sees what the task shows
             observation_space,
             episodes.task_id,
             normalisation=normalisation,
@@ -242,6 +232,20 @@ class Policy:
                 if not _is_torchs_refusal(error):
                     raise
         return actions
+
+
+def as_policy(given: Any, episodes: type[Episodes[Any]]) -> Agent[Any, Any]:
+    """Give the agent that an object means in some episodes: a model of their task, or an agent.
+
+    Args:
+        given: An SB3 model, or an `Agent` as it is.
+        episodes: The class of the episodes.
+
+    Raises:
+        UserError: If the object is neither, or the model's spaces are not the task's.
+    """
+    kinds = f"an SB3 model trained on {episodes.task_id}"
+    return as_agent(given, partial(Policy, episodes=episodes), kinds)
 
 
 def _seen_by_models(space: Any) -> bool:

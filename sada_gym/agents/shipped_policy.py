@@ -1,8 +1,10 @@
-"""The SB3 policies of shipped agents: their weights say everything about what they do."""
+"""The SB3 policies of shipped agents, whose weights say all that they do, and their files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from gymnasium import spaces
@@ -10,6 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 
+from sada_gym.agents.weights import WeightsFile, load_weights, save_weights
 from sada_gym.determinism import generators_kept
 
 
@@ -36,6 +39,55 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
         use_sde: bool = False,  # noqa: ARG002
     ) -> None:
         super().__init__(observation_space, action_space, lr_schedule, **self.settings)
+
+
+@dataclass(frozen=True)
+class PolicyFiles:
+    """Files of one kind of agent: a policy's weights, and in the header how its network is built.
+
+    Attributes:
+        kind: What such an agent is called, such as `driver`.
+        trained_by: The module that trains one, for messages.
+        new_model: Makes an untrained one of a seed.
+        observation_space: What it observes.
+        built: What else the weights' shapes depend on; JSON-compatible.
+    """
+
+    kind: str
+    trained_by: str
+    new_model: Callable[[int], PPO]
+    observation_space: spaces.Dict
+    built: Mapping[str, Any]
+
+    def save(self, model: PPO, path: Path) -> None:
+        """Write a model's weights."""
+        save_weights(model.policy, path, self._architecture)
+
+    def load(self, path: Path) -> PPO:
+        """Read a model's weights.
+
+        Raises:
+            FileError: If the file holds no weights of such an agent.
+        """
+        model = self.new_model(0)
+        mend = (
+            f"Write such a file in the repository by python -m {self.trained_by}, or, for a "
+            f"{self.kind} of your own, pass the model as agent=model."
+        )
+        file = WeightsFile(path, f"the weights of a {self.kind}", mend)
+        load_weights(model.policy, file, self._architecture)
+        # as SB3 loads a model: with an environment its pictures would be transposed by that one's
+        # wrapper, into another order in memory, for which convolutions give other last bits
+        model.env = None
+        return model
+
+    @property
+    def _architecture(self) -> dict[str, Any]:
+        spaces_of = sorted(self.observation_space.spaces.items())
+        return {
+            **self.built,
+            "observations": {key: list(space.shape or ()) for key, space in spaces_of},
+        }
 
 
 def new_ppo(policy: type[ShippedPolicy], env: GymEnv, seed: int, **options: Any) -> PPO:

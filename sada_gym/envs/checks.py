@@ -124,7 +124,7 @@ def check_number(name: str, given: Any, least: float, greatest: float) -> None:
     Raises:
         ValueError: If it is not a number from least to greatest.
     """
-    if not _is_number(given) or not least <= given <= greatest:
+    if not is_number(given) or not least <= given <= greatest:
         raise UserError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
 
 
@@ -138,7 +138,7 @@ def check_range(name: str, given: Any, least: float, greatest: float) -> None:
     if (
         not isinstance(given, tuple)
         or len(given) != 2
-        or not all(isinstance(end, int) if whole else _is_number(end) for end in given)
+        or not all(isinstance(end, int) if whole else is_number(end) for end in given)
         or not least <= given[0] <= given[1] <= greatest
     ):
         raise UserError(
@@ -157,5 +157,6 @@ def check_kind(name: str, given: Any, kind: type[Any]) -> None:
         raise UserError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
 
 
-def _is_number(given: Any) -> bool:
+def is_number(given: Any) -> bool:
+    """Say whether an argument is a real number; True and False are none."""
     return isinstance(given, int | float | np.number) and not isinstance(given, bool)

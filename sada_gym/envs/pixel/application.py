@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.checks import is_number
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
 from sada_gym.errors import UserError, UserTypeError
@@ -136,7 +137,7 @@ class PixelApplication(ClassifierApplication):
 
 
 def _checked_radius(radius: Any) -> float:
-    if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
+    if not is_number(radius):
         raise UserTypeError(f"Expected radius to be a number in (0, 1], got {radius!r}.")
     if not 0.0 < radius <= 1.0:
         raise UserError(

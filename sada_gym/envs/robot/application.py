@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.agents.contract import Agent
+from sada_gym.agents.policy import as_policy
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Frame, Scored, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.robot.agent.driver import RobotDriver, RobotDriverLike, as_driver
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
@@ -86,12 +88,15 @@ class RobotApplication(EpisodesApplication[Trips]):
     parameters = PARAMETERS
 
     def __init__(
-        self, *, agent: str | Path | RobotDriverLike = "ppo", agent_id: str | None = None
+        self,
+        *,
+        agent: str | Path | Predictor | Agent[Trips, npt.NDArray[Any]] = "ppo",
+        agent_id: str | None = None,
     ) -> None:
         super().__init__(agent, agent_id)
 
-    def _as_agent(self, given: Any) -> RobotDriver:
-        return as_driver(given)
+    def _as_agent(self, given: Any) -> Agent[Trips, npt.NDArray[Any]]:
+        return as_policy(given, Trips)
 
     def episodes(self, mu: Mu, seeds: Sequence[int]) -> Trips:
         """Begin all trips in the worlds of mu, ten each: (10 n) of them."""
@@ -99,10 +104,11 @@ class RobotApplication(EpisodesApplication[Trips]):
         for row, seed in zip(mu, seeds, strict=True):
             drawn = np.random.SeedSequence(seed).generate_state(PLANS + PLANS * TRIPS, np.uint64)
             numbers = (drawn >> 1).tolist()
+            physics = conditions(row)
             for k in range(PLANS):
                 plan = floor_plan(numbers[k])
                 starts += [
-                    Start(plan, trip, conditions(row), numbers[PLANS + k * TRIPS + trip])
+                    Start(plan, trip, physics, numbers[PLANS + k * TRIPS + trip])
                     for trip in range(TRIPS)
                 ]
         return Trips(starts)
@@ -128,11 +134,6 @@ class RobotApplication(EpisodesApplication[Trips]):
         play(PrivilegedDriver(), trips)
         score: npt.NDArray[np.float64] = trips.score.reshape(len(batch), -1).mean(axis=1)
         return score
-
-    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_]:
-        """Say where the privileged driver is not fooled, (n,); arguments as `evaluate`."""
-        reached: npt.NDArray[np.bool_] = self.reference_score(mu, seeds) > self.fooling_threshold
-        return reached
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the first trip that fails, above maps of all trips."""

@@ -29,13 +29,6 @@ _GOAL, _FAILED, _ROBOT = (34, 197, 94), (220, 38, 38), (40, 44, 52)
 Array = npt.NDArray[np.float64]
 Rollouts = Sequence[Rollout[Start]]
 
-_TEXTS = {
-    Ending.ARRIVED: "arrived",
-    Ending.COLLIDED: "collided",
-    Ending.TOO_LATE: "too late",
-    Ending.UNDER_WAY: "under way",
-}
-
 
 def summary(rollouts: Rollouts) -> Frame:
     """Draw the end of the first trip that failed, above maps of the trips of each floor plan."""
@@ -44,7 +37,7 @@ def summary(rollouts: Rollouts) -> Frame:
     rollout = rollouts[which]
     last = len(rollout["poses"]) - 1
     arrived = len(rollouts) - len(failed)
-    ending = _TEXTS[Ending(int(rollout["ending"][-1]))]
+    ending = _words(rollout["ending"][-1])
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
     top = moment(rollout, last)
     return stacked(
@@ -65,7 +58,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     for i, rollout in enumerate(rollouts):
         last = len(rollout["poses"]) - 1
         for step in range(last + 1):
-            ending = _TEXTS[Ending(int(rollout["ending"][step]))]
+            ending = _words(rollout["ending"][step])
             text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
             frame = stacked([moment(rollout, step), caption(text, WIDTH)])
             drawn += [frame] * (POLICY_HZ if step == last else 1)  # a second to read the ending
@@ -75,6 +68,11 @@ def frames(rollouts: Rollouts) -> list[Frame]:
 def frame(trips: Trips, i: int) -> Frame:
     """Draw one of the trips as it is now."""
     return np.asarray(_view(trips.starts[i], trips.poses[i], trips.carts[i], trips.points[i]))
+
+
+def _words(ending: int) -> str:
+    """Write how a trip ended, such as `too late`."""
+    return Ending(ending).name.lower().replace("_", " ")
 
 
 def moment(rollout: Rollout[Start], step: int) -> Image.Image:

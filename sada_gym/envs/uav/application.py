@@ -133,11 +133,6 @@ class UAVApplication(EpisodesApplication[Races]):
         scores = [races.score for _, races in self._flown(PrivilegedPilot(), batch, checked)]
         return np.concatenate([np.empty(0), *scores])
 
-    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_]:
-        """Say on which tracks the privileged pilot is not fooled, (n,); arguments as `evaluate`."""
-        passed: npt.NDArray[np.bool_] = self.reference_score(mu, seeds) > self.fooling_threshold
-        return passed
-
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = [], []
         for tracks, races in self._flown(self.acting, mu, seeds):

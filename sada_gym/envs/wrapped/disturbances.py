@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sada_gym.envs.wrapped.maker import Maker
-from sada_gym.envs.wrapped.places import Attribute, Config, Keyword, Place, ResetOption, Setup
+from sada_gym.envs.wrapped.places import Place, Setup
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.parameters import Parameter
 
@@ -57,6 +57,10 @@ class Disturbance(Place):
             )
         return super().parameter(name)
 
+    def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
+        """Say that there is one of each kind."""
+        return ("all",)
+
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
         """Check that it fits the environment's spaces."""
         self.fit(name, maker, env.observation_space, env.action_space)
@@ -85,6 +89,10 @@ class ObservationNoise(Disturbance):
 
     key: str | None = None
     entries: tuple[int, ...] | None = None
+
+    def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
+        """Name the entries that are noisy."""
+        return ((self.key, tuple(self.entries or ())),)
 
     def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:  # noqa: ARG002
         """Check that there are Boxes to be noisy."""
@@ -305,26 +313,14 @@ def refuse_doubles(places: dict[str, Place]) -> None:
     """
     seen: dict[Any, str] = {}
     for name, place in places.items():
-        for where in _targets(name, place):
+        for target in dict.fromkeys(place.targets(name)):
+            where = (type(place), target)
             if where in seen:
                 raise UserError(
                     f"Expected one {type(place).__name__}, got {seen[where]!r} and {name!r} for "
                     "the same place. Leave one out."
                 )
             seen[where] = name
-
-
-def _targets(name: str, place: Place) -> list[Any]:
-    """Name all that a place sets."""
-    kind = type(place)
-    if isinstance(place, Disturbance):
-        entries = tuple(getattr(place, "entries", None) or ())
-        return [(kind, getattr(place, "key", None), entries)]
-    if isinstance(place, Attribute):
-        return [(kind, path) for path in dict.fromkeys(place.all_paths(name))]
-    if isinstance(place, Keyword | ResetOption | Config):
-        return [(kind, place.name or name)]
-    return []
 
 
 def _is_float(space: Space) -> bool:

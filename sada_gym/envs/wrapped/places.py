@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.maker import Maker, code_name
+from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
 from sada_gym.parameters import Parameter
 
@@ -22,8 +23,6 @@ Filter = Callable[[Any], Any]
 
 _NAMED_VALUES = 12
 """Whole numbers are named one by one on axes where there are at most so many."""
-
-_PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
 
 
 @dataclass
@@ -119,7 +118,7 @@ class Place(ABC):
     def _range(self, name: str) -> tuple[float, float]:
         ends = (self.low, self.high)
         for end in ends:
-            if isinstance(end, bool) or not isinstance(end, int | float | np.number):
+            if not is_number(end):
                 raise UserTypeError(
                     f"Expected numbers as low and high of {name!r}, got {self.low!r} and "
                     f"{self.high!r}. Write low=1.0, high=2.0."
@@ -140,6 +139,10 @@ class Place(ABC):
     def own_code(self) -> bool:
         """Whether it calls a function of the user's, of which nobody knows what it does."""
         return False
+
+    def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
+        """Name all that it sets, for the parameter of this name; nothing where nobody knows."""
+        return ()
 
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:  # noqa: B027
         """Check that the place exists.
@@ -168,6 +171,10 @@ class Keyword(Place):
 
     name: str | None = None
 
+    def targets(self, name: str) -> tuple[Any, ...]:
+        """Name the entry."""
+        return (self.name or name,)
+
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:  # noqa: ARG002
         """Check that the constructor takes the keyword, and that nobody else sets it."""
         keyword = self.name or name
@@ -194,6 +201,10 @@ class ResetOption(Place):
 
     name: str | None = None
 
+    def targets(self, name: str) -> tuple[Any, ...]:
+        """Name the entry."""
+        return (self.name or name,)
+
     def prepare(self, name: str, value: Any, setup: Setup) -> None:
         """Hand the value to `reset`."""
         setup.options[self.name or name] = value
@@ -217,10 +228,10 @@ class Attribute(Place):
 
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
         """Check that the attributes exist and hold single values."""
-        for path in self.all_paths(name):
-            found = _read(env.unwrapped, path)
-            if found is _MISSING:
-                raise _missing(name, path, maker, env)
+        for path in self.targets(name):
+            found = read(env.unwrapped, path)
+            if found is MISSING:
+                raise no_such_path(name, path, maker, env)
             if callable(found):
                 raise UserError(
                     f"Expected a value at {path!r} of {maker.name} for {name!r}, got a function. "
@@ -235,12 +246,12 @@ class Attribute(Place):
 
     def prepare(self, name: str, value: Any, setup: Setup) -> None:
         """Set the attributes before and after `reset`."""
-        for path in self.all_paths(name):
-            setup.before.append(partial(_write, path=path, value=value, must=False))
-            setup.after.append(partial(_write, path=path, value=value, must=True))
+        for path in self.targets(name):
+            setup.before.append(partial(write, path=path, value=value, must=False))
+            setup.after.append(partial(write, path=path, value=value, must=True))
 
-    def all_paths(self, name: str) -> tuple[str, ...]:
-        """Give the paths of the parameter of this name."""
+    def targets(self, name: str) -> tuple[str, ...]:
+        """Give the paths."""
         if self.paths is None:
             return (name,)
         return (self.paths,) if isinstance(self.paths, str) else tuple(self.paths)
@@ -258,6 +269,10 @@ class Config(Place):
     """
 
     name: str | None = None
+
+    def targets(self, name: str) -> tuple[Any, ...]:
+        """Name the entry."""
+        return (self.name or name,)
 
     def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
         """Check that the entry exists."""
@@ -350,97 +365,6 @@ def found_place(name: str, given: Any, maker: Maker) -> Place:
             f"got {given!r}."
         )
     return Keyword(*given) if name in maker.keywords else Attribute(*given)
-
-
-_MISSING = object()
-ValueT = TypeVar("ValueT")
-
-
-def _steps(path: str) -> list[str | int]:
-    """Split a path into names of attributes and numbers of entries."""
-    steps: list[str | int] = []
-    for part in path.split("."):
-        match = _PART.fullmatch(part)
-        if match is None:
-            raise UserError(
-                f"Expected an attribute such as 'length', 'model.opt.timestep' or "
-                f"'model.body_mass[1]', got {path!r}."
-            )
-        steps += [match[1], *map(int, re.findall(r"-?\d+", match[2]))]
-    return steps
-
-
-def _get(holder: Any, step: str | int) -> Any:
-    try:
-        return getattr(holder, step) if isinstance(step, str) else holder[step]
-    except (AttributeError, IndexError, KeyError, TypeError):
-        return _MISSING
-
-
-def _read(env: Any, path: str) -> Any:
-    found = env
-    for step in _steps(path):
-        found = _get(found, step)
-        if found is _MISSING:
-            return found
-    return found
-
-
-def _write(env: Any, *, path: str, value: Any, must: bool) -> None:
-    """Set a value where it is not set yet; where `must` is false, the path need not exist."""
-    first, *_ = steps = _steps(path)
-    if len(steps) > 1 and isinstance(first, str) and first not in vars(env):
-        shared = getattr(type(env), first, None)
-        if isinstance(shared, list | dict | np.ndarray):  # of the class: other episodes share it
-            setattr(env, first, deepcopy(shared))
-    holder, last = env, steps[-1]
-    for step in steps[:-1]:
-        holder = _get(holder, step)
-    now = _get(holder, last)
-    if now is _MISSING:
-        if must:
-            raise UserError(
-                f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
-                "by a function of your own, Function(low, high, set=...)."
-            )
-        return
-    if must and now == value:
-        return
-    try:
-        if isinstance(last, str):
-            setattr(holder, last, value)
-        else:
-            holder[last] = value
-    except Exception as error:  # whatever a property may raise
-        raise UserError(
-            f"Expected {path!r} to be settable to {value!r}, got {type(error).__name__}: {error}. "
-            "Name another attribute, or set it by Function(low, high, set=...)."
-        ) from error
-
-
-def _missing(name: str, path: str, maker: Maker, env: gym.Env[Any, Any]) -> UserError:
-    """Say that there is no such attribute, and what there is, nearest first."""
-    import difflib
-
-    world = env.unwrapped
-    numbers = [
-        key
-        for key in dir(world)
-        if not key.startswith("_") and _is_number(getattr(world, key, None))
-    ]
-    near = difflib.get_close_matches(path, {*maker.keywords, *numbers}, n=3)
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    return UserError(
-        f"Expected parameter {name!r} to be a keyword of {maker.name}'s constructor or an "
-        f"attribute of env.unwrapped, found no {path!r}.{hint} Keywords: "
-        f"{', '.join(maker.keywords) or 'none'}. Attributes that are numbers: "
-        f"{', '.join(numbers) or 'none'}. Other places need a form of their own, such as "
-        "ResetOption(low, high)."
-    )
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def plain(value: Any) -> Any:

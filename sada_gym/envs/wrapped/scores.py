@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.maker import code_name
 from sada_gym.errors import UserError, UserTypeError
 
@@ -74,7 +75,7 @@ class Return(Score):
 
     def __post_init__(self) -> None:
         """Refuse an empty range."""
-        if not (_is_number(self.low) and _is_number(self.high) and self.low < self.high):
+        if not (_is_finite(self.low) and _is_finite(self.high) and self.low < self.high):
             raise UserError(
                 f"Expected score=('return', low, high) with finite low < high, got {self.low!r} "
                 f"and {self.high!r}. Take the returns of a bad and of a good episode."
@@ -120,7 +121,7 @@ class Length(Score):
 
     def __post_init__(self) -> None:
         """Refuse what is no number of steps."""
-        if not _is_number(self.most) or self.most < 1:
+        if not _is_finite(self.most) or self.most < 1:
             raise UserError(
                 f"Expected score=('length', most) with a number of steps, got {self.most!r}."
             )
@@ -156,7 +157,7 @@ class Own(Score):
                 f"Expected a score from {self._name}, got {type(error).__name__}: {error}. Mend "
                 "the function."
             ) from error
-        if not _is_number(score) and not isinstance(score, bool | np.bool_):
+        if not _is_finite(score) and not isinstance(score, bool | np.bool_):
             raise UserTypeError(
                 f"Expected a number in [0, 1] from {self._name}, got {score!r}. Return a float."
             )
@@ -194,6 +195,5 @@ def as_score(given: Any) -> Score:
     )
 
 
-def _is_number(value: Any) -> bool:
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return bool(number and np.isfinite(value))
+def _is_finite(value: Any) -> bool:
+    return is_number(value) and bool(np.isfinite(value))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.agents.contract import Agent, as_agent
-from sada_gym.agents.policy import Policy
+from sada_gym.agents.contract import Agent
+from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.episodes import Drives
 
@@ -26,6 +25,4 @@ def as_driver(agent: Any) -> Driver:
     Raises:
         UserError: If it is no `DriverLike`, or a model's spaces are not the driving task's.
     """
-    return as_agent(
-        agent, partial(Policy, episodes=Drives), f"an SB3 model trained on {Drives.task_id}"
-    )
+    return as_policy(agent, Drives)

@@ -24,6 +24,7 @@ from sada_gym.envs.robot.world.geometry import (
     spread_from,
 )
 from sada_gym.envs.robot.world.robot import RADIUS_M, axle_to_mass, move, rims_of
+from sada_gym.envs.robot.world.way import locate
 
 Array = npt.NDArray[np.float64]
 
@@ -42,23 +43,24 @@ class PrivilegedDriver:
     fingerprint = "tries out 66 commands"
 
     def __init__(self) -> None:
-        self._ways: dict[int, Array] = {}
+        self._known: dict[int, tuple[Array, Array]] = {}
         self._at: dict[int, int] = {}
 
     def start(self, count: int) -> None:  # noqa: ARG002 - as agents have it
         """Begin new trips."""
-        self._ways, self._at = {}, {}
+        self._known, self._at = {}, {}
 
     def act(self, trips: Trips, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
         """Choose actions (n, 2) for some robots."""
         actions = np.empty((len(which), 2))
         for row, i in enumerate(which.tolist()):
             start = trips.starts[i]
-            if i not in self._ways:
-                self._ways[i], self._at[i] = _way_around(start), 0
+            if i not in self._known:
+                self._known[i], self._at[i] = _way_around(start), 0
+            way, standing = self._known[i]
             physics = start.conditions
             self._at[i], best = _best(
-                self._ways[i],
+                way,
                 self._at[i],
                 trips.poses[i],
                 trips.velocities[i],
@@ -68,7 +70,7 @@ class PrivilegedDriver:
                 physics.floor_friction,
                 physics.wheel_gain,
                 start.plan.racks,
-                _standing(start),
+                standing,
                 trips.lanes[i],
                 trips.places[i],
                 COMMANDS,
@@ -77,23 +79,20 @@ class PrivilegedDriver:
         return actions
 
 
-def _standing(start: Start) -> Array:
+def _way_around(start: Start) -> tuple[Array, Array]:
+    """Plan a trip's way around the barrels too; also give all circles that stand there, (m, 3)."""
     plan = start.plan
-    return np.concatenate([plan.pillars, plan.barrels[: start.conditions.barrels]])
-
-
-def _way_around(start: Start) -> Array:
-    """Plan a trip's way around the barrels too."""
-    planned = start.plan.ways[start.trip]
-    cells = clearances(_HALL, start.plan.racks, _standing(start))
+    planned = plan.ways[start.trip]
+    standing = np.concatenate([plan.pillars, plan.barrels[: start.conditions.barrels]])
+    cells = clearances(_HALL, plan.racks, standing)
     columns = round(HALL_M[0] / CELL_M)
     first, last = (
         int(y / CELL_M) * columns + int(x / CELL_M) for x, y in (planned[0], planned[-1])
     )
     cost, before = spread_from(first, _HALL, cells, _LEAST_M, _ROOM_M)
     if not math.isfinite(cost[last]):
-        return planned
-    return smooth_way(last, before, _HALL, start.plan.racks, _standing(start))
+        return planned, standing
+    return smooth_way(last, before, _HALL, plan.racks, standing), standing
 
 
 @kernel
@@ -131,11 +130,7 @@ def _best(
         places: (c, 2), place and direction of each cart.
         choices: (j, 2), the commands to choose from.
     """
-    least = math.inf
-    for k in range(max(0, at - 5), min(len(way), at + 15)):
-        squared = (way[k, 0] - pose[0]) ** 2 + (way[k, 1] - pose[1]) ** 2
-        if squared < least:
-            at, least = k, squared
+    at, _ = locate(way, at, pose)
     ahead = axle_to_mass(payload[0], payload[1])
     best, lowest = 0, math.inf
     now, rims, carts = np.empty(3), np.empty(2), np.empty_like(places)

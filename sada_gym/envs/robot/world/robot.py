@@ -1,10 +1,11 @@
 """A TurtleBot 2: its motors and the grip of its wheels, which decide how its velocity changes.
 
-Kobuki, its base, has two driven wheels of 35 mm radius, 230 mm apart, with a caster before and one
-behind them, and is a disc of 351.5 mm (kobuki_driver's documentation, appendix "Kobuki
-Parameters", and Kobuki's user guide). The guide gives the motors' no-load speed, 9,960 rpm, and
-stall torque, 33 mN m, the gear's ratio, 6545 / 132, and a payload of up to 5 kg. A TurtleBot 2
-weighs 6.3 kg (its data sheet).
+Kobuki, its base, has two driven wheels of 35 mm radius, 230 mm apart, and a gear of 6545 / 132
+(kobuki_driver's documentation, appendix "Kobuki Parameters"). Its motors have a no-load speed of
+9,960 rpm within 15 % and a stall torque of 33 mN m at 12 V (Kobuki's documentation, "Anatomy").
+The other figures are the usual ones of the platform, and were not checked against a data sheet: a
+disc of 351.5 mm with a caster before and one behind the axle, a payload of up to 5 kg, and 6.3 kg
+for a whole TurtleBot 2. Where its centre of mass and its inertia lie is assumed.
 """
 
 from __future__ import annotations

@@ -1,0 +1,102 @@
+"""Paths of attributes, such as `model.body_mass[1]`: reading and setting what they name."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from copy import deepcopy
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from sada_gym.envs.checks import is_number
+from sada_gym.envs.wrapped.maker import Maker
+from sada_gym.errors import UserError
+
+_PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
+
+MISSING = object()
+"""What `read` gives where a path leads nowhere."""
+
+
+def _steps(path: str) -> list[str | int]:
+    """Split a path into names of attributes and numbers of entries."""
+    steps: list[str | int] = []
+    for part in path.split("."):
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise UserError(
+                f"Expected an attribute such as 'length', 'model.opt.timestep' or "
+                f"'model.body_mass[1]', got {path!r}."
+            )
+        steps += [match[1], *map(int, re.findall(r"-?\d+", match[2]))]
+    return steps
+
+
+def _get(holder: Any, step: str | int) -> Any:
+    try:
+        return getattr(holder, step) if isinstance(step, str) else holder[step]
+    except (AttributeError, IndexError, KeyError, TypeError):
+        return MISSING
+
+
+def read(env: Any, path: str) -> Any:
+    """Give what a path names, or `MISSING`."""
+    found = env
+    for step in _steps(path):
+        found = _get(found, step)
+        if found is MISSING:
+            return found
+    return found
+
+
+def write(env: Any, *, path: str, value: Any, must: bool) -> None:
+    """Set a value where it is not set yet; where `must` is false, the path need not exist."""
+    first, *_ = steps = _steps(path)
+    if len(steps) > 1 and isinstance(first, str) and first not in vars(env):
+        shared = getattr(type(env), first, None)
+        if isinstance(shared, list | dict | np.ndarray):  # of the class: other episodes share it
+            setattr(env, first, deepcopy(shared))
+    holder, last = env, steps[-1]
+    for step in steps[:-1]:
+        holder = _get(holder, step)
+    now = _get(holder, last)
+    if now is MISSING:
+        if must:
+            raise UserError(
+                f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
+                "by a function of your own, Function(low, high, set=...)."
+            )
+        return
+    if must and now == value:
+        return
+    try:
+        if isinstance(last, str):
+            setattr(holder, last, value)
+        else:
+            holder[last] = value
+    except Exception as error:  # whatever a property may raise
+        raise UserError(
+            f"Expected {path!r} to be settable to {value!r}, got {type(error).__name__}: {error}. "
+            "Name another attribute, or set it by Function(low, high, set=...)."
+        ) from error
+
+
+def no_such_path(name: str, path: str, maker: Maker, env: gym.Env[Any, Any]) -> UserError:
+    """Say that there is no such attribute, and what there is, nearest first."""
+    world = env.unwrapped
+    numbers = [
+        key
+        for key in dir(world)
+        if not key.startswith("_") and is_number(getattr(world, key, None))
+    ]
+    near = difflib.get_close_matches(path, {*maker.keywords, *numbers}, n=3)
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    return UserError(
+        f"Expected parameter {name!r} to be a keyword of {maker.name}'s constructor or an "
+        f"attribute of env.unwrapped, found no {path!r}.{hint} Keywords: "
+        f"{', '.join(maker.keywords) or 'none'}. Attributes that are numbers: "
+        f"{', '.join(numbers) or 'none'}. Other places need a form of their own, such as "
+        "ResetOption(low, high)."
+    )
