@@ -14,7 +14,7 @@ from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.benchmark.suite import choose
-from sada_gym.errors import StoreError, WorkerError
+from sada_gym.errors import StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.runs import assemble
@@ -238,8 +238,19 @@ def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references)
 
 def stored(out):
     """Count the evaluations in all stores."""
-    total = 0
-    for path in (out / "stores").glob("*.sqlite"):
-        with EvaluationStore(path) as store:
-            total += len(store)
-    return total
+    return sum(map(stored_in, (out / "stores").glob("*.sqlite")))
+
+
+def stored_in(path, limit_s=60.0):
+    """Count the evaluations in a store; wait for a worker that is about to end, as a run does.
+
+    A worker that has logged nothing yet is not among those that the test waits for.
+    """
+    end = time.monotonic() + limit_s
+    while True:
+        try:
+            with EvaluationStore(path) as store:
+                return len(store)
+        except StoreInUse:
+            assert time.monotonic() < end, "waited in vain"
+            time.sleep(0.05)
