@@ -9,6 +9,7 @@ import math
 import os
 import shutil
 import stat
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -22,6 +23,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from sada_gym.errors import FileError, UserError, UserTypeError
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+MAX_TOML_BYTES = 2**20
 MAX_JSON_BYTES = 256 * 2**20
 MAX_ARRAYS_BYTES = 2**30
 """Larger files are refused unread; this package writes far smaller ones."""
@@ -186,13 +193,34 @@ def read_model(path: Path, kind: type[Model]) -> Model:
     except UnicodeDecodeError as error:
         reason, cause = f"byte {error.start} is not UTF-8", error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        reason, cause = f"{where}: {first['msg']}", error
+        reason, cause = first_error(error), error
     raise FileError(
-        f"Expected {path} as an attack writes it, got a different one ({reason}). "
+        f"Expected {path} as sada-gym writes it, got a different one ({reason}). "
         "Restore it, or start anew in another folder."
     ) from cause
+
+
+def first_error(error: ValidationError) -> str:
+    """Say in a few words what a model's content lacks, and where."""
+    first = error.errors()[0]
+    where = ".".join(map(str, first["loc"])) or "the file"
+    return f"{where}: {first['msg']}"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        FileError: If the file cannot be read, is too large or no TOML.
+    """
+    content = read_file(path, MAX_TOML_BYTES)
+    try:
+        return tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:  # a decoding error is a ValueError too
+        raise FileError(
+            f"Expected a TOML file in {path}, got something else: {error}. Mend that place; "
+            "https://toml.io shows how TOML is written."
+        ) from error
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:

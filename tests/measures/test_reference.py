@@ -238,7 +238,7 @@ def test_an_index_or_a_set_that_cannot_be_read_is_a_sentence(analytic, tmp_path)
     with pytest.raises(FileError, match=r"Expected to read .*npz, but there is no such file"):
         load_reference(TRACK, analytic, tmp_path)
     (tmp_path / INDEX).write_text("{")
-    with pytest.raises(FileError, match=r"Expected .*index.json as an attack writes it"):
+    with pytest.raises(FileError, match=r"Expected .*index.json as sada-gym writes it"):
         read_index(tmp_path)
 
 

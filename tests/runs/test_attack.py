@@ -165,7 +165,7 @@ def test_results_without_settings_are_refused(tmp_path):
 @pytest.mark.parametrize("text", ["{", '{"budget": 1}', "[]"])
 def test_damaged_settings_are_refused(tmp_path, text):
     (tmp_path / "attack.json").write_text(text)
-    with pytest.raises(ValueError, match=r"Expected .*attack.json as an attack writes it"):
+    with pytest.raises(ValueError, match=r"Expected .*attack.json as sada-gym writes it"):
         run(tmp_path, resume=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,16 +10,8 @@ from typing import Any
 
 from sada_gym.envs.wrapped import disturbances, places
 from sada_gym.envs.wrapped.application import GymnasiumApplication
-from sada_gym.errors import FileError, UserError, UserTypeError, refuse_unknown
-from sada_gym.files import as_path, read_file
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-MAX_TOML_BYTES = 2**20
-"""Larger files are refused unread."""
+from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.files import as_path, read_toml
 
 KINDS: Mapping[str, type[places.Place]] = {
     "keyword": places.Keyword,
@@ -107,7 +98,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
             refuses it.
     """
     path = as_path(path, "a TOML file")
-    table = _parsed(path)
+    table = read_toml(path)
     refuse_unknown(f"key in {path}", table, [*_KEYS])
     missing = [key for key in _REQUIRED if key not in table]
     if missing:
@@ -120,17 +111,6 @@ def read_application(path: str | Path) -> GymnasiumApplication:
     if "statistics" in table:
         given["statistics"] = path.parent / table["statistics"]
     return GymnasiumApplication(given.pop("environment"), **given)
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    content = read_file(path, MAX_TOML_BYTES)
-    try:
-        return tomllib.loads(content.decode())
-    except (ValueError, RecursionError) as error:  # a decoding error is a ValueError too
-        raise FileError(
-            f"Expected a TOML file in {path}, got something else: {error}. Mend that place; "
-            "https://toml.io shows how TOML is written."
-        ) from error
 
 
 def _check_types(

@@ -29,6 +29,7 @@ from sada_gym.envs.wrapped.disturbances import (
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.files import MAX_TOML_BYTES
 from sada_gym.testing import rules
 
 POLE = """
@@ -230,7 +231,7 @@ def test_files_that_are_no_toml_get_a_sentence(pole, tmp_path):
     pole.write_text("a = " + "[" * 100_000)
     with pytest.raises(FileError, match="Expected a TOML file in"):
         read_application(pole)
-    pole.write_text("#" * (toml.MAX_TOML_BYTES + 1))
+    pole.write_text("#" * (MAX_TOML_BYTES + 1))
     with pytest.raises(FileError, match="at most 1 MiB"):
         read_application(pole)
 
