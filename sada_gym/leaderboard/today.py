@@ -55,6 +55,25 @@ def board_tracks() -> tuple[str, ...]:
     return tuple(env_id for card in cards() for env_id in card.track_ids or (card.id,))
 
 
+def application_of(track: str) -> str:
+    """Give the name of a track's application.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    refuse_unknown("track", [track], board_tracks())
+    return next(card.name for card in cards() if track in (card.track_ids or (card.id,)))
+
+
+def default_agent(track: str) -> str:
+    """Give the name of the agent that a track has by default; empty where it has none.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    return next(iter(agents.names(application_of(track))), "")
+
+
 @lru_cache(maxsize=256)
 def find_target(track: str, agent: str) -> Target:
     """Find a track with one of the agents that are shipped for it.
@@ -66,9 +85,7 @@ def find_target(track: str, agent: str) -> Target:
     Raises:
         UserError: If there is no such track, or no such agent is shipped.
     """
-    refuse_unknown("track", [track], board_tracks())
-    card = next(one for one in cards() if track in (one.track_ids or (one.id,)))
-    shipped = agents.names(card.name)
+    shipped = agents.names(application_of(track))
     if shipped:
         refuse_unknown(f"agent on {track}", [agent], shipped)
     elif agent:
