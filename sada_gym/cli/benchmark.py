@@ -73,7 +73,17 @@ def benchmark(
     workers: Annotated[int | None, option(WORKERS_HELP, least=1, default="the cores")] = None,
     executor: ExecutorName = "processes",
     out_folder: Annotated[
-        Path | None, option("Results.", "--out", metavar="DIR", default="runs/benchmark-SUITE")
+        Path | None,
+        option(
+            "Evaluations, costs, tables, pictures.",
+            "--out",
+            metavar="DIR",
+            default="runs/benchmark-SUITE",
+        ),
+    ] = None,
+    entries: Annotated[
+        Path | None,
+        option("Results, as entries of the leaderboard.", metavar="DIR", default="DIR/entries"),
     ] = None,
     references: Annotated[
         Path | None, option("The reference sets.", metavar="DIR", default="the shipped ones")
@@ -85,8 +95,9 @@ def benchmark(
     """Compare adversaries: every table, track, agent, adversary and seed.
 
     Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
-    adversaries: what is finished is not repeated. DIR receives results.json, table.md, pictures/
-    and timings.json; runs/ holds each run, stores/ all evaluations.
+    adversaries: what is finished is not repeated, what is outdated is made anew. DIR receives
+    entries/ with the results, table.md and pictures/ for readers, stores/ with all evaluations,
+    and timings.jsonl. Another machine goes on with the entries alone.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
@@ -98,7 +109,7 @@ def benchmark(
 
         known = references or FOLDER
         if report:
-            _show_result(report_benchmark(folder, known))
+            _show_result(report_benchmark(folder, known, entries=entries))
             return
         chosen = choose(
             find_suite(suite),
@@ -113,35 +124,37 @@ def benchmark(
         )
         # what a stopped process leaves is cleaned up, which is no news to the user
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+        progress = BenchmarkProgress(out)
         try:
             with (
                 open_executor(executor, workers or cores()) as opened,
-                BenchmarkProgress(out) as progress,
+                progress,
             ):
                 result = run_benchmark(
                     chosen,
                     folder,
+                    entries=entries,
                     workers=opened.workers,
                     executor=opened.executor,
                     references=known,
                     callback=progress,
                 )
         except KeyboardInterrupt:
-            show_resume_hint(_kept(folder))
+            show_resume_hint(_kept(progress.finished, folder, entries))
             raise typer.Exit(130) from None
     _show_result(result)
 
 
-def _kept(folder: Path) -> str:
+def _kept(runs: int, folder: Path, entries: Path | None) -> str:
     """Say what a stopped benchmark has kept."""
-    from sada_gym.benchmark.folder import finished_runs
-
-    return f"{len(finished_runs(folder)):,} finished runs and all evaluations are kept in {folder}."
+    if entries is None:
+        return f"{runs:,} finished runs and all evaluations are kept in {folder}."
+    return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
 
 
 def _show_result(result: BenchmarkResult) -> None:
     results = result.results
-    titles = {table.name: table.title for table in results.settings.tables}
+    titles = {table.name: table.title for table in results.tables}
     for name, agent in results.comparisons():
         title = f"{titles[name]} · {agent}" if agent else titles[name]
         table = Table(title=title, header_style="bold", title_justify="left")
@@ -157,4 +170,4 @@ def _show_result(result: BenchmarkResult) -> None:
         out.print(table)
     for note in result.notes:
         say("[yellow]Mind:[/] ", note)
-    say("", f"Results: {result.folder}/ (results.json, table.md, pictures/)")
+    say("", f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")
