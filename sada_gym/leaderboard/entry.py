@@ -77,6 +77,7 @@ def _checked_name(name: str) -> str:
 
 EntryName = Annotated[str, AfterValidator(_checked_name)]
 ShortLine = Annotated[OneLine, Field(max_length=200)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class About(Strict):
@@ -227,7 +228,7 @@ class Result(Strict):
     """
 
     format: int
-    identity_sha256: str
+    identity_sha256: Sha256
     identity: Identity
     seeds: tuple[SeedResult, ...] = Field(max_length=MAX_SEEDS)
 
@@ -265,8 +266,8 @@ class Verified(Strict):
     """
 
     format: int
-    identity_sha256: str
-    samples_sha256: str
+    identity_sha256: Sha256
+    samples_sha256: Sha256
     nonce: ShortLine
     seeds: tuple[VerifiedSeed, ...]
     flags: dict[str, OneLine]
