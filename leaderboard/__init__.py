@@ -1,0 +1,1 @@
+"""The leaderboard: entries, the verifier, the board and its site."""
