@@ -1,1 +1,1 @@
-"""The leaderboard: entries, the verifier, the board and its site."""
+"""The organiser's side of the leaderboard: the verifier and the site."""

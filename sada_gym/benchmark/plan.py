@@ -7,11 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from sada_gym import agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.entries import about_of
 from sada_gym.benchmark.suite import Contender, Suite, Table
 from sada_gym.errors import UserError
+from sada_gym.files import first_error
 from sada_gym.leaderboard.entry import About, Identity
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, load_reference
@@ -20,6 +23,8 @@ from sada_gym.registration import make_application
 from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunSettings
+
+_MAX_STEM = 150
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,17 +148,29 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
     plan = Plan(suite, tuple(ordered), abouts, tuple(notes))
-    _refuse_twins(plan)
+    _refuse_misplaced(plan)
     return plan
 
 
-def _refuse_twins(plan: Plan) -> None:
-    """Refuse two runs that would be the same seed of the same result of the same entry."""
+def _refuse_misplaced(plan: Plan) -> None:
+    """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
     known: dict[tuple[str, str, int], RunSettings] = {}
     for group in plan.groups:
         for run in group.runs:
-            # some file systems do not tell capitals from small letters
-            stem = group.identity(run).stem.lower()
+            try:
+                # some file systems do not tell capitals from small letters
+                stem = group.identity(run).stem.lower()
+            except ValidationError as error:
+                raise UserError(
+                    f"Expected a run that an entry can describe, got {run} ({first_error(error)}). "
+                    "Give the track, the agent and the rule shorter names."
+                ) from error
+            if len(stem) > _MAX_STEM:
+                raise UserError(
+                    f"Expected names of the track, the agent and the rule of at most {_MAX_STEM} "
+                    f"characters in all, since files are called by them, got {len(stem)} ({run}). "
+                    "Give them shorter names."
+                )
             twin = known.setdefault((plan.abouts[run.label].name, stem, run.seed), run)
             if twin is not run:
                 raise UserError(

@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -193,6 +194,13 @@ def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references)
         wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)  # noqa: B023
         if attempt < 2:
             assert not (out / "table.md").exists()
+    assert 0 < len(made(out / "entries")) < 6
+    elsewhere = tmp_path / "elsewhere"  # a second machine, which has no store
+    shutil.copytree(out / "entries", elsewhere / "entries")
+    assert end_of(start(elsewhere, tmp_path / "elsewhere.log", references, "0")) == 0
+    assert contents(elsewhere / "entries") == contents(tmp_path / "whole" / "entries")
+    assert contents(elsewhere)["table.md"] == contents(tmp_path / "whole")["table.md"]
+    assert len(read_costs(elsewhere)) == 6 - len(made(out / "entries"))
     committed, last = stored(out), tmp_path / "last.log"
     assert end_of(start(out, last, references, "0")) == 0
     assert len(logged(last)) == stored(out) - committed > 0

@@ -77,7 +77,7 @@ def test_the_suite_of_digits_has_all_adversaries_rl_included():
     assert set(one.tracks) == {track for track in tracks() if "Digits" in track}
     assert {c.label for c in CONTENDERS} - {c.label for c in one.contenders} == {"sada"}
     assert {table.budget.queries for table in one.tables} == {1_000}
-    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 14
+    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 30
 
 
 def test_the_suite_of_table_1_fills_all_ten_columns():
