@@ -71,7 +71,7 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
     folder = as_path(folder, "an entry")
     stems = _check_files(folder, submission)
     about = read_about(folder)
-    _check_about(about, folder / ABOUT_FILE, submission)
+    check_about(about, folder / ABOUT_FILE, submission)
     for stem in stems:
         _check_result(ResultFiles(folder, stem), about, submission)
 
@@ -183,7 +183,17 @@ def _check_pairs(folder: Path, names: Mapping[str, int]) -> list[str]:
     return sorted(stems[CLAIMS])
 
 
-def _check_about(about: About, path: Path, submission: bool) -> None:
+def check_about(about: About, path: Path, submission: bool) -> None:
+    """Check what an entry says of itself.
+
+    Args:
+        about: What it says.
+        path: The file that says so, for messages.
+        submission: Whether authors and a licence are needed.
+
+    Raises:
+        UserError: If something is missing or does not fit.
+    """
     blank = [name for name in ("title", "adversary") if not getattr(about, name).strip()]
     if submission:
         blank += [] if about.licence.strip() else ["licence"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,9 +12,7 @@ from sada_gym import agents
 from sada_gym.envs.catalogue import find_card
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.files import (
-    read_model,
-)
+from sada_gym.files import read_model
 from sada_gym.leaderboard.checks import check_entry
 from sada_gym.leaderboard.entry import (
     ABOUT_FILE,
@@ -29,6 +29,7 @@ from sada_gym.leaderboard.today import (
     RULES,
     board_tracks,
     find_target,
+    is_ours,
     today,
 )
 from sada_gym.runs.record import (
@@ -51,12 +52,14 @@ class Part:
         identity: What the result is of.
         seeds: The claims.
         samples: The samples of each seed that has measures.
+        command: The command that made it; empty where that is not known.
     """
 
     source: str
     identity: Identity
     seeds: tuple[SeedResult, ...]
     samples: Mapping[int, Evaluations]
+    command: str = ""
 
 
 @dataclass(eq=False)
@@ -66,9 +69,9 @@ class Results:
     parts: dict[str, list[Part]] = field(default_factory=dict)
 
     @property
-    def first(self) -> Identity:
-        """The identity of the first part."""
-        return next(iter(self.parts.values()))[0].identity
+    def first(self) -> Part:
+        """The first part."""
+        return next(iter(self.parts.values()))[0]
 
     def add(self, part: Part) -> None:
         """Add a part.
@@ -78,7 +81,7 @@ class Results:
                 a seed that is there already.
         """
         if self.parts:
-            refuse_other_adversary(part, self.first)
+            refuse_other_adversary(part, self.first.identity, self.first.source)
         known = self.parts.setdefault(part.identity.stem, [])
         for other in known:
             changes = differences(
@@ -133,10 +136,16 @@ def read_run(folder: Path, rule: str | None) -> list[Part]:
 
 def _read_entry(folder: Path, rule: str | None) -> list[Part]:
     check_entry(folder, submission=False)
-    results = read_entry(folder).results
+    entry = read_entry(folder)
     parts = [
-        Part(f"{folder / stem}{CLAIMS}", one.claimed.identity, one.claimed.seeds, one.samples)
-        for stem, one in results.items()
+        Part(
+            f"{folder / stem}{CLAIMS}",
+            one.claimed.identity,
+            one.claimed.seeds,
+            one.samples,
+            entry.about.command,
+        )
+        for stem, one in entry.results.items()
         if rule in (None, one.claimed.identity.rule)
     ]
     if not parts:
@@ -172,7 +181,8 @@ def _read_attack(folder: Path, rule: str) -> Part:
         )
     refuse_budget(f"the run in {folder}", settings.budget, identity, "--budget")
     seed = SeedResult.of(report)
-    return Part(str(folder), identity, (seed,), {seed.seed: samples})
+    command = _command(settings, track)
+    return Part(str(folder), identity, (seed,), {seed.seed: samples}, command)
 
 
 def _board_track(folder: Path, settings: RunSettings) -> str:
@@ -231,13 +241,27 @@ def _make_result(identity: Identity, seeds: Sequence[SeedResult]) -> Result:
     return Result.make(identity, seeds)
 
 
-def refuse_other_adversary(part: Part, first: Identity) -> None:
+def refuse_other_adversary(part: Part, known: Identity, source: str) -> None:
     """Refuse a part of another adversary, preset or options than those of an identity."""
     for name in ("adversary", "preset", "options"):
-        expected, got = getattr(first, name), getattr(part.identity, name)
+        expected, got = getattr(known, name), getattr(part.identity, name)
         if expected != got:
             raise UserError(
-                f"Expected all results of an entry to be of one adversary with one set of options, "
-                f"got the {name} {got!r} in {part.source} beside {expected!r}. Submit them as two "
-                "entries."
+                "Expected all results of an entry to be of one adversary with one set of options, "
+                f"got the {name} {got!r} in {part.source} beside {expected!r} in {source}. Submit "
+                "them as two entries."
             )
+
+
+def _command(settings: RunSettings, track: str) -> str:
+    """Give the command that made a run, without its folder; empty for a class without a name."""
+    known = is_ours(settings.adversary) or ":" in settings.adversary
+    words = ["sada-gym", "attack", track, "--adversary", settings.adversary]
+    if settings.preset is not None:
+        words += ["--preset", settings.preset]
+    for name, value in settings.options.items():
+        words += ["--set", f"{name}={json.dumps(value)}"]
+    words += ["--agent", settings.agent] if settings.agent else []
+    words += ["--budget", str(settings.budget), "--seed", str(settings.seed)]
+    command = shlex.join(words)
+    return command if known and len(command) <= 1_000 else ""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import shlex
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,12 +21,12 @@ from sada_gym.files import (
     file_errors,
     first_error,
     read_array,
-    read_model,
     write_file,
     write_folder,
 )
-from sada_gym.leaderboard.checks import check_entry
+from sada_gym.leaderboard.checks import check_about, check_entry
 from sada_gym.leaderboard.entry import (
+    ABOUT_FILE,
     CLAIMS,
     FORMAT,
     MAX_SEEDS,
@@ -58,9 +57,6 @@ from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu, validate_mu
 from sada_gym.runs.assemble import RunTarget, make_settings
 from sada_gym.runs.record import (
-    RESULT_FILE,
-    RunReport,
-    RunSettings,
     json_compatible,
 )
 from sada_gym.runs.run import OnProgress, Run, ignore_progress
@@ -118,16 +114,12 @@ def submit(
             changed then.
     """
     results = Results()
-    command = credits.command
     for run in _several(runs, "runs"):
-        folder = as_path(run, "a run")
-        for part in read_run(folder, rule):
+        for part in read_run(as_path(run, "a run"), rule):
             results.add(part)
-        if not command and (folder / RESULT_FILE).exists():
-            command = _command(read_model(folder / RESULT_FILE, RunReport).settings)
     if not results.parts:
         raise UserError("Expected the folder of at least one run, got none. Name one.")
-    return _put(results, credits, command, as_path(out, "the entries"), replace)
+    return _put(results, _Place.find(results.first, credits, out), replace)
 
 
 def submit_samples(
@@ -182,6 +174,8 @@ def submit_samples(
     refuse_budget(f"the samples on {track}", int(queries), identity, "queries")
     target = find_target(track, agent)
     arrays = [_checked_samples(one, i, identity, target) for i, one in enumerate(given)]
+    place = _Place.find(Part("the samples", identity, (), {}), credits, out)
+    place.keep([identity.stem], replace)  # what is wrong shows before hours of evaluation
     results = Results()
     evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {}, workers=workers)
     now = True
@@ -191,7 +185,7 @@ def submit_samples(
         now = False
     finally:
         evaluator.close(now=now)
-    return _put(results, credits, credits.command, as_path(out, "the entries"), replace)
+    return _put(results, place, replace)
 
 
 def parse_options(text: str) -> dict[str, Any]:
@@ -305,93 +299,103 @@ def _evaluate(
     return Part(f"the samples of seed {seed}", identity, (claimed,), {seed: run.samples})
 
 
-def _command(settings: RunSettings) -> str:
-    """Give the command that made a run; the folder is left out."""
-    words = ["sada-gym", "attack", settings.track, "--adversary", settings.adversary]
-    if settings.preset is not None:
-        words += ["--preset", settings.preset]
-    for name, value in settings.options.items():
-        words += ["--set", f"{name}={json.dumps(value)}"]
-    words += ["--agent", settings.agent] if settings.agent else []
-    words += ["--budget", str(settings.budget), "--seed", str(settings.seed)]
-    command = shlex.join(words)
-    return command if len(command) <= 1_000 else ""
+@dataclass(frozen=True)
+class _Place:
+    """Where an entry goes, and what it says of itself.
+
+    Attributes:
+        about: What it says of itself.
+        folder: Its folder.
+        first: One of its parts.
+    """
+
+    about: About
+    folder: Path
+    first: Part
+
+    @classmethod
+    def find(cls, first: Part, credits: Credits, out: str | Path) -> Self:
+        """Find the place of an entry.
+
+        Raises:
+            UserError: If the credits do not fit.
+        """
+        identity = first.identity
+        try:
+            about = About(
+                format=FORMAT,
+                name=credits.name,
+                title=credits.title or credits.name,
+                authors=tuple(_several(credits.authors, "authors")),
+                licence=credits.licence,
+                paper=credits.paper,
+                repository=credits.repository,
+                command=credits.command or first.command,
+                adversary=identity.adversary,
+                preset=identity.preset,
+                options=json.dumps(identity.options),
+            )
+        except ValidationError as error:
+            raise UserError(
+                f"Expected what an entry says of itself, but {first_error(error)}."
+            ) from error
+        folder = as_path(out, "the entries") / about.name
+        check_about(about, folder / ABOUT_FILE, submission=True)
+        return cls(about, folder, first)
+
+    def keep(self, stems: Collection[str], replace: bool) -> dict[str, bytes]:
+        """Read the files that stay of an entry that is there.
+
+        Args:
+            stems: What the names of the new results begin with.
+            replace: Whether they may replace results that are there.
+
+        Raises:
+            UserError: If it is of another adversary, or has one of the results already.
+        """
+        folder = self.folder
+        if not folder.exists() and not folder.is_symlink():
+            return {}
+        check_entry(folder, submission=False)
+        kept: dict[str, bytes] = {}
+        for stem, one in read_entry(folder).results.items():
+            if stem in stems:
+                if not replace:
+                    raise UserError(
+                        f"Expected a new result, got {stem}, which {folder} has already. Replace "
+                        "it by --replace, or give the entry another --name."
+                    )
+                continue
+            refuse_other_adversary(self.first, one.claimed.identity, str(folder))
+            for ending in (CLAIMS, SAMPLES, VERIFIED):
+                path = folder / f"{stem}{ending}"
+                if path.exists():
+                    with file_errors("read", path):
+                        kept[path.name] = path.read_bytes()
+        return kept
 
 
-def _put(results: Results, credits: Credits, command: str, out: Path, replace: bool) -> Entry:
+def _put(results: Results, place: _Place, replace: bool) -> Entry:
     """Write an entry beside its place, check it, and put it there together with what is there."""
-    about = _make_about(results.first, credits, command)
-    folder = out / about.name
-    kept = _read_kept(folder, results, replace)
+    kept = place.keep(list(results.parts), replace)
     with tempfile.TemporaryDirectory() as name:
-        made = Path(name) / about.name
+        made = Path(name) / place.about.name
         with file_errors("make the folder", made):
             made.mkdir()
-        write_about(made, about)
+        write_about(made, place.about)
         results.write(made)
         try:
             check_entry(made)
         except UserError as error:
             # of the place that the user knows
-            raise UserError(str(error).replace(str(made), str(folder))) from error
+            raise UserError(str(error).replace(str(made), str(place.folder))) from error
         files = {path.name: path.read_bytes() for path in sorted(made.iterdir())}
 
     def fill(beside: Path) -> None:
         for name, content in (kept | files).items():
             write_file(beside / name, content)
 
-    with file_errors("make the folder", out):
-        out.mkdir(parents=True, exist_ok=True)
-    write_folder(folder, fill)
-    return read_entry(folder)
-
-
-def _make_about(identity: Identity, credits: Credits, command: str) -> About:
-    authors = credits.authors
-    try:
-        return About(
-            format=FORMAT,
-            name=credits.name,
-            title=credits.title or credits.name,
-            authors=tuple(_several(authors, "authors")),
-            licence=credits.licence,
-            paper=credits.paper,
-            repository=credits.repository,
-            command=command,
-            adversary=identity.adversary,
-            preset=identity.preset,
-            options=json.dumps(identity.options),
-        )
-    except ValidationError as error:
-        raise UserError(
-            f"Expected what an entry says of itself, but {first_error(error)}."
-        ) from error
-
-
-def _read_kept(folder: Path, results: Results, replace: bool) -> dict[str, bytes]:
-    """Read the files of the results that an entry of that name has and that stay.
-
-    Raises:
-        UserError: If it is of another adversary, or has one of the results already.
-    """
-    if not folder.exists() and not folder.is_symlink():
-        return {}
-    check_entry(folder, submission=False)
-    entry = read_entry(folder)
-    kept: dict[str, bytes] = {}
-    for stem, one in entry.results.items():
-        if stem in results.parts:
-            if not replace:
-                raise UserError(
-                    f"Expected a new result, got {stem}, which {folder} has already. Replace it by "
-                    "--replace, or give the entry another --name."
-                )
-            continue
-        there = Part(str(folder), one.claimed.identity, (), {})
-        refuse_other_adversary(there, results.first)
-        for ending in (CLAIMS, SAMPLES, VERIFIED):
-            path = folder / f"{stem}{ending}"
-            if path.exists():
-                with file_errors("read", path):
-                    kept[path.name] = path.read_bytes()
-    return kept
+    with file_errors("make the folder", place.folder.parent):
+        place.folder.parent.mkdir(parents=True, exist_ok=True)
+    write_folder(place.folder, fill)
+    return read_entry(place.folder)

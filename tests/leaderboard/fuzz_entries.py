@@ -331,11 +331,13 @@ def change_files(entry: Path, rng: Rng) -> None:
         case 0:
             path.unlink()
         case 1:
-            shutil.copy(path, entry / _pick(rng, ("x.json", "x.npz", ".x", "x.verified.json")))
+            content = path.read_bytes()
+            (entry / _pick(rng, ("x.json", "x.npz", ".x", "x.verified.json"))).write_bytes(content)
         case 2:
             path.write_bytes(b"")
         case 3:
-            shutil.copy(path, _pick(rng, paths).with_suffix(".verified.json"))
+            content = path.read_bytes()
+            _pick(rng, paths).with_suffix(".verified.json").write_bytes(content)
         case 4:
             path.rename(entry / _pick(rng, ("y.json", "y.npz", "\x1b[2J", "entry.toml", "é.json")))
         case 5:
