@@ -82,13 +82,14 @@ class Report:
     crashes: list[str] = field(default_factory=list)
 
 
-def fuzz(folder: Path, *, seconds: float, seed: int) -> Report:
+def fuzz(folder: Path, *, seconds: float, seed: int, least: int = 0) -> Report:
     """Spoil and check entries for some seconds.
 
     Args:
         folder: A folder to work in.
         seconds: How long.
         seed: Fixes the cases; each has the seed `(seed, number)`.
+        least: The least number of cases, however long they take.
     """
     folder.mkdir(parents=True, exist_ok=True)
     goods = [
@@ -106,7 +107,7 @@ def fuzz(folder: Path, *, seconds: float, seed: int) -> Report:
     for good in goods:
         check_entry(good)
     report, end, number = Report(), time.monotonic() + seconds, 0
-    while time.monotonic() < end:
+    while number < least or time.monotonic() < end:
         _try_one(goods[number % len(goods)], folder / "case", (seed, number), report)
         number += 1
     return report
