@@ -156,9 +156,9 @@ def _by_target(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
 def fresh_seeds(entry: str, identity_sha256: str, nonce: str, run: int, count: int) -> list[int]:
     """Give the evaluation seeds of a run's samples: a hash of all that names them, and the nonce.
 
-    They are of the stream `test`, as those of the claims are: seeds of one stream share their
-    lowest bits, and a world may depend on these (digits choose the image by them). With seeds of
-    another stream an honest claim could fool more often than its samples do on fresh seeds.
+    They belong to the stream `test`, as the claimed ones do. Seeds of one stream have their lowest
+    bits in common, and a world may depend on these: digits take the image at seed modulo n. Seeds
+    of another stream would not be exchangeable with the claimed ones.
     """
     texts = (json.dumps([entry, identity_sha256, nonce, run, row]) for row in range(count))
     return [seed_of(hashlib.sha256(t.encode()).digest()[:4], "test") for t in texts]
