@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.report.tables import write_tables
-from sada_gym.benchmark.results import Results, Row, results_of
+from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.leaderboard.entry import Entry, Tier, read_entries
 
@@ -61,26 +62,29 @@ def digits(entries: Sequence[Entry]) -> Iterator[str]:
         four = hardest[row.label]
         cells = (
             row.label,
-            _with_interval(row),
-            (row.afr and row.afr.rank) or "",
-            _percent(row.relative_coverage and row.relative_coverage.value),
-            (row.relative_coverage and row.relative_coverage.rank) or "",
-            _percent(four.afr and four.afr.value),
-            _percent(four.relative_coverage and four.relative_coverage.value),
+            _with_interval(row.afr),
+            _rank(row.afr),
+            _percent(row.relative_coverage),
+            _rank(row.relative_coverage),
+            _percent(four.afr),
+            _percent(four.relative_coverage),
         )
         yield f"| {' | '.join(cells)} |"
 
 
-def _with_interval(row: Row) -> str:
-    figure = row.afr
+def _with_interval(figure: Figure | None) -> str:
     if figure is None or figure.interval_95 is None:
-        return _percent(figure and figure.value)
-    low, high = (100 * end for end in figure.interval_95)
-    return f"{100 * figure.value:.1f} ({low:.1f} to {high:.1f})"
+        return _percent(figure)
+    low, high = figure.interval_95
+    return f"{_percent(figure)} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.0f}"
+def _percent(figure: Figure | None) -> str:
+    return "-" if figure is None else f"{100 * figure.value:.0f}"
+
+
+def _rank(figure: Figure | None) -> str:
+    return "" if figure is None or figure.rank is None else figure.rank
 
 
 BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {

@@ -24,7 +24,7 @@ from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunSettings
 
-_MAX_STEM = 200
+_MAX_STEM = 150
 
 
 @dataclass(frozen=True, eq=False)

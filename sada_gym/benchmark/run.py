@@ -8,8 +8,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sada_gym.benchmark.entries import find_missing
-from sada_gym.benchmark.folder import ENTRIES, claim, sole_user
+from sada_gym.benchmark.costs import Estimate, estimate
+from sada_gym.benchmark.entries import Missing, find_missing
+from sada_gym.benchmark.folder import ENTRIES, claim, read_costs, sole_user
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.pictures import draw_benchmark
@@ -104,6 +105,45 @@ def run_benchmark(
             tracks=suite.tracks,
             notes=plan.notes,
         )
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What a benchmark would do.
+
+    Attributes:
+        missing: The runs that are yet to be made.
+        estimates: What they cost, by table and track.
+        notes: What a reader must know, such as an adversary that would be left out.
+    """
+
+    missing: Missing
+    estimates: tuple[Estimate, ...]
+    notes: tuple[str, ...]
+
+
+def plan_benchmark(
+    suite: Suite,
+    out: str | Path,
+    *,
+    entries: str | Path | None = None,
+    references: str | Path = FOLDER,
+) -> Outlook:
+    """Say what `run_benchmark` would do and what that costs; nothing is run or written.
+
+    Args:
+        suite: The suite.
+        out: The benchmark's folder, whose finished runs tell how long such runs take.
+        entries: The folder of the entries; None takes `out`/entries.
+        references: The folder of the reference sets.
+
+    Raises:
+        TypeError, ValueError: If a part of the suite does not fit, or a file cannot be read.
+    """
+    folder = Path(out)
+    plan = make_plan(suite, Path(references))
+    missing = find_missing(folder / ENTRIES if entries is None else Path(entries), plan)
+    return Outlook(missing, tuple(estimate(missing.runs, read_costs(folder))), plan.notes)
 
 
 def report_benchmark(

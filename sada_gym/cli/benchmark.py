@@ -22,9 +22,11 @@ from sada_gym.cli.console import (
     say,
     show_resume_hint,
 )
+from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
-    from sada_gym.benchmark.run import BenchmarkResult
+    from sada_gym.benchmark.costs import Estimate
+    from sada_gym.benchmark.run import BenchmarkResult, Outlook
 
 
 SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
@@ -91,6 +93,9 @@ def benchmark(
     report: Annotated[
         bool, option("Run nothing; report what DIR holds by now.", "--report")
     ] = False,
+    plan: Annotated[
+        bool, option("Run nothing; say what there is to do and what it costs.", "--plan")
+    ] = False,
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
 
@@ -102,7 +107,9 @@ def benchmark(
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
         refuse_stray(context.args, "--tracks A --tracks B")
-        from sada_gym.benchmark.run import report_benchmark, run_benchmark
+        if plan and report:
+            raise UserError("Expected --plan or --report, got both. Leave one out.")
+        from sada_gym.benchmark.run import plan_benchmark, report_benchmark, run_benchmark
         from sada_gym.cli.benchmark_progress import BenchmarkProgress
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.measures.reference import FOLDER
@@ -122,6 +129,9 @@ def benchmark(
             samples=samples,
             images=images,
         )
+        if plan:
+            _show_outlook(plan_benchmark(chosen, folder, entries=entries, references=known))
+            return
         # what a stopped process leaves is cleaned up, which is no news to the user
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         progress = BenchmarkProgress(out)
@@ -150,6 +160,32 @@ def _kept(runs: int, folder: Path, entries: Path | None) -> str:
     if entries is None:
         return f"{runs:,} finished runs and all evaluations are kept in {folder}."
     return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
+
+
+def _show_outlook(outlook: Outlook) -> None:
+    from sada_gym.cli.benchmark_progress import describe_missing
+
+    say("", describe_missing(outlook.missing))
+    table = Table(header_style="bold")
+    for column in ("table", "track", "runs", "evaluations", "core hours"):
+        table.add_column(column, justify="left" if column in ("table", "track") else "right")
+    for one in outlook.estimates:
+        name, runs = escape(one.table), f"{one.runs:,}"
+        table.add_row(name, escape(one.track), runs, f"{one.evaluations:,}", _hours(one))
+    if outlook.estimates:
+        out.print(table)
+        hours = sum(one.core_hours for one in outlook.estimates)
+        unknown = sum(one.unknown for one in outlook.estimates)
+        rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
+        say("", f"About {hours:.1f} core hours{rest}.")
+    for note in outlook.notes:
+        say("[yellow]Mind:[/] ", note)
+
+
+def _hours(one: Estimate) -> str:
+    if one.unknown == one.runs:
+        return "unknown"
+    return f"{one.core_hours:.2f}" + (f" + {one.unknown:,} unknown" if one.unknown else "")
 
 
 def _show_result(result: BenchmarkResult) -> None:

@@ -64,7 +64,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         """Show what there is to do."""
         self._total = sum(1 for _ in plan.runs)
         self._done, self._left = self._total - len(missing.runs), list(missing.runs)
-        say("", _what_is_missing(missing), console=self._console)
+        say("", describe_missing(missing), console=self._console)
         detail = COMPILING if missing.runs and will_compile() else "starting"
         self._all = self._bars.add_task(
             "Runs", total=self._total, completed=self._done, detail=detail
@@ -151,7 +151,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             self._bars.update(self._all, completed=self._total, detail="writing the report")
 
 
-def _what_is_missing(missing: Missing) -> str:
+def describe_missing(missing: Missing) -> str:
     """Say how many results are missing and how many are outdated."""
     if not missing.runs:
         return "No result is missing."

@@ -10,7 +10,7 @@ from typing import Any
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.adversaries.random import Random
-from sada_gym.benchmark.suite import SUITES, Table
+from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.envs.catalogue import cards
 from sada_gym.errors import MissingExtra, UserError, refuse_unknown
 from sada_gym.leaderboard.entry import Identity
@@ -21,9 +21,9 @@ from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings, res
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunSettings
 
-PAPER_BUDGETS, EQUAL_QUERIES = "paper-budgets", "equal-queries"
-RULES = (PAPER_BUDGETS, EQUAL_QUERIES)
-"""The rules for the budget."""
+PAPER_BUDGETS = "paper-budgets"
+RULES = tuple(name for name, table in TABLES.items() if table.rule == name)
+"""The rules for the budget; each has the name of the table that it is from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def find_rule(rule: str) -> Table:
         UserError: If there is no such rule.
     """
     refuse_unknown("rule", [rule], RULES)
-    return next(table for suite in SUITES for table in suite.tables if table.name == rule)
+    return TABLES[rule]
 
 
 def is_ours(adversary: str) -> bool:

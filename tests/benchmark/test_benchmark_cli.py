@@ -110,6 +110,7 @@ def test_report_alone_runs_nothing(done, references):
         (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
         ([*SMALL, "--seeds", "0"], "seeds"),
         (["--tracks", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
+        (["--report", "--plan"], "Expected --plan or --report, got both"),
         (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
         ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
         ([*SMALL, "-a", "random", "--out", "."], "which holds something else"),
@@ -146,6 +147,25 @@ def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
         for entry in read_entries(tmp_path / "entries")
     }
     assert budgets == {"random": [61], "ideal": [0], "toy-greedy": [61]}
+
+
+def test_a_plan_tells_of_runs_and_costs_and_makes_nothing(done, references, tmp_path):
+    out, _ = done
+    chosen = ["-a", "random", "-a", "toy:Greedy", "-a", "gaussian", "--references", references]
+    result = run(*SMALL, *chosen, "--seeds", 2, "--out", out, "--plan")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("4 runs to do: 3 results are missing or incomplete, 0 are")
+    row = next(line for line in result.stdout.splitlines() if ANALYTIC in line)
+    cells = [cell.strip() for cell in row.strip("│┃ ").split("│")]
+    assert cells[:4] == ["equal-queries", ANALYTIC, "4", "320"]  # 60 + 20 each
+    assert re.fullmatch(r"\d+\.\d\d \+ 2 unknown", cells[4])
+    assert "without 2 runs whose like was not timed yet" in result.stdout
+    result = run(*SMALL, *chosen, "--out", tmp_path / "new", "--plan")
+    assert result.stdout.startswith("3 runs to do")
+    assert "unknown" in result.stdout
+    assert list(tmp_path.iterdir()) == []
+    done_already = [*chosen[:4], "--references", references, "--out", out]
+    assert "No result is missing" in run(*SMALL, *done_already, "--plan").stdout
 
 
 def timing(evaluated, wall_s):

@@ -13,6 +13,7 @@ from sada_gym.benchmark.run import report_benchmark, run_benchmark
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Contender, choose, find_contender, find_suite
 from sada_gym.errors import UserError
+from sada_gym.leaderboard.checks import check_entry, is_outdated
 from sada_gym.leaderboard.entry import (
     FORMAT,
     MAX_ERROR,
@@ -124,6 +125,19 @@ def test_what_the_plan_does_not_name_is_left_alone(copied, references):
     assert ("random", STEM, 2) in made(copied / "entries")
 
 
+@pytest.mark.parametrize("name", ["digits", "robot"])
+def test_what_a_benchmark_makes_is_what_the_checks_expect(name):
+    plan = make_plan(find_suite(name))
+    for group in plan.groups:
+        for run in group.runs:
+            assert is_outdated(group.identity(run)) is None, str(run)
+
+
+def test_what_a_benchmark_writes_passes_the_checks(whole):
+    for name in ("random", "ideal", "bench_toys-picky"):
+        check_entry(whole / name, submission=False)
+
+
 def test_a_new_seed_takes_back_what_was_verified(copied, references):
     folder = copied / "entries" / "random"
     held = read_entry(folder).results[STEM]
@@ -200,7 +214,7 @@ def test_runs_that_would_share_a_place_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("rule", "reason"),
-    [("a" * 190, "at most 200 characters in all"), ("a" * 201, r"rule: .*at most 200")],
+    [("a" * 140, "at most 150 characters in all"), ("a" * 201, r"rule: .*at most 200")],
 )
 def test_names_that_no_file_can_have_are_refused(rule, reason, tmp_path):
     chosen = suite("random", budgets=(60,))
