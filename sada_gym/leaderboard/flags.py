@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.stats import binomtest, fisher_exact
 
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.leaderboard.copies import Nearness, nearness
 from sada_gym.leaderboard.entry import Identity, SeedResult
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.reference import Reference
@@ -33,6 +34,15 @@ LEAST_SHARE = 0.1
 LEAST_SHARE_OF_OTHERS = 0.5
 """The same for samples of another entry. Adversaries of one seed share uniform points: `random`
 draws 22 to 27 % of the samples of `archive` on the ten digits."""
+
+NEAR_RANK = 0.4
+"""Samples may be copied where their mean rank, see `nearness`, is below this."""
+
+LEAST_POINTS = 10
+"""The least number of distinct nearest points whose mean rank means something."""
+
+LEAST_EXACT = 2
+"""So many samples that are a reference point to the last bit are copies; chance makes none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +108,13 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
         "claim": claim,
         "collapsed": collapsed,
         "constant": constant,
+        "copied": copied,
         "duplicates": duplicates,
         "worse than random": worse_than_random,
     }
+    if evidence.identity.adversary == IDEAL:
+        # to draw reference points is what this control is for, and it has no rank
+        checks = {"control": control, "claim": claim, "constant": constant}
     found = {name: check(evidence) for name, check in checks.items()}
     return {name: sentence for name, sentence in found.items() if sentence is not None}
 
@@ -146,13 +160,41 @@ def collapsed(evidence: Evidence) -> str | None:
     return f"on {len(found)} of {len(told)} seeds {found[0]}" if found else None
 
 
-def duplicates(evidence: Evidence) -> str | None:
-    """Find samples that equal others of the result, or of another entry.
+def control(evidence: Evidence) -> str | None:
+    """Say that the control `ideal` draws reference points."""
+    assert evidence.identity.adversary == IDEAL
+    return "this control draws its samples from the reference points, so it has no rank"
 
-    `ideal` is no adversary: all its seeds draw from the same reference points.
-    """
-    if evidence.identity.adversary == IDEAL:
+
+def copied(evidence: Evidence) -> str | None:
+    """Find samples that are reference points, shaken or not, see `nearness`."""
+    if evidence.reference is None:
         return None
+    found = nearness(evidence.mu, evidence.reference.mu)
+    share = found.exact / len(evidence.mu)
+    if found.exact >= LEAST_EXACT:
+        return (
+            f"{_percent(share)} of the samples are points of the shipped reference set, to the "
+            "last bit"
+        )
+    if not is_near(found):
+        return None
+    return (
+        f"the samples lie nearer to {found.points:,} points of the shipped reference set than "
+        f"chance lets them: displaced at random they are farther from it "
+        f"{_percent(1.0 - found.mean_rank)} of the time, where 50 % are expected "
+        f"(p = {found.p:.0e})"
+    )
+
+
+def is_near(found: Nearness) -> bool:
+    """Say whether samples lie nearer to reference points than chance lets them."""
+    enough = found.points >= LEAST_POINTS
+    return enough and found.mean_rank < NEAR_RANK and found.p < SIGNIFICANCE
+
+
+def duplicates(evidence: Evidence) -> str | None:
+    """Find samples that equal others of the result, or of another entry."""
     from scipy.spatial import cKDTree
 
     mu = evidence.mu.astype(np.float64)
