@@ -361,6 +361,8 @@ def strongest_sheet(groups: Sequence[GroupBoard]) -> Sheet:
                         "queries": number_cell(row.queries),
                     }
                 lines.append(Line("ranked", cells))
+    # what was attacked comes first, the weakest agent at the top
+    lines.sort(key=lambda line: -float(line.cells["afr"].value or -1.0))
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
 
 
