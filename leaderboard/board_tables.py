@@ -367,11 +367,20 @@ def strongest_sheet(groups: Sequence[GroupBoard]) -> Sheet:
 
 
 def _strongest(board: GroupBoard, track: str, agent: str) -> Row | None:
+    """Give the ranked verified entry without flags of the verifier whose interval is highest."""
     results = board.results["verified"]
+    flagged = {
+        (entry.about.name, result.claimed.identity.rule)
+        for entry in board.entries
+        for result in entry.results.values()
+        if result.verified is not None and result.verified.flags
+        if (result.claimed.identity.track, result.claimed.identity.agent) == (track, agent)
+    }
     bounds = {
         (row.table, row.entry): (row.afr.interval_95[0], row)
         for table in results.tables
         for row in results.rows_of(table.name, agent, track)
+        if (row.entry, table.rule) not in flagged
         if row.afr is not None and row.afr.rank is not None and row.afr.interval_95 is not None
     }
     if not bounds:

@@ -3,7 +3,7 @@ import io
 import json
 
 import pytest
-from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, make_entries
+from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
 
 from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
@@ -122,6 +122,14 @@ def test_the_strongest_attack_is_verified_and_has_the_highest_lower_bound(board)
     )
     assert "entry" not in waypoint  # only claimed
     assert waypoint["uniform_rate"].text == "3.7"
+
+
+def test_a_flagged_attack_is_not_the_strongest(tmp_path):
+    made = (Made("copier", 0.96, flags=(("duplicates", FLAG),)), Made("honest", 0.6))
+    board = make_board(read_entries(make_entries(tmp_path / "entries", made)), CARDS)
+    assert column(rankings(board, "digits")["verified"].whole, "rank")["copier"] == "1"
+    lines = {line.cells["track"].text: line.cells for line in board.strongest.lines}
+    assert [lines[track]["entry"].text for track in DIGITS] == ["honest", "honest"]
 
 
 def test_an_application_without_results_has_no_page_unless_a_suite_has_it(board):

@@ -111,6 +111,16 @@ def test_texts_of_entries_stay_texts(pages):
     assert "&lt;img src=x onerror=alert(1)&gt;" in entry.read_text(encoding="utf-8")
 
 
+def test_a_page_does_not_say_more_than_the_verifier_found(site):
+    said = {
+        name: (site / "entries" / f"{name}.html").read_text(encoding="utf-8")
+        for name in ("weak", "newcomer")
+    }
+    assert "The verifier found nothing against these results." in said["weak"]
+    assert "Not all of these results were verified yet" in said["newcomer"]
+    assert "The verifier found nothing" not in said["newcomer"]
+
+
 def test_the_policy_allows_nothing_from_elsewhere(pages):
     for page in pages.values():
         (policy,) = [
