@@ -15,7 +15,7 @@ Box = tuple[float, float, float, float]
 Scale = Callable[[float], float]
 """Tells where a figure goes on the page."""
 
-_LETTER, _LINE = 6.9, 15  # a letter's usual width and a line's height, of 13 px text
+_LETTER, _LINE = 7.6, 15  # a letter's usual width and a line's height, of 13 px text
 
 
 @dataclass(frozen=True)
