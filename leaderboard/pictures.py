@@ -84,8 +84,8 @@ class Pictures:
                 digest.update(f"{track} {samples_sha256(results[track].samples)}".encode())
             chosen = {track: applications[track] for track in tracks}
             for kind, text in (
-                ("marginals", f"Where the samples lie along each parameter: {names}"),
-                ("fooled", f"Worlds that fool the agent: {names}"),
+                ("marginals", f"Where the samples lie along each parameter. Tracks: {names}."),
+                ("fooled", f"Worlds that fool the agent. Tracks: {names}."),
             ):
                 path = f"{FOLDER}/{digest.hexdigest()[:32]}.{kind}.png"
                 content = self._earlier(path)

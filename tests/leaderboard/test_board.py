@@ -1,0 +1,198 @@
+import csv
+import io
+import json
+
+import pytest
+from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, make_entries
+
+from leaderboard.board import make_board
+from leaderboard.entry_page import entry_page, is_web
+from leaderboard.front import make_chart
+from leaderboard.pictures import Pictures
+from leaderboard.sheet import Cell, Column, Line, Sheet, text_cell
+from sada_gym.benchmark.results import results_of
+from sada_gym.benchmark.suite import tables_of
+from sada_gym.envs.catalogue import find_card
+from sada_gym.leaderboard.entry import read_entries
+
+
+@pytest.fixture(scope="module")
+def entries(tmp_path_factory):
+    return read_entries(make_entries(tmp_path_factory.mktemp("board") / "entries"))
+
+
+@pytest.fixture(scope="module")
+def board(entries):
+    return make_board(entries, CARDS)
+
+
+def group(board, name):
+    return next(one for one in board.groups if one.group.name == name)
+
+
+def rankings(board, name):
+    (comparison,) = group(board, name).comparisons
+    return {one.tier: one for one in comparison.rankings}
+
+
+def column(sheet, key):
+    return {
+        line.cells["entry"].text: line.cells[key].text for line in sheet.lines if key in line.cells
+    }
+
+
+def test_a_tier_ranks_its_own_figures_alone(board):
+    tiers = rankings(board, "digits")
+    assert column(tiers["verified"].whole, "rank") == {
+        HOSTILE: "1=",
+        "=level": "1=",
+        "ideal": "",
+        "middle": "3",
+        "boaster": "4",
+        "weak": "5",
+    }
+    claimed = column(tiers["claimed"].whole, "rank")
+    assert list(claimed)[:2] == ["boaster", "newcomer"]  # by what they claim
+    assert claimed["boaster"] == "1"
+    assert column(tiers["claimed"].whole, "tier")["newcomer"] == "claimed"
+    assert set(column(tiers["verified"].whole, "tier").values()) == {"verified"}
+    assert tiers["claimed"].open  # the newcomer is in no other tier
+
+
+def test_figures_are_those_of_the_benchmark(board, entries):
+    sheet = rankings(board, "digits")["verified"].whole
+    plain = [one for one in entries if one.about.name in ("middle", "weak")]
+    results = results_of(plain, tables_of({"paper-budgets"}), tier="verified")
+    for row in results.rows_of("paper-budgets", "cnn", None):
+        cells = next(one.cells for one in sheet.lines if one.cells["entry"].text == row.label)
+        assert cells["afr"].value == row.afr.value
+        assert cells["afr"].interval == row.afr.interval_95
+        assert cells["coverage"].value == row.coverage.value
+        assert cells["seeds_sd"].value == pytest.approx(0.02 / 2**0.5)  # as the seeds were made
+        assert cells["seeds_sd"].note == "2 seeds"
+
+
+def test_grey_rows_have_no_rank(board):
+    for name in ("digits", "racing"):
+        for ranking in rankings(board, name).values():
+            for line in ranking.whole.lines:
+                rank = line.cells.get("rank", Cell())
+                assert (rank.value is not None) == (line.kind == "ranked")
+
+
+def test_the_papers_numbers_stand_beside_ours(board):
+    ranking = rankings(board, "racing")["claimed"]
+    lines = {line.cells["entry"].text: line for line in ranking.by_track.lines}
+    assert lines["BBGAN (boost) · AAAI 2020"].kind == "paper"
+    assert [lines["BBGAN (boost) · AAAI 2020"].cells[track].text for track in RACING] == [
+        "86.0",
+        "98.0",
+        "92.0",
+    ]
+    assert column(ranking.whole, "afr")["BBGAN (boost) · AAAI 2020"] == "92.0"
+    assert "Bayesian · AAAI 2020" not in lines  # a dash in the paper
+    assert not any(
+        "AAAI" in name for name in column(rankings(board, "digits")["claimed"].whole, "afr")
+    )
+
+
+def test_the_papers_numbers_wait_for_the_first_entry():
+    board = make_board([], [find_card("SADA-UAV"), find_card("SADA-Digits")])
+    sheets = {one.group.name: one.paper_sheet for one in board.groups}
+    assert sheets["digits"] is None  # the paper has no digits
+    assert [line.kind for line in sheets["racing"].lines] == ["paper"] * 9 + ["reference"]
+    assert sheets["racing"].lines[0].cells[RACING[0]].text == "17.0"
+
+
+def test_uniform_worlds_have_the_rate_of_the_reference_set(board):
+    sheet = rankings(board, "digits")["verified"].by_track
+    (line,) = [line for line in sheet.lines if line.kind == "reference"]
+    assert [line.cells[track].text for track in DIGITS] == ["34.6", "3.8"]
+
+
+def test_outdated_results_stand_apart(board):
+    (one,) = {one.entry.about.name for one in board.outdated}
+    assert one == "old"
+    assert "old" not in column(rankings(board, "digits")["claimed"].whole, "afr")
+    lines = group(board, "digits").outdated_sheet.lines
+    assert [line.cells["track"].text for line in lines] == list(DIGITS)
+    assert "version" in lines[0].cells["reason"].text
+
+
+def test_the_strongest_attack_is_verified_and_has_the_highest_lower_bound(board):
+    lines = {line.cells["track"].text: line.cells for line in board.strongest.lines}
+    assert lines[DIGITS[0]]["entry"].text == HOSTILE
+    assert lines[DIGITS[0]]["afr"].text == "89.0"  # of 90 % and 88 %
+    assert lines[DIGITS[0]]["uniform_rate"].text == "34.6"
+    waypoint = next(
+        line.cells
+        for line in board.strongest.lines
+        if (line.cells["track"].text, line.cells["agent"].text) == (RACING[0], "waypoint-pid")
+    )
+    assert "entry" not in waypoint  # only claimed
+    assert waypoint["uniform_rate"].text == "3.7"
+
+
+def test_an_application_without_results_has_no_page_unless_a_suite_has_it(board):
+    assert [one.group.name for one in board.groups] == ["racing", "digits"]
+
+
+def test_the_front_is_what_no_other_ranked_entry_beats_twice(board):
+    ranking = rankings(board, "digits")["verified"]
+    chart = make_chart(ranking.rows)
+    figures = {
+        row.entry: (row.afr.value, row.relative_coverage.value)
+        for row in ranking.rows
+        if not row.control
+    }
+    front = {point.entry for point in chart.points if point.front}
+    for name, (afr, coverage) in figures.items():
+        beaten = any(a > afr and c > coverage for a, c in figures.values())
+        assert (name in front) == (not beaten)
+    assert {point.entry for point in chart.points if point.control} == {"ideal"}
+    assert all(0 < point.x < chart.width and 0 < point.y < chart.height for point in chart.points)
+    assert make_chart(ranking.rows[:1]) is None
+
+
+def test_an_entry_says_its_flags_in_words_once(board, entries, tmp_path):
+    (middle, strong, newcomer) = (
+        entry_page(
+            board, next(e for e in entries if e.about.name == name), Pictures(False, tmp_path)
+        )
+        for name in ("middle", "strong", "newcomer")
+    )
+    (flag,) = middle.flags
+    assert (flag.name, list(flag.texts), flag.count) == ("duplicates", [FLAG], 2)
+    (note,) = strong.flags
+    assert (note.name, list(note.texts), note.count) == ("", ["It stopped early."], 4)
+    assert strong.links == {"Paper": "https://example.org/paper"}
+    assert newcomer.links == {}
+    (section,) = strong.sections
+    assert section.sheet.lines[0].cells["seeds"].text == "90.0, 88.0"
+
+
+@pytest.mark.parametrize("url", ["javascript:alert(1)", "data:text/html,x", "//a.b", "", "ftp://a"])
+def test_only_web_pages_are_linked(url):
+    assert not is_web(url)
+    assert is_web("https://example.org/a")
+
+
+def test_files_hold_what_the_page_shows(board):
+    sheet = rankings(board, "digits")["verified"].whole
+    rows = list(csv.DictReader(io.StringIO(sheet.csv().decode())))
+    records = json.loads(sheet.json())
+    assert [row["kind"] for row in rows] == [line.kind for line in sheet.lines]
+    for row, record, line in zip(rows, records, sheet.lines, strict=True):
+        assert float(row["afr"]) == record["afr"] == line.cells["afr"].value
+        if line.cells["afr"].interval:
+            assert (record["afr_low"], record["afr_high"]) == line.cells["afr"].interval
+    assert records[1]["entry"] == "=level"
+    assert rows[1]["entry"] == "'=level"  # no formula
+
+
+def test_a_sheet_without_rows_has_its_columns():
+    sheet = Sheet("empty", "Empty", (Column("a", "A"), Column("b", "B")), ())
+    assert sheet.csv() == b"kind,a,b\r\n"
+    assert json.loads(sheet.json()) == []
+    one = Sheet("one", "One", sheet.columns, (Line("ranked", {"a": text_cell("x")}),))
+    assert json.loads(one.json()) == [{"kind": "ranked", "a": "x", "b": None}]
