@@ -10,6 +10,7 @@ from leaderboard.board_tables import (
     attack_lines,
     by_track_sheet,
     outdated_sheet,
+    paper_sheet,
     ranking_sheet,
     strongest_sheet,
 )
@@ -174,6 +175,11 @@ class GroupBoard:
     def outdated_sheet(self) -> Sheet | None:
         """The table of outdated results; None where there are none."""
         return outdated_sheet(self.group.name, self.outdated) if self.outdated else None
+
+    @cached_property
+    def paper_sheet(self) -> Sheet | None:
+        """The paper's numbers alone, where there is no entry yet and the paper has the tracks."""
+        return None if self.comparisons else paper_sheet(self)
 
     def _rankings(self, table: Table, agent: str) -> Iterator[Ranking]:
         for tier in TIERS:

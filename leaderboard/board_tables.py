@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from leaderboard.sheet import (
 )
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.results import Row, RunSummary
-from sada_gym.benchmark.suite import Table
+from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.leaderboard.entry import Entry, Tier, slug
 from sada_gym.leaderboard.today import find_target
 
@@ -132,6 +132,17 @@ def attack_lines(board: GroupBoard, table: Table, agent: str, tier: Tier) -> Att
     attacks += _paper(table, agent, group, tracks)
     attacks += _uniform(agent, tracks)
     return Attacks(table, agent, tier, tracks, tuple(attacks))
+
+
+def paper_sheet(board: GroupBoard) -> Sheet | None:
+    """Give the paper's numbers where there is no entry yet; None where the paper has none."""
+    group, agent = board.group, next(iter(board.group.agents), "")
+    paper_rows = tuple(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
+    if not paper_rows:
+        return None
+    rows = (*paper_rows, *_uniform(agent, group.tracks))
+    found = Attacks(TABLES[PAPER_RULE], agent, "claimed", group.tracks, rows)
+    return replace(by_track_sheet(board, found, "afr"), name=f"{group.name}.paper")
 
 
 def ranking_sheet(board: GroupBoard, found: Attacks) -> Sheet:

@@ -32,13 +32,16 @@ class Flag:
 
     Attributes:
         name: The verifier's name for it; empty for what the submitter's own runs say.
-        text: A sentence.
-        places: The tracks and seeds that it is said of.
+        texts: Its sentences, each with the tracks and seeds that it is said of.
     """
 
     name: str
-    text: str
-    places: tuple[str, ...]
+    texts: Mapping[str, tuple[str, ...]]
+
+    @property
+    def count(self) -> int:
+        """The number of results or seeds that it is said of."""
+        return sum(len(places) for places in self.texts.values())
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class EntryPage:
     sections: tuple[Section, ...]
     flags: tuple[Flag, ...]
     outdated: Sheet | None
-    failures: tuple[Flag, ...]
+    failures: Flag
 
     @property
     def path(self) -> str:
@@ -103,7 +106,7 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
         ),
         flags=tuple(_flags(entry)),
         outdated=outdated_sheet(f"entries/{about.name}", outdated) if outdated else None,
-        failures=tuple(_failures(entry)),
+        failures=_failures(entry),
     )
 
 
@@ -180,27 +183,31 @@ def _lines(
 
 
 def _flags(entry: Entry) -> Iterator[Flag]:
-    places: dict[tuple[str, str], list[str]] = {}
+    found: dict[str, dict[str, tuple[str, ...]]] = {}
+
+    def add(name: str, text: str, where: str) -> None:
+        texts = found.setdefault(name, {})
+        texts[text] = (*texts.get(text, ()), where)
+
     for result in entry.results.values():
-        where = _where(result)
         if result.verified is not None:
             for name, text in result.verified.flags.items():
-                places.setdefault((name, text), []).append(where)
+                add(name, text, _where(result))
         for seed in result.claimed.seeds:
             for text in seed.flags:
-                places.setdefault(("", text), []).append(f"{where}, seed {seed.seed}")
-    for (name, text), found in sorted(places.items(), key=lambda one: one[0][0] == ""):
-        yield Flag(name, text, tuple(found))
+                add("", text, f"{_where(result)}, seed {seed.seed}")
+    for name in sorted(found, key=lambda name: (name == "", name)):
+        yield Flag(name, found[name])
 
 
-def _failures(entry: Entry) -> Iterator[Flag]:
-    places: dict[str, list[str]] = {}
+def _failures(entry: Entry) -> Flag:
+    texts: dict[str, tuple[str, ...]] = {}
     for result in entry.results.values():
         for seed in result.claimed.seeds:
             if seed.error is not None:
-                places.setdefault(seed.error, []).append(f"{_where(result)}, seed {seed.seed}")
-    for text, found in places.items():
-        yield Flag("", text, tuple(found))
+                where = f"{_where(result)}, seed {seed.seed}"
+                texts[seed.error] = (*texts.get(seed.error, ()), where)
+    return Flag("", texts)
 
 
 def _where(result: EntryResult) -> str:

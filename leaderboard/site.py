@@ -98,6 +98,8 @@ def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
             yield ranking.by_track
             if ranking.coverage_by_track:
                 yield ranking.coverage_by_track
+    if group.paper_sheet:
+        yield group.paper_sheet
     if group.outdated_sheet:
         yield group.outdated_sheet
 

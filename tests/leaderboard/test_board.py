@@ -12,6 +12,7 @@ from leaderboard.pictures import Pictures
 from leaderboard.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
+from sada_gym.envs.catalogue import find_card
 from sada_gym.leaderboard.entry import read_entries
 
 
@@ -95,6 +96,14 @@ def test_the_papers_numbers_stand_beside_ours(board):
     )
 
 
+def test_the_papers_numbers_wait_for_the_first_entry():
+    board = make_board([], [find_card("SADA-UAV"), find_card("SADA-Digits")])
+    sheets = {one.group.name: one.paper_sheet for one in board.groups}
+    assert sheets["digits"] is None  # the paper has no digits
+    assert [line.kind for line in sheets["racing"].lines] == ["paper"] * 9 + ["reference"]
+    assert sheets["racing"].lines[0].cells[RACING[0]].text == "17.0"
+
+
 def test_uniform_worlds_have_the_rate_of_the_reference_set(board):
     sheet = rankings(board, "digits")["verified"].by_track
     (line,) = [line for line in sheet.lines if line.kind == "reference"]
@@ -161,9 +170,9 @@ def test_an_entry_says_its_flags_in_words_once(board, entries, tmp_path):
         for name in ("middle", "strong", "newcomer")
     )
     (flag,) = middle.flags
-    assert (flag.name, flag.text, len(flag.places)) == ("duplicates", FLAG, 2)
+    assert (flag.name, list(flag.texts), flag.count) == ("duplicates", [FLAG], 2)
     (note,) = strong.flags
-    assert (note.name, note.text, len(note.places)) == ("", "It stopped early.", 4)
+    assert (note.name, list(note.texts), note.count) == ("", ["It stopped early."], 4)
     assert strong.links == {"Paper": "https://example.org/paper"}
     assert newcomer.links == {}
     (section,) = strong.sections
