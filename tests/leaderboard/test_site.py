@@ -184,6 +184,9 @@ def test_pictures_are_drawn_once(few_applications, tmp_path, monkeypatch):
     page = (tmp_path / "site" / "entries" / "one.html").read_text(encoding="utf-8")
     assert all(f"../pictures/{name}" in page for name in drawn)
 
+    build_site(entries, tmp_path / "again")
+    assert {p.name: p.read_bytes() for p in (tmp_path / "again" / "pictures").iterdir()} == drawn
+
     def refuse(*_):
         raise AssertionError("The picture was there.")
 
