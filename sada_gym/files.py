@@ -9,6 +9,7 @@ import math
 import os
 import shutil
 import stat
+import struct
 import sys
 import zipfile
 import zlib
@@ -48,8 +49,13 @@ _REASONS = {
     errno.ELOOP: "its path is a loop of links. Name another place",
     errno.ENAMETOOLONG: "its name is too long. Name another place",
 }
-_DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, SyntaxError, EOFError, RuntimeError, OSError)
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, ValueError, SyntaxError, EOFError),
+    *(RuntimeError, OSError, OverflowError, TypeError, LookupError, MemoryError),
+)
 """The errors that zipfile and NumPy raise for damaged content."""
+
+_MAX_SHOWN = 300
 
 _OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 
@@ -204,7 +210,13 @@ def first_error(error: ValidationError) -> str:
     """Say in a few words what a model's content lacks, and where."""
     first = error.errors()[0]
     where = ".".join(map(str, first["loc"])) or "the file"
-    return f"{where}: {first['msg']}"
+    return shown(f"{where}: {first['msg']}")
+
+
+def shown(text: str) -> str:
+    """Cut a text from a file for a message, and escape what a terminal would obey."""
+    plain = text if text.isprintable() else ascii(text)[1:-1]
+    return plain if len(plain) <= _MAX_SHOWN else f"{plain[:_MAX_SHOWN]}..."
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -257,12 +269,13 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
     cause: Exception
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            found = {name.removesuffix(".npy") for name in archive.namelist()}
-            if found != set(kinds):
-                raise _UnfitError(f"arrays named {', '.join(sorted(found)) or 'nothing'}")
+            found = sorted(archive.namelist())
+            if found != sorted(f"{name}.npy" for name in kinds):
+                names = ", ".join(name.removesuffix(".npy") for name in found)
+                raise _UnfitError(f"arrays named {names or 'nothing'}")
             return {name: _read_array(archive, name, *kind) for name, kind in kinds.items()}
     except _UnfitError as error:
-        reason, cause = str(error), error
+        reason, cause = shown(str(error)), error
     except _DAMAGE as error:
         reason, cause = "it is damaged", error
     wanted = ", ".join(f"{name} ({dtype}, {n}-d)" for name, (dtype, n) in kinds.items())
@@ -272,23 +285,52 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
     ) from cause
 
 
+def read_array(path: Path, max_bytes: int) -> npt.NDArray[Any]:
+    """Read the array of an NPY file; nothing in it is ever unpickled.
+
+    Raises:
+        FileError: If the file cannot be read, is larger than `max_bytes`, or holds no such array.
+    """
+    content = read_file(path, max_bytes)
+    cause: Exception
+    try:
+        return _parse_array(content, "an array")
+    except _UnfitError as error:
+        reason, cause = str(error), error
+    except _DAMAGE as error:
+        reason, cause = "it is damaged, or of another kind", error
+    raise FileError(
+        f"Expected an NPY file of numbers in {path}, got something else ({shown(reason)}). "
+        "Write it by numpy.save."
+    ) from cause
+
+
 class _UnfitError(Exception):
     """The message says what an NPZ file holds instead of the expected arrays."""
 
 
 def _read_array(archive: zipfile.ZipFile, name: str, dtype: str, ndim: int) -> npt.NDArray[Any]:
-    if archive.getinfo(f"{name}.npy").file_size > MAX_ARRAYS_BYTES:
-        raise _UnfitError(f"{name} is too large")
-    buffer = io.BytesIO(archive.read(f"{name}.npy"))
+    # a small file may decompress to gigabytes, whatever size it names; `numpy.savez` does not
+    if archive.getinfo(f"{name}.npy").compress_type != zipfile.ZIP_STORED:
+        raise _UnfitError(f"{name} is compressed")
+    array = _parse_array(archive.read(f"{name}.npy"), name)
+    if array.dtype != np.dtype(dtype) or array.ndim != ndim:
+        raise _UnfitError(f"{name} of dtype {array.dtype} and shape {array.shape}")
+    return array
+
+
+def _parse_array(content: bytes, name: str) -> npt.NDArray[Any]:
+    """Give the array of an NPY file's content; one of objects is refused."""
+    buffer = io.BytesIO(content)
     version = np.lib.format.read_magic(buffer)
     if version != (1, 0):
         raise _UnfitError(f"{name} of NPY version {version}")
-    shape, fortran, found = np.lib.format.read_array_header_1_0(buffer)
-    if found != np.dtype(dtype) or len(shape) != ndim:
-        raise _UnfitError(f"{name} of dtype {found} and shape {shape}")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(buffer)
+    if dtype.hasobject:
+        raise _UnfitError(f"{name} of dtype {dtype}")
     data = buffer.read()
     # checked before it is allocated: a header may claim any shape
-    if len(data) != math.prod(shape) * found.itemsize:
+    if min(shape, default=0) < 0 or len(data) != math.prod(shape) * dtype.itemsize:
         raise _UnfitError(f"{name} of shape {shape} in {len(data)} bytes")
-    array = np.frombuffer(data, dtype=found).reshape(shape, order="F" if fortran else "C")
+    array = np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")
     return array.copy()

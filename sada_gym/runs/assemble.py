@@ -89,9 +89,6 @@ def make_settings(
     """
     context = Context.of(target.application)
     name = adversary if isinstance(adversary, str) else adversary.name
-    resolved: Mapping[str, Any] = options
-    if isinstance(adversary, str) and adversary != IDEAL:
-        resolved = adversaries.resolve(adversary, _keywords(preset, options))
     return RunSettings(
         table=table,
         track=target.track,
@@ -100,7 +97,7 @@ def make_settings(
         adversary=name,
         preset=preset,
         options=json_compatible(options),
-        resolved=json_compatible(resolved),
+        resolved=resolved_options(adversary, preset, options),
         budget=budget,
         samples=samples,
         seed=seed,
@@ -112,6 +109,25 @@ def make_settings(
         reference=target.summary,
         packages=packages(target.application, kind),
     )
+
+
+def resolved_options(
+    adversary: str | type[Adversary], preset: str | None, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Give all options of an adversary as JSON holds them: those given, the preset's, the defaults.
+
+    Args:
+        adversary: The adversary's name or class, see `make_adversary`. A class has no others than
+            those given.
+        preset: The named set of options that it starts from.
+        options: Its other options.
+
+    Raises:
+        ValueError: If the name or the preset is unknown, or the options cannot be written as JSON.
+    """
+    if isinstance(adversary, str) and adversary != IDEAL:
+        return json_compatible(adversaries.resolve(adversary, _keywords(preset, options)))
+    return json_compatible(options)
 
 
 def make_adversary(
