@@ -11,6 +11,7 @@ import shutil
 import stat
 import struct
 import sys
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -52,6 +53,7 @@ _REASONS = {
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error, ValueError, SyntaxError, EOFError),
     *(RuntimeError, OSError, OverflowError, TypeError, LookupError, MemoryError),
+    tokenize.TokenError,
 )
 """The errors that zipfile and NumPy raise for damaged content."""
 

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from sada_gym import agents
 from sada_gym.adversaries.base import Adversary
+from sada_gym.benchmark.entries import about_of
 from sada_gym.benchmark.suite import Contender, Suite, Table
 from sada_gym.errors import UserError
+from sada_gym.files import first_error
+from sada_gym.leaderboard.entry import About, Identity
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu
 from sada_gym.registration import make_application
 from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings
 from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.packages import in_order
 from sada_gym.runs.record import RunSettings
+
+_MAX_STEM = 150
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +37,8 @@ class Group:
         agent: The agent's name.
         seed: The seed.
         runs: The runs, in the order in which they are done.
+        rules: The rule of each table, by the table's name.
+        fooling_threshold: The agent is fooled where Q <= this.
         fooling_set: The points that coverage is measured by, (R, d); None where none are known.
         ideal_set: Other points known to fool, (R, d), which ideal samples are drawn from.
     """
@@ -40,8 +48,14 @@ class Group:
     agent: str
     seed: int
     runs: tuple[RunSettings, ...]
+    rules: Mapping[str, str]
+    fooling_threshold: float
     fooling_set: Mu | None = None
     ideal_set: Mu | None = None
+
+    def identity(self, run: RunSettings) -> Identity:
+        """Give the identity of the result that a run of this group belongs to."""
+        return Identity.of(run, self.rules[run.table], self.fooling_threshold)
 
 
 @dataclass(frozen=True)
@@ -51,25 +65,19 @@ class Plan:
     Attributes:
         suite: The suite that was asked for.
         groups: Its runs.
+        abouts: What each contender's entry says of it, by the contender's label.
         notes: What a reader must know, such as an adversary that was left out.
     """
 
     suite: Suite
     groups: tuple[Group, ...]
+    abouts: Mapping[str, About]
     notes: tuple[str, ...]
 
     @property
     def runs(self) -> Iterator[RunSettings]:
         """List all runs."""
         return (run for group in self.groups for run in group.runs)
-
-    @property
-    def packages(self) -> dict[str, str]:
-        """Give the versions of all packages that take part in any run."""
-        found: dict[str, str] = {}
-        for run in self.runs:
-            found |= run.packages
-        return in_order(found)
 
 
 def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
@@ -91,6 +99,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     for label, times in Counter(c.label for c in contenders).items():
         if times > 1:
             raise UserError(f"Expected distinct contenders, got {label!r} twice. Name it once.")
+    abouts = {contender.label: about_of(contender) for contender in contenders}
     groups = []
     for track in suite.tracks:
         for target, keywords, tables in _targets(suite, track, references):
@@ -120,14 +129,55 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
                     for contender, solver in solvers
                     if table.includes(contender)
                 )
-                name = target.application.agent_name
-                groups.append(Group(track, keywords, name, seed, runs, to_cover, to_draw))
+                groups.append(
+                    Group(
+                        track,
+                        keywords,
+                        target.application.agent_name,
+                        seed,
+                        runs,
+                        {table.name: table.rule for table in tables},
+                        float(target.application.fooling_threshold),
+                        to_cover,
+                        to_draw,
+                    )
+                )
             target.application.close()
     if not any(group.runs for group in groups):
         raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
-    return Plan(suite, tuple(ordered), tuple(notes))
+    plan = Plan(suite, tuple(ordered), abouts, tuple(notes))
+    _refuse_misplaced(plan)
+    return plan
+
+
+def _refuse_misplaced(plan: Plan) -> None:
+    """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
+    known: dict[tuple[str, str, int], RunSettings] = {}
+    for group in plan.groups:
+        for run in group.runs:
+            try:
+                # some file systems do not tell capitals from small letters
+                stem = group.identity(run).stem.lower()
+            except ValidationError as error:
+                raise UserError(
+                    f"Expected a run that an entry can describe, got {run} ({first_error(error)}). "
+                    "Give the track, the agent and the rule shorter names."
+                ) from error
+            if len(stem) > _MAX_STEM:
+                raise UserError(
+                    f"Expected names of the track, the agent and the rule of at most {_MAX_STEM} "
+                    f"characters in all, since files are called by them, got {len(stem)} ({run}). "
+                    "Give them shorter names."
+                )
+            twin = known.setdefault((plan.abouts[run.label].name, stem, run.seed), run)
+            if twin is not run:
+                raise UserError(
+                    f"Expected runs that have a place of their own in the entries, got {twin} and "
+                    f"{run}, which would share one. Choose one of the tables (--tables) or "
+                    "adversaries (--adversaries), or give them other labels or rules."
+                )
 
 
 def _targets(
@@ -142,7 +192,7 @@ def _targets(
     default, shipped = first.agent_name, agents.names(first.name)
     chosen = dict[str, list[Table]]()
     for table in suite.tables:
-        for agent in suite.agents or table.attacked(default, shipped):
+        for agent in table.attacked(default, shipped):
             chosen.setdefault(agent, []).append(table)
     for agent, tables in chosen.items():
         keywords = {} if agent == default else {"agent": agent}

@@ -12,11 +12,12 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
+from sada_gym.benchmark.entries import Missing
 from sada_gym.benchmark.folder import Timing, store_file
 from sada_gym.benchmark.plan import Plan
 from sada_gym.runs.record import RunKey, RunSettings
@@ -33,14 +34,14 @@ class BenchmarkCallback:
     The methods do nothing: a subclass overrides those that it needs.
     """
 
-    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
-        """Receive the plan and those runs that are yet to be made."""
+    def on_start(self, plan: Plan, missing: Missing) -> None:
+        """Receive the plan and what of it is yet to be made."""
 
     def on_progress(self, run: RunSettings, progress: RunProgress) -> None:
         """Receive a run's progress, if its worker can read the benchmark's folder."""
 
     def on_finish(self, run: RunSettings, timing: Timing) -> None:
-        """Receive a finished run, which is in its folder by now."""
+        """Receive a finished run, which is in its entry by now."""
 
     def on_report(self) -> None:
         """Learn that all runs are there, before the report is written."""

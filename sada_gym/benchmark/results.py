@@ -1,34 +1,24 @@
-"""The results of a benchmark: all runs, and the rows that sum them up; results.json."""
+"""Results out of entries of the leaderboard: their runs by table, and the rows that sum them up."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
-from sada_gym.benchmark.folder import (
-    SETTINGS_FILE,
-    TIMING_FILE,
-    BenchmarkSettings,
-    Timing,
-    read_runs,
-)
-from sada_gym.benchmark.suite import CONTENDERS, CONTROLS
-from sada_gym.errors import UserError
-from sada_gym.files import OneLine, Strict, file_errors, read_model, write_model
+from sada_gym.benchmark.suite import CONTENDERS, CONTROLS, Table
+from sada_gym.files import OneLine, Strict
+from sada_gym.leaderboard.entry import Entry, EntryResult, Identity, SeedResult, Tier, entry_name
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
-from sada_gym.runs.record import ReferenceSummary, RunFailure, RunKey, RunReport, RunSettings
-
-RESULTS_FILE = "results.json"
-TIMINGS_FILE = "timings.json"
-FORMAT = 1
+from sada_gym.runs.packages import in_order
+from sada_gym.runs.record import ReferenceSummary, RunKey, refuse_other
 
 
 class Target(Strict):
@@ -58,13 +48,31 @@ class Target(Strict):
 
 
 class RunSummary(RunKey):
-    """One run: what its folder holds, without what its target and the settings already say."""
+    """One run: a seed of a result, in a table that shows it.
 
+    Attributes:
+        entry: The name of the entry.
+        rule: The rule for the budget by which the result was made.
+        adversary: See `sada_gym.leaderboard.entry.Identity`, also for the next four.
+        preset: The named set of options that the adversary starts from.
+        options: Its other options.
+        budget: The number of training queries that it might spend.
+        samples: The number of test samples.
+        queries: See `sada_gym.leaderboard.entry.SeedResult`, also for the next four.
+        error: Why the adversary could not do its work.
+        measures: The measures of the test samples, those of the verifier in its tier.
+        search: What the training queries found.
+        flags: What a reader must know, with what the verifier found in its tier.
+    """
+
+    entry: str
+    rule: str
     adversary: str
     preset: str | None
     options: dict[str, Any]
     budget: int
     samples: int
+    queries: int
     error: str | None
     measures: Measures | None
     search: Search | None
@@ -79,10 +87,13 @@ class Row(Strict):
         agent: The agent's name.
         track: The environment's id; None for all tracks.
         label: The contender's label.
+        entry: The name of its entry.
+        control: Whether it is a control, which has no rank.
         tracks: The number of tracks that it has runs on.
         runs: The number of its runs.
         failed: The number of further runs that ended with an error.
-        complete: Whether it has all runs that any contender has. Only then it is ranked.
+        complete: Whether it has runs on all tracks that any contender has, and none that failed.
+            Only then it is ranked.
         budget: The queries that it might spend. This figure and the next ones are means.
         queries: The queries that it spent.
         afr: The attack fooling rate.
@@ -103,6 +114,8 @@ class Row(Strict):
     agent: str
     track: str | None
     label: str
+    entry: str
+    control: bool
     tracks: int
     runs: int
     failed: int
@@ -161,18 +174,18 @@ MEANS: Mapping[str, Mean] = {
 
 
 class Results(Strict):
-    """The contents of results.json. No wall-clock times: a resumed benchmark's file is the same.
+    """The results of entries, put together in tables.
 
     Attributes:
-        format: The version of this file's format.
-        settings: What all runs have in common.
+        tables: The tables.
+        packages: The versions of the packages that took part in any run, by package.
         targets: The agents that were attacked.
         rows: The figures over all tracks, then those of each.
         runs: The runs.
     """
 
-    format: int
-    settings: BenchmarkSettings
+    tables: tuple[Table, ...]
+    packages: dict[str, tuple[str, ...]]
     targets: tuple[Target, ...]
     rows: tuple[Row, ...]
     runs: tuple[RunSummary, ...]
@@ -187,73 +200,114 @@ class Results(Strict):
         return list(dict.fromkeys((run.table, run.agent) for run in self.runs))
 
 
-class RunTiming(RunKey, Timing):
-    """The time and memory that a run took, see `Timing`."""
-
-
-class Timings(Strict):
-    """The contents of timings.json: time and memory of all runs. It is never the same twice."""
-
-    runs: tuple[RunTiming, ...]
-
-
-def write_results(out: Path) -> Results:
-    """Sum up all runs that a folder holds, in results.json, and their costs in timings.json.
-
-    Raises:
-        ValueError: If it is no benchmark's folder, or holds no finished run.
-    """
-    with file_errors("read", out):
-        ours = (out / SETTINGS_FILE).exists()
-    if not ours:
-        raise UserError(f"Expected a benchmark's folder, got {out} without a {SETTINGS_FILE}.")
-    settings = read_model(out / SETTINGS_FILE, BenchmarkSettings)
-    there = read_runs(out)
-    if not there:
-        raise UserError(f"Expected finished runs in {out}, got none yet. Run the benchmark.")
-    tables = [table.name for table in settings.tables]
-    there.sort(key=lambda one: _run_order(one[0].settings, tables))
-    targets = {
-        (result.settings.track, result.settings.agent): Target(
-            **result.settings.model_dump(include=set(Target.model_fields)),
-            fooling_threshold=result.fooling_threshold,
-            seeds=(),
-        )
-        for result, _ in there
-    }
-    results = put_together(settings, targets, [_summary(result) for result, _ in there])
-    write_model(out / RESULTS_FILE, results)
-    timings = [_timing(result.settings, folder) for result, folder in there]
-    write_model(out / TIMINGS_FILE, Timings(runs=tuple(timings)))
-    return results
-
-
-def put_together(
-    settings: BenchmarkSettings,
-    targets: Mapping[tuple[str, str], Target],
-    runs: Sequence[RunSummary],
+def results_of(
+    entries: Sequence[Entry], tables: Sequence[Table], *, tier: Tier = "claimed"
 ) -> Results:
-    """Put runs in order, and sum them up.
+    """Put the results of entries together in tables, with intervals and ranks.
 
     Args:
-        settings: What all runs have in common.
-        targets: What was attacked, by track and agent; its seeds are found anew.
-        runs: The runs.
+        entries: The entries. Leave out the results that are outdated; see
+            `sada_gym.leaderboard.entry.Entry`.
+        tables: The tables. Each takes the results that were made by its rule against its agents.
+        tier: What to show: what all entries claim, or what the verifier found of those results
+            that it has seen.
+
+    Raises:
+        UserError: If two results attack different versions of a track or of its agent.
     """
-    tables = [table.name for table in settings.tables]
-    ordered = sorted(runs, key=lambda run: _run_order(run, tables))
-    seeds: dict[tuple[str, str], set[int]] = {}
-    for run in ordered:
-        seeds.setdefault((run.track, run.agent), set()).add(run.seed)
+    labels = _labels(entries)
+    runs, targets = list[RunSummary](), dict[tuple[str, str], Target]()
+    versions: dict[str, set[str]] = {}
+    for entry in entries:
+        for result in entry.results.values():
+            identity = result.claimed.identity
+            showing = [
+                table
+                for table in tables
+                if table.shows(identity.rule, identity.application, identity.agent)
+            ]
+            seeds = list(_seeds(result, tier))
+            if not showing or not seeds:
+                continue
+            _add_target(targets, identity)
+            for one in seeds:
+                for name, version in one.packages.items():
+                    versions.setdefault(name, set()).add(version)
+                runs += [
+                    _summary(table.name, entry.about.name, labels[entry.about.name], identity, one)
+                    for table in showing
+                ]
+    names = [table.name for table in tables]
+    runs.sort(key=lambda run: _run_order(run, names))
+    of: dict[tuple[str, str], set[int]] = {}
+    for run in runs:
+        of.setdefault((run.track, run.agent), set()).add(run.seed)
+    ordered = in_order({name: ", ".join(sorted(found)) for name, found in versions.items()})
     return Results(
-        format=FORMAT,
-        settings=settings,
+        tables=tuple(tables),
+        packages={name: tuple(sorted(versions[name])) for name in ordered},
         targets=tuple(
             targets[place].model_copy(update={"seeds": tuple(sorted(own))})
-            for place, own in seeds.items()
+            for place, own in of.items()
         ),
-        rows=tuple(rows_of_runs(ordered)),
-        runs=tuple(ordered),
+        rows=tuple(rows_of_runs(runs)),
+        runs=tuple(runs),
+    )
+
+
+def _labels(entries: Sequence[Entry]) -> dict[str, str]:
+    """Give each entry's label: its title, and its name too where another one has this title."""
+    times = Counter(entry.about.title for entry in entries)
+    return {
+        about.name: about.title
+        if times[about.title] == 1 or about.name == entry_name(about.title)
+        else f"{about.title} [{about.name}]"
+        for about in (entry.about for entry in entries)
+    }
+
+
+def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
+    """Give the seeds of a result, with the measures of a tier."""
+    if tier == "claimed":
+        yield from result.claimed.seeds
+    elif result.verified is not None:
+        measures = {one.seed: one.measures for one in result.verified.seeds}
+        flags = tuple(f"{name}: {text}" for name, text in result.verified.flags.items())
+        for one in result.claimed.seeds:
+            if one.measures is None:
+                yield one
+            elif one.seed in measures:
+                found = {"measures": measures[one.seed], "flags": (*one.flags, *flags)}
+                yield one.model_copy(update=found)
+
+
+def _add_target(targets: dict[tuple[str, str], Target], identity: Identity) -> None:
+    """Add what a result attacks, unless it is known.
+
+    Raises:
+        UserError: If another version of it is known.
+    """
+    target = Target(**identity.model_dump(include=set(Target.model_fields)), seeds=())
+    known = targets.setdefault((target.track, target.agent), target)
+    refuse_other(
+        f"results of one version of {identity.track} and of its agent",
+        known.model_dump(),
+        target.model_dump(),
+        "Leave those out that are outdated, or make them anew.",
+    )
+
+
+def _summary(table: str, entry: str, label: str, identity: Identity, one: SeedResult) -> RunSummary:
+    named = {"rule", "track", "agent", "adversary", "preset", "options", "budget", "samples"}
+    return RunSummary(
+        table=table,
+        entry=entry,
+        label=label,
+        **identity.model_dump(include=named),
+        **{
+            name: getattr(one, name)
+            for name in ("seed", "queries", "error", "measures", "search", "flags")
+        },
     )
 
 
@@ -272,40 +326,21 @@ def _run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
     )
 
 
-def _summary(result: RunReport | RunFailure) -> RunSummary:
-    settings = result.settings.model_dump(include=set(RunSummary.model_fields))
-    if isinstance(result, RunFailure):
-        return RunSummary(**settings, error=result.error, measures=None, search=None, flags=())
-    return RunSummary(
-        **settings,
-        error=None,
-        measures=result.measures(),
-        search=result.search,
-        flags=result.flags,
-    )
-
-
-def _timing(settings: RunSettings, folder: Path) -> RunTiming:
-    costs = read_model(folder / TIMING_FILE, Timing)
-    return RunTiming(**settings.model_dump(include=set(RunKey.model_fields)), **costs.model_dump())
-
-
 def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
     """Give the rows of each table and agent: over all tracks, then of each track."""
     for table, agent in dict.fromkeys((run.table, run.agent) for run in runs):
         of_both = [run for run in runs if (run.table, run.agent) == (table, agent)]
         for track in (None, *dict.fromkeys(run.track for run in of_both)):
             chosen = [run for run in of_both if track in (None, run.track)]
-            every = {(run.track, run.seed) for run in chosen}
-            labels = dict.fromkeys(run.label for run in chosen)
+            every = {run.track for run in chosen}
             rows = [
-                _row(track, [run for run in chosen if run.label == label], every)
-                for label in labels
+                _row(track, [run for run in chosen if run.entry == entry], every)
+                for entry in dict.fromkeys(run.entry for run in chosen)
             ]
             yield from _with_ranks(rows)
 
 
-def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, int]]) -> Row:
+def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
     first = runs[0]
     good = [(run, run.measures) for run in runs if run.measures is not None]
 
@@ -327,12 +362,14 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
         agent=first.agent,
         track=track,
         label=first.label,
+        entry=first.entry,
+        control=first.adversary in CONTROLS,
         tracks=len(rates),
         runs=len(good),
         failed=len(runs) - len(good),
-        complete={(run.track, run.seed) for run, _ in good} == every,
+        complete=len(good) == len(runs) and {run.track for run, _ in good} == every,
         budget=float(np.mean([run.budget for run in runs])),
-        queries=mean([[run.search.queries] for run, _ in good if run.search is not None]),
+        queries=mean([[run.queries] for run, _ in good]),
         afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(measured(lambda m: m.coverage)),
@@ -343,9 +380,9 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[tuple[str, in
 
 def _with_ranks(rows: Sequence[Row]) -> list[Row]:
     """Rank the contenders of one table, agent and track by AFR and by coverage."""
-    unranked = [row.label for row in rows if row.label in CONTROLS or not row.complete]
+    unranked = [row.entry for row in rows if row.control or not row.complete]
     for name in ("afr", "coverage", "relative_coverage"):
-        there = {row.label: one for row in rows if (one := getattr(row, name)) is not None}
+        there = {row.entry: one for row in rows if (one := getattr(row, name)) is not None}
         with_ranks = ranked(there, unranked)
-        rows = [row.model_copy(update={name: with_ranks.get(row.label)}) for row in rows]
+        rows = [row.model_copy(update={name: with_ranks.get(row.entry)}) for row in rows]
     return list(rows)

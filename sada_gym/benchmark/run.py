@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sada_gym.benchmark.folder import claim, find_missing, sole_user
+from sada_gym.benchmark.costs import Estimate, estimate
+from sada_gym.benchmark.entries import Missing, find_missing
+from sada_gym.benchmark.folder import ENTRIES, claim, read_costs, sole_user
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.pictures import draw_benchmark
 from sada_gym.benchmark.report.tables import write_tables
-from sada_gym.benchmark.results import Results, write_results
+from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.schedule import do_runs
-from sada_gym.benchmark.suite import Suite
-from sada_gym.errors import refuse_number
+from sada_gym.benchmark.suite import Suite, Table, tables_of
+from sada_gym.benchmark.worlds import open_worlds, without_outdated
+from sada_gym.errors import UserError, refuse_number
 from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
+from sada_gym.leaderboard.entry import Entry, read_entries
 from sada_gym.measures.reference import FOLDER
 
 
@@ -26,13 +31,15 @@ class BenchmarkResult:
     """The results of a benchmark, and where they are.
 
     Attributes:
-        results: The contents of results.json.
+        results: The results of the entries, in tables.
         folder: The benchmark's folder.
+        entries: The folder of the entries.
         notes: What a reader must know, such as an adversary that was left out.
     """
 
     results: Results
     folder: Path
+    entries: Path
     notes: tuple[str, ...]
 
 
@@ -40,6 +47,7 @@ def run_benchmark(
     suite: Suite,
     out: str | Path,
     *,
+    entries: str | Path | None = None,
     workers: int = 1,
     executor: Executor | None = None,
     references: str | Path = FOLDER,
@@ -47,13 +55,15 @@ def run_benchmark(
 ) -> BenchmarkResult:
     """Run a suite: every table, track, agent, contender and seed; then report.
 
-    Killed at any moment and called again with the same arguments, it repeats no finished run and
-    no evaluation, and ends with the same results.json. With more tracks, seeds or contenders it
-    only adds their runs.
+    Each finished run is added to its entry at once. Killed at any moment and called again with the
+    same arguments, it repeats no finished run and no evaluation, and ends with the same entries.
+    Another machine needs only the entries to go on. With more tracks, seeds or contenders it only
+    adds their runs. Results that are outdated are made anew.
 
     Args:
         suite: The suite to run.
-        out: The benchmark's folder.
+        out: The benchmark's folder, for evaluations, costs, tables and pictures.
+        entries: The folder of the entries; None takes `out`/entries.
         workers: The number of processes. The runs of one track, agent and seed follow one
             another; such groups go side by side. Where there are fewer groups than processes,
             each run evaluates in several. The result does not depend on it.
@@ -64,41 +74,129 @@ def run_benchmark(
         callback: Called as the benchmark goes on.
 
     Raises:
-        TypeError, ValueError: If a part of the suite does not fit, or the folder holds another
-            benchmark.
+        TypeError, ValueError: If a part of the suite does not fit, the folder holds something
+            else, or a file of an entry cannot be read.
         WorkerError: If a run killed its process three times, or the executor gave up.
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
     folder, references = Path(out), Path(references)
+    held = folder / ENTRIES if entries is None else Path(entries)
     called = callback or BenchmarkCallback()
     refuse_number("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
-        claim(folder, plan)
-    with sole_user(folder):
-        missing = find_missing(folder, plan)
+        claim(folder)
+    with file_errors("make the folder", held):
+        held.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        for place in dict.fromkeys((folder.resolve(), held.resolve())):
+            stack.enter_context(sole_user(place))
+        missing = find_missing(held, plan)
         called.on_start(plan, missing)
-        if missing:
-            do_runs(plan, missing, folder.absolute(), workers, executor, called)
+        if missing.runs:
+            places = folder.absolute(), held.absolute()
+            do_runs(plan, missing.runs, *places, workers, executor, called)
         called.on_report()
-        return report_benchmark(folder, references, notes=plan.notes)
+        return report_benchmark(
+            folder,
+            references,
+            entries=held,
+            tables=suite.tables,
+            tracks=suite.tracks,
+            notes=plan.notes,
+        )
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What a benchmark would do.
+
+    Attributes:
+        missing: The runs that are yet to be made.
+        estimates: What they cost, by table and track.
+        notes: What a reader must know, such as an adversary that would be left out.
+    """
+
+    missing: Missing
+    estimates: tuple[Estimate, ...]
+    notes: tuple[str, ...]
+
+
+def plan_benchmark(
+    suite: Suite,
+    out: str | Path,
+    *,
+    entries: str | Path | None = None,
+    references: str | Path = FOLDER,
+) -> Outlook:
+    """Say what `run_benchmark` would do and what that costs; nothing is run or written.
+
+    Args:
+        suite: The suite.
+        out: The benchmark's folder, whose finished runs tell how long such runs take.
+        entries: The folder of the entries; None takes `out`/entries.
+        references: The folder of the reference sets.
+
+    Raises:
+        TypeError, ValueError: If a part of the suite does not fit, or a file cannot be read.
+    """
+    folder = Path(out)
+    plan = make_plan(suite, Path(references))
+    missing = find_missing(folder / ENTRIES if entries is None else Path(entries), plan)
+    return Outlook(missing, tuple(estimate(missing.runs, read_costs(folder))), plan.notes)
 
 
 def report_benchmark(
-    out: str | Path, references: str | Path = FOLDER, *, notes: Sequence[str] = ()
+    out: str | Path,
+    references: str | Path = FOLDER,
+    *,
+    entries: str | Path | None = None,
+    tables: Sequence[Table] | None = None,
+    tracks: Collection[str] | None = None,
+    notes: Sequence[str] = (),
 ) -> BenchmarkResult:
-    """Write the results, the tables and the pictures of all runs that a folder holds by now.
+    """Write the tables and the pictures of all results that a folder's entries hold by now.
 
     Args:
         out: The benchmark's folder; another process may be at work there.
         references: The folder of the reference sets.
+        entries: The folder of the entries; None takes `out`/entries.
+        tables: The tables; None takes those of the rules by which the results were made.
+        tracks: The tracks to report on; None takes all.
         notes: What a reader must know.
 
     Raises:
-        ValueError: If it is no benchmark's folder, or holds no finished run.
+        ValueError: If it is no benchmark's folder, or its entries hold no result.
     """
-    folder = Path(out)
-    results = write_results(folder)
+    folder, references = Path(out), Path(references)
+    held = folder / ENTRIES if entries is None else Path(entries)
+    with file_errors("read", held):
+        if not held.exists():
+            raise UserError(f"Expected a benchmark's folder, got {folder} without {held}.")
+    chosen = [_on_tracks(entry, tracks) for entry in read_entries(held)]
+    identities = [one.claimed.identity for entry in chosen for one in entry.results.values()]
+    worlds = open_worlds({(one.track, one.agent) for one in identities}, references)
+    chosen, outdated = without_outdated(chosen, worlds)
+    if outdated:
+        what = "One result is" if outdated == 1 else f"{outdated} results are"
+        notes = (*notes, f"{what} left out, because the track or its agent has changed since.")
+    results = results_of(chosen, tables or tables_of({one.rule for one in identities}))
+    if not results.runs:
+        raise UserError(f"Expected finished runs in {held}, got none yet. Run the benchmark.")
+    with file_errors("make the folder", folder):
+        folder.mkdir(parents=True, exist_ok=True)
     write_tables(folder, results, notes)
-    draw_benchmark(folder, results, Path(references))
-    return BenchmarkResult(results, folder, tuple(notes))
+    draw_benchmark(folder, results, chosen, worlds)
+    return BenchmarkResult(results, folder, held, tuple(notes))
+
+
+def _on_tracks(entry: Entry, tracks: Collection[str] | None) -> Entry:
+    """Leave out an entry's results on other tracks."""
+    return replace(
+        entry,
+        results={
+            stem: one
+            for stem, one in entry.results.items()
+            if tracks is None or one.claimed.identity.track in tracks
+        },
+    )

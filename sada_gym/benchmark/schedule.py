@@ -11,7 +11,8 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from dataclasses import dataclass
 from pathlib import Path
 
-from sada_gym.benchmark.folder import RunDone, store_file, write_run
+from sada_gym.benchmark.entries import add_run
+from sada_gym.benchmark.folder import RunDone, store_file, write_costs
 from sada_gym.benchmark.job import RunError, RunJob, do_run
 from sada_gym.benchmark.plan import Group, Plan
 from sada_gym.benchmark.progress import BenchmarkCallback, can_read, progress_folder, read_progress
@@ -43,16 +44,18 @@ def do_runs(
     plan: Plan,
     missing: Sequence[RunSettings],
     out: Path,
+    entries: Path,
     workers: int,
     executor: Executor | None,
     callback: BenchmarkCallback,
 ) -> None:
-    """Do all missing runs of a plan and put each in its folder.
+    """Do all missing runs of a plan and add each to its entry.
 
     Args:
         plan: All runs.
         missing: The runs of the plan to do.
         out: The benchmark's folder, absolute.
+        entries: The folder of the entries.
         workers: The number of processes to start, or of workers that the executor has.
         executor: The executor that does the runs; None starts our own processes.
         callback: Called as it goes on.
@@ -67,7 +70,7 @@ def do_runs(
         if (runs := deque(run for run in group.runs if id(run) in wanted))
     )
     with progress_folder(out) as token:
-        schedule = _Schedule(groups, workers, executor, out, token, callback)
+        schedule = _Schedule(plan, groups, workers, executor, (out, entries), token, callback)
         try:
             schedule.do()
         finally:
@@ -83,15 +86,17 @@ class _Schedule:
 
     def __init__(
         self,
+        plan: Plan,
         groups: deque[tuple[Group, deque[RunSettings]]],
         workers: int,
         executor: Executor | None,
-        out: Path,
+        places: tuple[Path, Path],
         token: str,
         callback: BenchmarkCallback,
     ) -> None:
-        self._groups, self._executor = groups, executor
-        self._out, self._token, self._callback = out, token, callback
+        self._plan, self._groups, self._executor = plan, groups, executor
+        self._out, self._entries = places
+        self._token, self._callback = token, callback
         self._places = min(workers, len(groups))
         self._each = max(1, workers // len(groups)) if executor is None else 1
         self._pools: dict[int, WorkerPool] = {}
@@ -171,7 +176,9 @@ class _Schedule:
             self._count_death(chain.run, error)
         else:
             self._keep(chain.group, done)
-            write_run(self._out, done)
+            about, identity = self._plan.abouts[chain.run.label], chain.group.identity(chain.run)
+            add_run(self._entries, about, identity, done)
+            write_costs(self._out, done)
             self._callback.on_finish(chain.left.popleft(), done.timing)
         if chain.left:
             self._submit(chain)

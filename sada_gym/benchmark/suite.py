@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Literal
 
 from pydantic import Field
 
-from sada_gym import adversaries
+from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
 from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
+from sada_gym.leaderboard.entry import MAX_SEEDS
 from sada_gym.registration import names_file
 from sada_gym.runs.ideal import IDEAL
-
-MAX_SEEDS = 1_000
-"""The most seeds of a track: each seed is a run of every contender."""
 
 
 class Contender(Strict):
@@ -81,8 +79,11 @@ class Table(Strict):
         budget: The rule for the budget.
         budget_of: Another rule for some applications, by name.
         samples: M, the number of test samples; None takes each application's own.
-        agents: Whether to attack the default agent alone, all that are shipped, or the others.
+        agents: Whether to attack the default agent alone, all that are shipped, or the others; or
+            the names of those to attack.
         contenders: The labels of the contenders that take part; None for all of the suite's.
+        rule: The name of the rule for the budget, which results carry; by default the table's name.
+            Tables that attack different agents may share a rule.
     """
 
     name: str
@@ -91,15 +92,34 @@ class Table(Strict):
     budget: Budget
     budget_of: dict[str, Budget] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=1)
-    agents: Literal["default", "all", "others"] = "default"
+    agents: Literal["default", "all", "others"] | tuple[str, ...] = "default"
     contenders: tuple[str, ...] | None = None
+    rule: str = Field(default_factory=lambda data: data.get("name", ""))
 
     def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
         """Choose the agents to attack from those that an application ships."""
         others = [agent for agent in shipped if agent != default]
+        if isinstance(self.agents, tuple):
+            return list(self.agents)
         if self.agents == "others":
             return others
         return [default, *others] if self.agents == "all" else [default]
+
+    def shows(self, rule: str, application: str, agent: str) -> bool:
+        """Say whether results belong into this table.
+
+        Args:
+            rule: The rule by which they were made.
+            application: The application's name.
+            agent: The name of the agent that was attacked.
+        """
+        if rule != self.rule:
+            return False
+        if isinstance(self.agents, tuple):
+            return agent in self.agents
+        shipped = agents.names(application)
+        is_default = not shipped or agent == shipped[0]
+        return self.agents == "all" or is_default == (self.agents == "default")
 
     def includes(self, contender: Contender) -> bool:
         """Say whether a contender of the suite takes part."""
@@ -114,7 +134,6 @@ class Suite(Strict):
         tracks: The ids of the environments.
         tables: The comparisons.
         contenders: The rows of the tables.
-        agents: The agents to attack instead of those that the tables name.
         seeds: The number of seeds on each track.
         seeds_of: Another number for some tracks.
         images: The number of samples whose neighbours are compared as images too, on the first
@@ -125,7 +144,6 @@ class Suite(Strict):
     tracks: tuple[str, ...]
     tables: tuple[Table, ...]
     contenders: tuple[Contender, ...]
-    agents: tuple[str, ...] | None = None
     seeds: int = Field(default=1, ge=1)
     seeds_of: dict[str, int] = Field(default_factory=dict)
     images: int = Field(default=4, ge=0)
@@ -166,8 +184,8 @@ RL asks in small rollouts, which makes it slow where there are worlds to simulat
 _WITH_RL = tuple(c for c in CONTENDERS if c.label != "sada")
 """The rows of a suite whose worlds take next to no time."""
 
-CONTROLS = frozenset(contender.label for contender in CONTENDERS if not contender.ranked)
-"""The labels of contenders that have no rank."""
+CONTROLS = frozenset(contender.adversary for contender in CONTENDERS if not contender.ranked)
+"""The adversaries that have no rank, by name."""
 
 _PAPER_BUDGETS = Table(
     name="paper-budgets",
@@ -196,9 +214,11 @@ _OTHER_AGENTS = Table(
     budget=_PAPER_BUDGETS.budget,
     budget_of=_PAPER_BUDGETS.budget_of,
     agents="others",
+    rule=_PAPER_BUDGETS.rule,
     contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
 )
-_TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
+"""All tables of the suites, by name."""
 
 
 def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
@@ -206,7 +226,7 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
     return Suite(
         name=suite.name,
         tracks=card.track_ids,
-        tables=tuple(_TABLES[name] for name in suite.tables),
+        tables=tuple(TABLES[name] for name in suite.tables),
         contenders=_WITH_RL if suite.with_rl else _IN_SUITES,
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
@@ -242,6 +262,17 @@ def find_suite(name: str) -> Suite:
     """
     refuse_unknown("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
+
+
+def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
+    """Give the tables that show results made by some rules: ours, and a plain one for any other."""
+    ours = [table for table in TABLES.values() if table.rule in rules]
+    unknown = sorted(set(rules) - {table.rule for table in ours})
+    plain = [
+        Table(name=rule, title=rule, note="", budget=Budget(queries=1), agents="all")
+        for rule in unknown
+    ]
+    return (*ours, *plain)
 
 
 def find_contender(text: str) -> Contender:
@@ -283,7 +314,7 @@ def choose(
         tracks: Ids of environments.
         tables: Names of the suite's tables.
         contenders: What `find_contender` takes.
-        agents: The agents to attack.
+        agents: The agents that every table attacks.
         seeds: The number of seeds on every track.
         budget: N of every table and adversary; where boosting comes on top it still does.
         samples: The number of test samples.
@@ -311,9 +342,8 @@ def choose(
     refuse_unknown("table", tables, [table.name for table in suite.tables])
     changes: dict[str, Any] = {
         "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,
-        "agents": tuple(dict.fromkeys(agents)) or suite.agents,
         "tables": tuple(
-            _changed(table, budget, samples)
+            _changed(table, tuple(dict.fromkeys(agents)), budget, samples)
             for table in suite.tables
             if not tables or table.name in tables
         ),
@@ -327,8 +357,12 @@ def choose(
     return suite.model_copy(update=changes)
 
 
-def _changed(table: Table, budget: int | None, samples: int | None) -> Table:
+def _changed(
+    table: Table, agents: tuple[str, ...], budget: int | None, samples: int | None
+) -> Table:
     changes: dict[str, Any] = {} if samples is None else {"samples": samples}
+    if agents:
+        changes["agents"] = agents
     if budget is not None:
         rule = Budget(queries=budget, boosting_on_top=table.budget.boosting_on_top)
         changes |= {"budget": rule, "budget_of": {}}

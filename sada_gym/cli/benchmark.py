@@ -22,9 +22,11 @@ from sada_gym.cli.console import (
     say,
     show_resume_hint,
 )
+from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
-    from sada_gym.benchmark.run import BenchmarkResult
+    from sada_gym.benchmark.costs import Estimate
+    from sada_gym.benchmark.run import BenchmarkResult, Outlook
 
 
 SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
@@ -73,7 +75,17 @@ def benchmark(
     workers: Annotated[int | None, option(WORKERS_HELP, least=1, default="the cores")] = None,
     executor: ExecutorName = "processes",
     out_folder: Annotated[
-        Path | None, option("Results.", "--out", metavar="DIR", default="runs/benchmark-SUITE")
+        Path | None,
+        option(
+            "Evaluations, costs, tables, pictures.",
+            "--out",
+            metavar="DIR",
+            default="runs/benchmark-SUITE",
+        ),
+    ] = None,
+    entries: Annotated[
+        Path | None,
+        option("Results, as entries of the leaderboard.", metavar="DIR", default="DIR/entries"),
     ] = None,
     references: Annotated[
         Path | None, option("The reference sets.", metavar="DIR", default="the shipped ones")
@@ -81,24 +93,30 @@ def benchmark(
     report: Annotated[
         bool, option("Run nothing; report what DIR holds by now.", "--report")
     ] = False,
+    plan: Annotated[
+        bool, option("Run nothing; say what there is to do and what it costs.", "--plan")
+    ] = False,
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
 
     Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
-    adversaries: what is finished is not repeated. DIR receives results.json, table.md, pictures/
-    and timings.json; runs/ holds each run, stores/ all evaluations.
+    adversaries: what is finished is not repeated, what is outdated is made anew. DIR receives
+    entries/ with the results, table.md and pictures/ for readers, stores/ with all evaluations,
+    and timings.jsonl. Another machine goes on with the entries alone.
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
         refuse_stray(context.args, "--tracks A --tracks B")
-        from sada_gym.benchmark.run import report_benchmark, run_benchmark
+        if plan and report:
+            raise UserError("Expected --plan or --report, got both. Leave one out.")
+        from sada_gym.benchmark.run import plan_benchmark, report_benchmark, run_benchmark
         from sada_gym.cli.benchmark_progress import BenchmarkProgress
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.measures.reference import FOLDER
 
         known = references or FOLDER
         if report:
-            _show_result(report_benchmark(folder, known))
+            _show_result(report_benchmark(folder, known, entries=entries))
             return
         chosen = choose(
             find_suite(suite),
@@ -111,37 +129,68 @@ def benchmark(
             samples=samples,
             images=images,
         )
+        if plan:
+            _show_outlook(plan_benchmark(chosen, folder, entries=entries, references=known))
+            return
         # what a stopped process leaves is cleaned up, which is no news to the user
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+        progress = BenchmarkProgress(out)
         try:
             with (
                 open_executor(executor, workers or cores()) as opened,
-                BenchmarkProgress(out) as progress,
+                progress,
             ):
                 result = run_benchmark(
                     chosen,
                     folder,
+                    entries=entries,
                     workers=opened.workers,
                     executor=opened.executor,
                     references=known,
                     callback=progress,
                 )
         except KeyboardInterrupt:
-            show_resume_hint(_kept(folder))
+            show_resume_hint(_kept(progress.finished, folder, entries))
             raise typer.Exit(130) from None
     _show_result(result)
 
 
-def _kept(folder: Path) -> str:
+def _kept(runs: int, folder: Path, entries: Path | None) -> str:
     """Say what a stopped benchmark has kept."""
-    from sada_gym.benchmark.folder import finished_runs
+    if entries is None:
+        return f"{runs:,} finished runs and all evaluations are kept in {folder}."
+    return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
 
-    return f"{len(finished_runs(folder)):,} finished runs and all evaluations are kept in {folder}."
+
+def _show_outlook(outlook: Outlook) -> None:
+    from sada_gym.cli.benchmark_progress import describe_missing
+
+    say("", describe_missing(outlook.missing))
+    table = Table(header_style="bold")
+    for column in ("table", "track", "runs", "evaluations", "core hours"):
+        table.add_column(column, justify="left" if column in ("table", "track") else "right")
+    for one in outlook.estimates:
+        name, runs = escape(one.table), f"{one.runs:,}"
+        table.add_row(name, escape(one.track), runs, f"{one.evaluations:,}", _hours(one))
+    if outlook.estimates:
+        out.print(table)
+        hours = sum(one.core_hours for one in outlook.estimates)
+        unknown = sum(one.unknown for one in outlook.estimates)
+        rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
+        say("", f"About {hours:.1f} core hours{rest}.")
+    for note in outlook.notes:
+        say("[yellow]Mind:[/] ", note)
+
+
+def _hours(one: Estimate) -> str:
+    if one.unknown == one.runs:
+        return "unknown"
+    return f"{one.core_hours:.2f}" + (f" + {one.unknown:,} unknown" if one.unknown else "")
 
 
 def _show_result(result: BenchmarkResult) -> None:
     results = result.results
-    titles = {table.name: table.title for table in results.settings.tables}
+    titles = {table.name: table.title for table in results.tables}
     for name, agent in results.comparisons():
         title = f"{titles[name]} · {agent}" if agent else titles[name]
         table = Table(title=title, header_style="bold", title_justify="left")
@@ -157,4 +206,4 @@ def _show_result(result: BenchmarkResult) -> None:
         out.print(table)
     for note in result.notes:
         say("[yellow]Mind:[/] ", note)
-    say("", f"Results: {result.folder}/ (results.json, table.md, pictures/)")
+    say("", f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")

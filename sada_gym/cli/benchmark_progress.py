@@ -5,15 +5,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 
+from sada_gym.benchmark.entries import Missing
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import Plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.tables import short_name
+from sada_gym.cli.console import say
 from sada_gym.cli.kernels import COMPILING, will_compile
 from sada_gym.cli.progress import Display, clock
 from sada_gym.runs.record import RunKey, RunSettings
@@ -54,11 +55,17 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         self._recent: deque[tuple[float, int]] = deque()
         self._lock = threading.RLock()  # the thread of `_line` reads what the other one writes
 
-    def on_start(self, plan: Plan, missing: Sequence[RunSettings]) -> None:
+    @property
+    def finished(self) -> int:
+        """The number of runs that are finished."""
+        return self._done
+
+    def on_start(self, plan: Plan, missing: Missing) -> None:
         """Show what there is to do."""
         self._total = sum(1 for _ in plan.runs)
-        self._done, self._left = self._total - len(missing), list(missing)
-        detail = COMPILING if missing and will_compile() else "starting"
+        self._done, self._left = self._total - len(missing.runs), list(missing.runs)
+        say("", describe_missing(missing), console=self._console)
+        detail = COMPILING if missing.runs and will_compile() else "starting"
         self._all = self._bars.add_task(
             "Runs", total=self._total, completed=self._done, detail=detail
         )
@@ -142,6 +149,16 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         """Show that the report is being written."""
         if self._all is not None:
             self._bars.update(self._all, completed=self._total, detail="writing the report")
+
+
+def describe_missing(missing: Missing) -> str:
+    """Say how many results are missing and how many are outdated."""
+    if not missing.runs:
+        return "No result is missing."
+    runs = "One run" if len(missing.runs) == 1 else f"{len(missing.runs):,} runs"
+    lacking = "one result is" if missing.lacking == 1 else f"{missing.lacking:,} results are"
+    outdated = "one is" if missing.outdated == 1 else f"{missing.outdated:,} are"
+    return f"{runs} to do: {lacking} missing or incomplete, {outdated} outdated and made anew."
 
 
 def _group(run: RunKey) -> _Group:

@@ -65,10 +65,14 @@ def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[
     Returns:
         `count` ints in [0, 2**31).
     """
-    low = _STREAMS.index(stream)
     texts = (f"{seed}:{i}" for i in range(start, start + count))
     words = (hashlib.blake2b(text.encode(), digest_size=4).digest() for text in texts)
-    return [int.from_bytes(word, "big") >> 3 << 2 | low for word in words]
+    return [seed_of(word, stream) for word in words]
+
+
+def seed_of(word: bytes, stream: Stream) -> int:
+    """Make an evaluation seed of a stream, in [0, 2**31), from 4 bytes of a hash."""
+    return int.from_bytes(word, "big") >> 3 << 2 | _STREAMS.index(stream)
 
 
 class Oracle:

@@ -49,6 +49,9 @@ CLAIMS, SAMPLES, VERIFIED = ".json", ".npz", ".verified.json"
 MAX_SEEDS = 100
 """The most seeds of a result."""
 
+MAX_ERROR = 2_000
+"""The most characters of a seed's error."""
+
 Tier = Literal["claimed", "verified"]
 """How far a result was checked. Another tier will hold results whose queries a judge counted."""
 
@@ -74,6 +77,7 @@ def _checked_name(name: str) -> str:
 
 EntryName = Annotated[str, AfterValidator(_checked_name)]
 ShortLine = Annotated[OneLine, Field(max_length=200)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class About(Strict):
@@ -182,7 +186,7 @@ class SeedResult(Strict):
 
     seed: int = Field(ge=0, lt=2**63)
     queries: int = Field(ge=0)
-    error: Annotated[OneLine, Field(max_length=2_000)] | None = None
+    error: Annotated[OneLine, Field(max_length=MAX_ERROR)] | None = None
     measures: Measures | None
     search: Search | None = None
     flags: tuple[OneLine, ...] = Field(default=(), max_length=50)
@@ -193,7 +197,9 @@ class SeedResult(Strict):
         """Take a run's measures."""
         settings = report.settings
         if isinstance(report, RunFailure):
-            error = " ".join(report.error.split())
+            # an adversary of a user's own may raise with any text
+            printable = "".join(one if one.isprintable() else " " for one in report.error)
+            error = " ".join(printable.split())[:MAX_ERROR]
             return cls(
                 seed=settings.seed,
                 queries=0,
@@ -222,7 +228,7 @@ class Result(Strict):
     """
 
     format: int
-    identity_sha256: str
+    identity_sha256: Sha256
     identity: Identity
     seeds: tuple[SeedResult, ...] = Field(max_length=MAX_SEEDS)
 
@@ -260,8 +266,8 @@ class Verified(Strict):
     """
 
     format: int
-    identity_sha256: str
-    samples_sha256: str
+    identity_sha256: Sha256
+    samples_sha256: Sha256
     nonce: ShortLine
     seeds: tuple[VerifiedSeed, ...]
     flags: dict[str, OneLine]

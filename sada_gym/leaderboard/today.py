@@ -10,7 +10,7 @@ from typing import Any
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.adversaries.random import Random
-from sada_gym.benchmark.suite import SUITES, Table
+from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.envs.catalogue import cards
 from sada_gym.errors import MissingExtra, UserError, refuse_unknown
 from sada_gym.leaderboard.entry import Identity
@@ -21,9 +21,9 @@ from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings, res
 from sada_gym.runs.ideal import IDEAL
 from sada_gym.runs.record import RunSettings
 
-PAPER_BUDGETS, EQUAL_QUERIES = "paper-budgets", "equal-queries"
-RULES = (PAPER_BUDGETS, EQUAL_QUERIES)
-"""The rules for the budget."""
+PAPER_BUDGETS = "paper-budgets"
+RULES = tuple(name for name, table in TABLES.items() if table.rule == name)
+"""The rules for the budget; each has the name of the table that it is from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,25 @@ def board_tracks() -> tuple[str, ...]:
     return tuple(env_id for card in cards() for env_id in card.track_ids or (card.id,))
 
 
+def application_of(track: str) -> str:
+    """Give the name of a track's application.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    refuse_unknown("track", [track], board_tracks())
+    return next(card.name for card in cards() if track in (card.track_ids or (card.id,)))
+
+
+def default_agent(track: str) -> str:
+    """Give the name of the agent that a track has by default; empty where it has none.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    return next(iter(agents.names(application_of(track))), "")
+
+
 @lru_cache(maxsize=256)
 def find_target(track: str, agent: str) -> Target:
     """Find a track with one of the agents that are shipped for it.
@@ -66,9 +85,7 @@ def find_target(track: str, agent: str) -> Target:
     Raises:
         UserError: If there is no such track, or no such agent is shipped.
     """
-    refuse_unknown("track", [track], board_tracks())
-    card = next(one for one in cards() if track in (one.track_ids or (one.id,)))
-    shipped = agents.names(card.name)
+    shipped = agents.names(application_of(track))
     if shipped:
         refuse_unknown(f"agent on {track}", [agent], shipped)
     elif agent:
@@ -97,7 +114,7 @@ def find_rule(rule: str) -> Table:
         UserError: If there is no such rule.
     """
     refuse_unknown("rule", [rule], RULES)
-    return next(table for suite in SUITES for table in suite.tables if table.name == rule)
+    return TABLES[rule]
 
 
 def is_ours(adversary: str) -> bool:

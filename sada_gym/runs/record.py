@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from typing_extensions import Self
@@ -17,8 +17,6 @@ from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file,
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.runs.measure import Distances, Measures, Search
-
-Value = TypeVar("Value")
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -116,11 +114,6 @@ class RunSettings(RunKey):
     reference: ReferenceSummary | None = None
     packages: dict[str, str]
 
-    def target(self) -> dict[str, Any]:
-        """Give what all runs of a track and agent share: what is attacked and the reference set."""
-        names = {"application", "version", "application_settings", "fingerprint", "reference"}
-        return self.model_dump(include=names)
-
 
 class RunReport(Measures):
     """The contents of result.json: the measures of a run, and its settings.
@@ -150,7 +143,7 @@ class RunReport(Measures):
 
 
 class RunFailure(Strict):
-    """The contents of failure.json: the adversary could not do its work, and why.
+    """A run of a benchmark whose adversary could not do its work, and why.
 
     Attributes:
         settings: The run's settings.
@@ -244,14 +237,6 @@ def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[st
         elif before != now:
             found.append(f"{name} was {before!r} and is {now!r}")
     return found
-
-
-def common(
-    old: Mapping[str, Value], new: Mapping[str, Value]
-) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Give the entries of two records that both have."""
-    shared = old.keys() & new.keys()
-    return {name: old[name] for name in shared}, {name: new[name] for name in shared}
 
 
 def refuse_other(

@@ -13,10 +13,12 @@ from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
+from sada_gym.benchmark.folder import read_costs
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
+from sada_gym.leaderboard.entry import entry_name, read_entries, result_stem
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
 from sada_gym.registration import make_application
 
@@ -118,6 +120,39 @@ def make_reference(folder: Path, track: str, points: int = 600, seeds: int = 2) 
     scores = application.evaluate(np.repeat(mu, seeds, axis=0), asked).score
     write_reference(folder, track, application, scores.reshape(points, seeds), sobol_seed=0)
     return application
+
+
+def made(entries: Path) -> list[tuple[str, str, int]]:
+    """Give the entry, the result and the seed of all finished runs."""
+    return [
+        (entry.about.name, stem, one.seed)
+        for entry in read_entries(entries)
+        for stem, result in entry.results.items()
+        for one in result.claimed.seeds
+    ]
+
+
+def run_in(entries: Path, label: str, rule: str, seed: int = 0, track: str = ANALYTIC):
+    """Give what the entries hold of a run: its result, its seed there, and its samples."""
+    [entry] = [one for one in read_entries(entries) if one.about.name == entry_name(label)]
+    result = entry.results[result_stem(track, "", rule)]
+    [found] = [one for one in result.claimed.seeds if one.seed == seed]
+    return result.claimed, found, result.samples.get(seed)
+
+
+def costs_of(out: Path, label: str, table: str, seed: int = 0):
+    """Give the last costs of a run."""
+    key = (label, table, seed)
+    return [one for one in read_costs(out) if (one.label, one.table, one.seed) == key][-1]
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """Give all files whose bytes do not depend on time: of the stores, the order of rows does."""
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.suffix not in (".sqlite", ".jsonl")
+    }
 
 
 def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes) -> Suite:

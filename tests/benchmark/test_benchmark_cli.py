@@ -1,11 +1,9 @@
 import io
-import json
 import os
 import re
 import shlex
 import signal
 import time
-from pathlib import Path
 
 import pytest
 from bench_toys import ANALYTIC, LOGGED, make_reference, suite
@@ -14,11 +12,14 @@ from rich.console import Console
 from rich.text import Text
 from typer.testing import CliRunner
 
+from sada_gym.benchmark.entries import Missing
 from sada_gym.benchmark.folder import Timing
 from sada_gym.benchmark.plan import make_plan
-from sada_gym.benchmark.suite import SUITES
+from sada_gym.benchmark.results import results_of
+from sada_gym.benchmark.suite import SUITES, TABLES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
+from sada_gym.leaderboard.entry import read_entries
 from sada_gym.runs.run import RunProgress
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
@@ -47,6 +48,8 @@ def done(tmp_path_factory, references):
 
 def test_it_tells_of_every_run_and_ends_with_the_table(done):
     out, result = done
+    todo = "5 runs to do: 5 results are missing or incomplete, 0 are outdated and made anew."
+    assert result.stdout.splitlines()[0] == todo
     lines = re.findall(r"^\d/5 runs: .*", result.stdout, re.MULTILINE)
     assert len(lines) == 5
     assert "queries/s" in lines[2]
@@ -54,22 +57,22 @@ def test_it_tells_of_every_run_and_ends_with_the_table(done):
     table = result.stdout.partition("Equal queries")[2]
     assert re.search(r"toy:Greedy +│ +\d+\.\d │ +1", table)
     assert re.search(r"Picky +│ +- │ +│ +- │ +│ +0 \(1 failed\)", table)
-    assert f"Results: {out}/" in table
+    assert f"Results: {out / 'entries'}/; to read: {out}/ (table.md" in table
 
 
 def test_its_files_tell_the_same(done):
     out, _ = done
-    results = json.loads((out / "results.json").read_text())
-    assert [run["label"] for run in results["runs"]] == [
+    results = results_of(read_entries(out / "entries"), [TABLES["equal-queries"]])
+    assert [run.label for run in results.runs] == [
         "ideal",
         "random",
         "archive",
         "bench_toys:Picky",
         "toy:Greedy",
     ]
-    afr = {row["label"]: row["afr"] for row in results["rows"] if row["track"] is None}
+    afr = {row.label: row.afr for row in results.rows_of("equal-queries", "", None)}
     text = (out / "table.md").read_text()
-    assert f"| random | {100 * afr['random']['value']:.1f} (" in text
+    assert f"| random | {100 * afr['random'].value:.1f} (" in text
     assert "| bench_toys:Picky | - |" in text
     assert "0, 1 failed (incomplete)" in text
     assert "- bench_toys:Picky (equal-queries, one run): failed: Expected a budget of" in text
@@ -79,11 +82,12 @@ def test_its_files_tell_the_same(done):
 
 def test_report_alone_runs_nothing(done, references):
     out, _ = done
-    (out / "results.json").unlink()
+    table = (out / "table.md").read_bytes()
+    (out / "table.md").unlink()
     result = run("--report", "--out", out, "--references", references)
     assert result.exit_code == 0, result.output
     assert "runs:" not in result.stdout
-    assert (out / "results.json").exists()
+    assert (out / "table.md").read_bytes() == table
 
 
 @pytest.mark.parametrize(
@@ -106,6 +110,7 @@ def test_report_alone_runs_nothing(done, references):
         (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
         ([*SMALL, "--seeds", "0"], "seeds"),
         (["--tracks", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
+        (["--report", "--plan"], "Expected --plan or --report, got both"),
         (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
         ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
         ([*SMALL, "-a", "random", "--out", "."], "which holds something else"),
@@ -126,12 +131,41 @@ def test_help_names_every_suite():
     assert {found.name for found in SUITES} <= set(listed)
 
 
-def test_other_settings_are_refused(done, references):
+def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
+    chosen = ["--tracks", ANALYTIC, "-a", "random", "-a", "ideal", "--samples", 20, "--images", 0]
+    chosen += ["--out", tmp_path / "out", "--entries", tmp_path / "entries"]
+    chosen += ["--references", references, "--workers", 1]
+    assert run(*chosen, "--budget", 60).exit_code == 0
+    result = run(*chosen, "--budget", 61, "-a", "toy:Greedy")
+    assert result.exit_code == 0, result.output
+    todo = "2 runs to do: one result is missing or incomplete, one is outdated and made anew."
+    assert result.stdout.splitlines()[0] == todo
+    assert "No result is missing" in run(*chosen, "--budget", 61).stdout
+    assert not (tmp_path / "out" / "entries").exists()
+    budgets = {
+        entry.about.name: [one.claimed.identity.budget for one in entry.results.values()]
+        for entry in read_entries(tmp_path / "entries")
+    }
+    assert budgets == {"random": [61], "ideal": [0], "toy-greedy": [61]}
+
+
+def test_a_plan_tells_of_runs_and_costs_and_makes_nothing(done, references, tmp_path):
     out, _ = done
-    chosen = ["-a", "random", "--out", out, "--references", references]
-    result = run("--tracks", ANALYTIC, "--budget", 61, "--samples", 20, "--images", 0, *chosen)
-    assert result.exit_code == 2
-    assert "equal-queries.budget.queries was 60 and is 61" in result.stderr
+    chosen = ["-a", "random", "-a", "toy:Greedy", "-a", "gaussian", "--references", references]
+    result = run(*SMALL, *chosen, "--seeds", 2, "--out", out, "--plan")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("4 runs to do: 3 results are missing or incomplete, 0 are")
+    row = next(line for line in result.stdout.splitlines() if ANALYTIC in line)
+    cells = [cell.strip() for cell in row.strip("│┃ ").split("│")]
+    assert cells[:4] == ["equal-queries", ANALYTIC, "4", "320"]  # 60 + 20 each
+    assert re.fullmatch(r"\d+\.\d\d \+ 2 unknown", cells[4])
+    assert "without 2 runs whose like was not timed yet" in result.stdout
+    result = run(*SMALL, *chosen, "--out", tmp_path / "new", "--plan")
+    assert result.stdout.startswith("3 runs to do")
+    assert "unknown" in result.stdout
+    assert list(tmp_path.iterdir()) == []
+    done_already = [*chosen[:4], "--references", references, "--out", out]
+    assert "No result is missing" in run(*SMALL, *done_already, "--plan").stdout
 
 
 def timing(evaluated, wall_s):
@@ -150,7 +184,7 @@ def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
     first, second = plan.groups[0].runs
     console = Console(force_terminal=True, width=120, file=io.StringIO())
     with BenchmarkProgress(console) as bars:
-        bars.on_start(plan, list(plan.runs))
+        bars.on_start(plan, Missing(tuple(plan.runs), lacking=2, outdated=0))
         bars.on_progress(first, RunProgress("test", 10, 30, evaluated=10))
         bars.on_finish(first, timing(evaluated=30, wall_s=65.0))
         bars.on_progress(plan.groups[1].runs[0], RunProgress("train", 0, 60))
@@ -187,18 +221,15 @@ NO_NAME = "a" * 300
 @pytest.mark.parametrize(
     "words",
     [
-        ["merge", NO_NAME, "--out", "out"],
-        ["merge", "given", "--out", NO_NAME],
         ["benchmark", "--report", "--out", NO_NAME],
+        ["benchmark", "--report", "--entries", NO_NAME],
+        ["benchmark", "--tracks", "SADA-Analytic-v0", "--entries", NO_NAME],
         ["benchmark", "--tracks", "SADA-Analytic-v0", "--references", NO_NAME],
     ],
-    ids=["merged file", "merged folder", "report", "references"],
+    ids=["report", "reported entries", "entries", "references"],
 )
 def test_a_name_that_is_too_long_gets_a_sentence(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "given").mkdir()
-    published = Path(__file__).parents[2] / "docs" / "results" / "racing" / "results.json"
-    (tmp_path / "given" / "results.json").write_bytes(published.read_bytes())
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 2, result.output
     assert "its name is too long" in result.stderr

@@ -4,16 +4,16 @@ import os
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import pytest
-from bench_toys import ANALYTIC, LOGGED, Recorder, make_reference, suite
+from bench_toys import ANALYTIC, LOGGED, Recorder, contents, make_reference, suite
 
 from sada_gym.benchmark import progress
-from sada_gym.benchmark.folder import Timing, claim, find_missing, read_runs
+from sada_gym.benchmark.entries import find_missing
+from sada_gym.benchmark.folder import claim, read_costs
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.files import read_model
 from sada_gym.runs.run import RunProgress
 
 SMALL = suite("ideal", "archive", "bench_toys:Picky", budgets=(120, 60), seeds=2)
@@ -37,24 +37,17 @@ def ours(tmp_path_factory, references):
 def run(out, chosen, references, *, workers=1, executor=None, callback=None):
     """Do what is missing, and leave the report out, which takes the most of the time."""
     plan = make_plan(chosen, references)
-    claim(out, plan)
+    claim(out)
+    entries = out / "entries"
     do_runs(
         plan,
-        find_missing(out, plan),
+        find_missing(entries, plan).runs,
         out,
+        entries,
         workers,
         executor,
         callback or progress.BenchmarkCallback(),
     )
-
-
-def contents(out):
-    """Give all that does not depend on time: of the stores, the order of rows does."""
-    return {
-        str(path.relative_to(out)): path.read_bytes()
-        for path in sorted(out.rglob("*"))
-        if path.is_file() and path.suffix != ".sqlite" and not path.name.startswith("timing")
-    }
 
 
 def stored(out):
@@ -68,7 +61,7 @@ def stored(out):
 
 def evaluated(out):
     """Sum up the evaluations that all runs made."""
-    return sum(read_model(there / "timing.json", Timing).evaluated for _, there in read_runs(out))
+    return sum(costs.evaluated for costs in read_costs(out))
 
 
 def test_threads_give_the_same(ours, tmp_path, references):
@@ -98,8 +91,8 @@ def test_a_token_of_another_call_is_no_sight_of_the_folder(tmp_path):
     assert not progress.can_read(tmp_path, first)
 
 
-def test_a_worker_whose_benchmark_has_ended_gives_up(ours):
-    [run, *_] = [result.settings for result, _ in read_runs(ours)]
+def test_a_worker_whose_benchmark_has_ended_gives_up(ours, references):
+    run = next(make_plan(SMALL, references).runs)
     with progress.progress_folder(ours) as token:
         file = progress.ProgressFile(ours, token, run)
         file(RunProgress("train", 1, 2))

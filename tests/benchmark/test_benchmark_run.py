@@ -1,23 +1,18 @@
-import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
 
 import pytest
-from bench_toys import ANALYTIC, LOGGED, make_reference, suite
+from bench_toys import ANALYTIC, LOGGED, contents, costs_of, made, make_reference, suite
 from forked import FORKSERVER
 
-from sada_gym.benchmark.folder import Timing, claim, read_runs, sole_user
+from sada_gym.benchmark.folder import claim, read_costs, sole_user
 from sada_gym.benchmark.job import RunError
-from sada_gym.benchmark.plan import make_plan
-from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.run import run_benchmark
-from sada_gym.benchmark.suite import choose
 from sada_gym.errors import StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.files import read_model
-from sada_gym.runs import assemble
 
 WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
 
@@ -36,35 +31,23 @@ def done(tmp_path_factory, references):
     return run_benchmark(WHOLE, out, workers=2, references=references)
 
 
-def contents(out):
-    """Give all that does not depend on time: of the stores, the order of rows does."""
-    return {
-        str(path.relative_to(out)): path.read_bytes()
-        for path in sorted(out.rglob("*"))
-        if path.is_file() and path.suffix != ".sqlite" and not path.name.startswith("timing")
-    }
-
-
 def test_it_ends_with_results_tables_and_pictures(done):
     assert sorted(path.name for path in done.folder.iterdir()) == [
         ".lock",
-        "benchmark.json",
+        "entries",
         "pictures",
-        "results.json",
-        "runs",
         "stores",
         "table.md",
-        "timings.json",
+        "timings.jsonl",
     ]
-    results = read_model(done.folder / "results.json", Results)
-    assert results == done.results
+    results = done.results
+    assert done.entries == done.folder / "entries"
     assert len(results.runs) == 2 * 2 * 3
     assert [target.seeds for target in results.targets] == [(0, 1)]
     assert results.targets[0].reference.points == 600
-    assert "wall" not in (done.folder / "results.json").read_text()
-    timings = json.loads((done.folder / "timings.json").read_text())["runs"]
-    assert len(timings) == 12
-    assert all(timing["wall_s"] >= 0 for timing in timings)
+    costs = read_costs(done.folder)
+    assert len(costs) == 12
+    assert all(one.wall_s >= 0 for one in costs)
     pictures = {path.name for path in (done.folder / "pictures" / "n90").iterdir()}
     assert pictures == {"afr-coverage.png", "anytime.png", "marginals-Analytic.png", "novelty.png"}
 
@@ -76,10 +59,10 @@ def test_workers_are_no_part_of_the_result(done, tmp_path, references):
 
 def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch):
     run_benchmark(suite("archive", budgets=(90,)), tmp_path, references=references)
-    before = {there: (there / "result.json").stat() for _, there in read_runs(tmp_path)}
+    first = len(read_costs(tmp_path))
     run_benchmark(WHOLE, tmp_path, workers=1, references=references)
-    now = {there: (there / "result.json").stat() for there in before}
-    assert now == before  # neither written again nor touched
+    assert len(read_costs(tmp_path)) == 12
+    assert first == 1  # which is not done again
     assert contents(tmp_path) == contents(done.folder)
 
     def refuse(*args):
@@ -88,20 +71,6 @@ def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch)
     monkeypatch.setattr("sada_gym.benchmark.schedule.WorkerPool", refuse)
     run_benchmark(WHOLE, tmp_path, workers=2, references=references)
     assert contents(tmp_path) == contents(done.folder)
-
-
-def test_other_settings_are_refused(done, references, monkeypatch):
-    before = contents(done.folder)
-    for changed, message in (
-        (choose(WHOLE, budget=70), r"n60.budget.queries was 60 and is 70"),
-        (choose(WHOLE, samples=20), r"n90.samples was 30 and is 20"),
-    ):
-        with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another"):
-            run_benchmark(changed, done.folder, references=references)
-    monkeypatch.setattr(assemble, "packages", lambda *args: {"numpy": "1.0"})
-    with pytest.raises(ValueError, match=r"packages.numpy was '\S+' and is '1.0'"):
-        run_benchmark(WHOLE, done.folder, references=references)
-    assert contents(done.folder) == before
 
 
 def test_other_folders_are_refused(tmp_path, references):
@@ -117,7 +86,7 @@ def test_other_folders_are_refused(tmp_path, references):
 def test_two_at_once_are_refused(tmp_path, references):
     chosen = suite("random", budgets=(60,))
     out = tmp_path / "out"
-    claim(out, make_plan(chosen, references))
+    claim(out)
     with sole_user(out), pytest.raises(ValueError, match="another is at work there"):
         run_benchmark(chosen, out, references=references)
 
@@ -132,8 +101,8 @@ def test_a_bug_stops_it_and_names_the_run(tmp_path, references):
     chosen = suite("random", "bench_toys:Buggy", budgets=(60,))
     with pytest.raises(RunError, match=r"KeyError in bench_toys:Buggy on SADA-Analytic-v0"):
         run_benchmark(chosen, tmp_path, references=references)
-    assert len(read_runs(tmp_path)) == 1
-    assert not (tmp_path / "results.json").exists()
+    assert len(made(tmp_path / "entries")) == 1
+    assert not (tmp_path / "table.md").exists()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
@@ -141,7 +110,7 @@ def test_what_looks_like_bad_input_stops_it_too(tmp_path, references):
     chosen = suite("bench_toys:Wrong", budgets=(60,))
     with pytest.raises(RunError, match=r"ValueError in bench_toys:Wrong on .*looks like bad input"):
         run_benchmark(chosen, tmp_path, references=references)
-    assert read_runs(tmp_path) == []
+    assert made(tmp_path / "entries") == []
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
@@ -154,11 +123,7 @@ def test_a_run_whose_process_is_killed_is_done_again(tmp_path, references, monke
         run_benchmark(chosen, tmp_path / name, references=references)
     assert (tmp_path / "killed.deaths").read_text() == "x"
     assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
-    [again] = [
-        read_model(there / "timing.json", Timing)
-        for result, there in read_runs(tmp_path / "killed")
-        if result.settings.label == "bench_toys:Fragile"
-    ]
+    again = costs_of(tmp_path / "killed", "bench_toys:Fragile", "n60")
     assert (again.evaluated, again.known) == (30, 60)  # no query is repeated
 
 
@@ -167,7 +132,7 @@ def test_a_run_that_kills_its_process_again_and_again_is_named(tmp_path, referen
     chosen = suite("random", "bench_toys:Deadly", budgets=(60,))
     with pytest.raises(WorkerError, match=r"process of bench_toys:Deadly on SADA.* died 3 times"):
         run_benchmark(chosen, tmp_path, references=references)
-    assert len(read_runs(tmp_path)) == 1
+    assert len(made(tmp_path / "entries")) == 1
 
 
 def run_logged(out, references, environment):
@@ -228,7 +193,14 @@ def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references)
         workers = {worker for worker, _ in logged(log)}
         wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)  # noqa: B023
         if attempt < 2:
-            assert not (out / "results.json").exists()
+            assert not (out / "table.md").exists()
+    assert 0 < len(made(out / "entries")) < 6
+    elsewhere = tmp_path / "elsewhere"  # a second machine, which has no store
+    shutil.copytree(out / "entries", elsewhere / "entries")
+    assert end_of(start(elsewhere, tmp_path / "elsewhere.log", references, "0")) == 0
+    assert contents(elsewhere / "entries") == contents(tmp_path / "whole" / "entries")
+    assert contents(elsewhere)["table.md"] == contents(tmp_path / "whole")["table.md"]
+    assert len(read_costs(elsewhere)) == 6 - len(made(out / "entries"))
     committed, last = stored(out), tmp_path / "last.log"
     assert end_of(start(out, last, references, "0")) == 0
     assert len(logged(last)) == stored(out) - committed > 0

@@ -2,24 +2,28 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from bench_toys import ANALYTIC, LOGGED, Inline, Recorder, make_reference, suite
-
-from sada_gym.benchmark.folder import (
-    Timing,
-    claim,
-    find_missing,
-    read_runs,
-    run_folder,
-    store_file,
+from bench_toys import (
+    ANALYTIC,
+    LOGGED,
+    Inline,
+    Recorder,
+    costs_of,
+    made,
+    make_reference,
+    run_in,
+    suite,
 )
+
+from sada_gym.benchmark.entries import find_missing
+from sada_gym.benchmark.folder import claim, novelty_picture, store_file
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
-from sada_gym.benchmark.results import write_results
+from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.run import report_benchmark
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.files import read_model
+from sada_gym.leaderboard.entry import read_entries
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.novelty import novelty
 from sada_gym.measures.rates import mu_std
@@ -28,7 +32,6 @@ from sada_gym.oracle import evaluation_seeds
 from sada_gym.registration import make_application
 from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.measure import checkpoints
-from sada_gym.runs.record import RunFailure, RunReport, read_samples
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +45,9 @@ def references(tmp_path_factory):
 def work(out, chosen, references, callback=None):
     """Do all runs in this process, which is quicker than in others."""
     plan = make_plan(chosen, references)
-    claim(out, plan)
-    do_runs(plan, list(plan.runs), out, 1, Inline(), callback or BenchmarkCallback())
+    claim(out)
+    entries = out / "entries"
+    do_runs(plan, list(plan.runs), out, entries, 1, Inline(), callback or BenchmarkCallback())
     return plan
 
 
@@ -57,38 +61,48 @@ def done(tmp_path_factory, references):
 
 
 def run_of(done, label, table="n120", seed=0):
-    """Give the record of a run, and its folder."""
-    out, plan, _ = done
-    [run] = [c for c in plan.runs if (c.label, c.table, c.seed) == (label, table, seed)]
-    folder = run_folder(out, run)
-    [result] = [result for result, there in read_runs(out) if there == folder]
-    return result, folder
+    """Give what the entry says of a run, and its samples."""
+    _, found, samples = run_in(done[0] / "entries", label, table, seed)
+    return found, samples
 
 
-def test_each_run_has_its_folder(done):
+def test_each_run_is_in_its_entry(done):
     out, plan, _ = done
     assert len(list(plan.runs)) == 2 * 2 * 6
-    assert len(read_runs(out)) == 24
-    report, folder = run_of(done, "gaussian", seed=1)
-    assert folder == out / "runs" / "n120" / ANALYTIC / "gaussian-1"
+    names = {run.label: plan.abouts[run.label].name for run in plan.runs}
+    assert sorted(made(out / "entries")) == sorted(
+        (names[run.label], f"{ANALYTIC}.{run.table}", run.seed) for run in plan.runs
+    )
+    folder = out / "entries" / "gaussian"
     assert sorted(path.name for path in folder.iterdir()) == [
-        "result.json",
-        "samples.npz",
-        "timing.json",
+        f"{ANALYTIC}.n120.json",
+        f"{ANALYTIC}.n120.npz",
+        f"{ANALYTIC}.n60.json",
+        f"{ANALYTIC}.n60.npz",
+        "entry.toml",
     ]
-    assert report.settings.packages["numpy"] == np.__version__
-    assert report.settings.budget == 120
-    assert report.settings.samples == 30
-    assert "time" not in (folder / "result.json").read_text()
+    result, seed, _ = run_in(out / "entries", "gaussian", "n120", 1)
+    assert seed.packages["numpy"] == np.__version__
+    assert (result.identity.budget, result.identity.samples) == (120, 30)
+    assert "time" not in (folder / f"{ANALYTIC}.n120.json").read_text()
+
+
+def test_an_entry_says_who_made_it(done):
+    abouts = {entry.about.name: entry.about for entry in read_entries(done[0] / "entries")}
+    ours, theirs = abouts["gaussian"], abouts["bench_toys-picky"]
+    assert (ours.title, ours.adversary, ours.licence) == ("gaussian", "gaussian", "MIT")
+    assert ours.authors == ("sada_gym's developers",)
+    assert ours.command == "sada-gym benchmark -a gaussian"
+    assert (theirs.title, theirs.authors, theirs.licence) == ("bench_toys:Picky", (), "")
 
 
 def test_the_figures_are_those_of_the_samples(done, references):
-    report, folder = run_of(done, "gaussian")
-    samples, application = read_samples(folder / "samples.npz"), make_application(ANALYTIC)
+    seed, samples = run_of(done, "gaussian")
+    application = make_application(ANALYTIC)
     replayed = application.evaluate(samples.mu, samples.seed.tolist())
     assert samples.seed.tolist() == evaluation_seeds(0, "test", 0, 30)
     np.testing.assert_array_equal(replayed.score, samples.score)
-    measures = report
+    measures = seed.measures
     assert measures.afr == replayed.fooled.mean() == measures.fooled / 30
     assert measures.afr_interval_95[0] < measures.afr < measures.afr_interval_95[1]
     assert measures.mean_score == samples.score.mean()
@@ -98,7 +112,7 @@ def test_the_figures_are_those_of_the_samples(done, references):
     assert (measures.density, measures.coverage) == (expected.density, expected.coverage)
     omega = np.random.default_rng(0).uniform(-1, 1, (120, 2)).astype(np.float32)
     assert measures.novelty.median == novelty(samples.mu, omega).median
-    search = report.search
+    search = seed.search
     fooled = application.evaluate(omega, evaluation_seeds(0, "train", 0, 120)).fooled
     assert (search.queries, search.fooled) == (120, fooled.sum())
     assert [mark.queries for mark in search.curve] == [100, 120]
@@ -107,17 +121,19 @@ def test_the_figures_are_those_of_the_samples(done, references):
 
 
 def test_others_are_read_by_the_ideal(done, references):
-    ideal, folder = run_of(done, "ideal")
+    seed, samples = run_of(done, "ideal")
+    ideal = seed.measures
     application = make_application(ANALYTIC)
     measured_by, known = load_reference(ANALYTIC, application, references).halves()
-    drawn = {row.tobytes() for row in read_samples(folder / "samples.npz").mu}
+    drawn = {row.tobytes() for row in samples.mu}
     assert drawn <= {row.tobytes() for row in known}
     assert not drawn & {row.tobytes() for row in measured_by}
     assert ideal.afr == 1.0  # no noise: what fools once always does
     assert ideal.relative_coverage == 1.0
     assert ideal.novelty is None
-    assert ideal.search.queries == ideal.settings.budget == 0
-    gaussian, _ = run_of(done, "gaussian")
+    assert seed.queries == seed.search.queries == 0
+    assert run_in(done[0] / "entries", "ideal", "n120")[0].identity.budget == 0
+    gaussian = run_of(done, "gaussian")[0].measures
     share = gaussian.coverage / ideal.coverage
     assert gaussian.relative_coverage == share
     assert 0.2 < gaussian.novelty.ratio < 5
@@ -149,12 +165,10 @@ def test_the_ideal_is_an_adversary_like_any_other(tmp_path):
 
 def test_a_group_shares_its_omega(done):
     out, plan, _ = done
-    _, gaussian = run_of(done, "gaussian")
-    timing = read_model(gaussian / "timing.json", Timing)
+    timing = costs_of(out, "gaussian", "n120")
     assert (timing.evaluated, timing.known) == (120 + 30, 0)
     for label, table, known in (("gmm10", "n120", 120), ("gaussian", "n60", 60)):
-        _, folder = run_of(done, label, table)
-        timing = read_model(folder / "timing.json", Timing)
+        timing = costs_of(out, label, table)
         assert timing.known >= known
         assert timing.evaluated + timing.known == known + 30
     with EvaluationStore(store_file(out, plan.groups[0])) as store:
@@ -164,30 +178,30 @@ def test_a_group_shares_its_omega(done):
 
 
 def test_the_random_adversary_spends_nothing(done):
-    report, _ = run_of(done, "random")
-    assert report.search.queries == 0
-    assert report.search.curve == ()
-    assert report.novelty is None
-    assert report.coverage > 0
+    seed, _ = run_of(done, "random")
+    assert seed.search.queries == 0
+    assert seed.search.curve == ()
+    assert seed.measures.novelty is None
+    assert seed.measures.coverage > 0
 
 
 def test_a_refusal_is_a_result(done):
-    refused, folder = run_of(done, "bench_toys:Picky", "n60")
-    assert isinstance(refused, RunFailure)
+    refused, samples = run_of(done, "bench_toys:Picky", "n60")
     assert refused.error == "Expected a budget of at least 100, got 60."
-    assert sorted(path.name for path in folder.iterdir()) == ["failure.json", "timing.json"]
+    assert (refused.measures, refused.search, samples) == (None, None, None)
     fine, _ = run_of(done, "bench_toys:Picky", "n120")
-    assert isinstance(fine, RunReport)
-    assert fine.afr > 0
+    assert fine.error is None
+    assert fine.measures.afr > 0
+    assert find_missing(done[0] / "entries", done[1]).runs == ()  # it is not tried again
     short, _ = run_of(done, "bench_toys:Short")
     assert short.error.startswith("Expected samples of shape (30, 2) from Short.sample")
 
 
 def test_rows_sum_up_the_runs(done):
-    out, _, _ = done
-    results = write_results(out)
+    out, plan, _ = done
+    results = results_of(read_entries(out / "entries"), plan.suite.tables)
     [row] = [r for r in results.rows_of("n120", "", None) if r.label == "gaussian"]
-    rates = [run_of(done, "gaussian", seed=seed)[0].afr for seed in (0, 1)]
+    rates = [run_of(done, "gaussian", seed=seed)[0].measures.afr for seed in (0, 1)]
     assert row.afr.value == pytest.approx(np.mean(rates))
     assert row.afr.interval_95[0] < row.afr.value < row.afr.interval_95[1]
     assert (row.runs, row.tracks, row.failed, row.complete) == (2, 1, 0, True)
@@ -210,7 +224,7 @@ def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
     plan = make_plan(suite("toy:Greedy", track=LOGGED, budgets=(60,)), references)
     recorder = Recorder()
     with ThreadPoolExecutor(1) as executor:
-        do_runs(plan, list(plan.runs), tmp_path, 1, executor, recorder)
+        do_runs(plan, list(plan.runs), tmp_path, tmp_path / "entries", 1, executor, recorder)
     stages = [one.stage for _, one in recorder.progress]
     assert stages[0] == "train"
     assert "test" in stages
@@ -226,13 +240,13 @@ def test_without_a_reference_set_coverage_is_blank(tmp_path):
     plan = work(tmp_path, chosen, tmp_path / "none")
     [note] = plan.notes
     assert note.startswith(f"{ANALYTIC} has no reference set: the ideal row, coverage")
-    reports = {report.settings.label: report for report, _ in read_runs(tmp_path)}
-    assert set(reports) == {"random", "gaussian"}
-    measures = reports["gaussian"]
+    assert {entry for entry, _, _ in made(tmp_path / "entries")} == {"random", "gaussian"}
+    _, seed, _ = run_in(tmp_path / "entries", "gaussian", "n60")
+    measures = seed.measures
     assert (measures.density, measures.coverage, measures.relative_coverage) == (None,) * 3
     assert measures.novelty.median > 0
     assert measures.novelty.ratio is None
-    assert reports["gaussian"].search.curve[-1].coverage is None
+    assert seed.search.curve[-1].coverage is None
     result = report_benchmark(tmp_path, tmp_path / "none", notes=plan.notes)
     text = (tmp_path / "table.md").read_text()
     assert note in text
@@ -248,47 +262,29 @@ def test_a_reference_set_that_hardly_fools_is_as_good_as_none(tmp_path):
     assert {cell.label for cell in plan.runs} == {"random"}
 
 
-def test_a_changed_reference_set_is_refused(tmp_path, references):
-    out = tmp_path / "out"
-    out.mkdir()
-    work(out, suite("random", budgets=(60,)), references)
-    make_reference(tmp_path, ANALYTIC, points=500)
-    for adversary in ("random", "gaussian"):
-        plan = make_plan(suite(adversary, budgets=(60,)), tmp_path)
-        with pytest.raises(ValueError, match=r"reference.points was 600 and is 500.*delete that"):
-            find_missing(out, plan)
-
-
 def test_images_are_compared_on_the_first_seed(tmp_path, references):
     chosen = suite("ideal", "bench_toys:Picky", track=LOGGED, budgets=(120,), seeds=2, images=2)
-    work(tmp_path, chosen, references)
-    first, second = (
-        (report, folder)
-        for report, folder in read_runs(tmp_path)
-        if report.settings.label != "ideal"
+    plan = work(tmp_path, chosen, references)
+    first, second = (run for run in plan.runs if run.label != "ideal")
+    assert (first.seed, second.seed) == (0, 1)
+    of_first, of_second = (
+        run_in(tmp_path / "entries", run.label, run.table, run.seed, LOGGED)[1].measures
+        for run in (first, second)
     )
-    assert (first[0].settings.seed, second[0].settings.seed) == (0, 1)
-    images = first[0].image_novelty
+    images = of_first.image_novelty
     assert images.samples == 2
     assert 0 < images.median <= images.median_of_nearest_mu
     assert images.ratio == images.median / images.ideal
-    assert (first[1] / "novelty.png").stat().st_size > 1000
-    assert second[0].image_novelty is None
-    assert not (second[1] / "novelty.png").exists()
+    assert of_second.image_novelty is None
+    [picture] = (tmp_path / "pictures").rglob("*.png")
+    assert picture == novelty_picture(tmp_path, first)
+    assert picture.stat().st_size > 1000
 
 
 def test_a_bug_stops_the_group_and_names_the_run(tmp_path, references):
     with pytest.raises(RunError, match=r"KeyError in bench_toys:Buggy on SADA.*seed 0, table n60"):
         work(tmp_path, suite("random", "bench_toys:Buggy", budgets=(60,)), references)
-    assert [report.settings.label for report, _ in read_runs(tmp_path)] == ["random"]
-
-
-def test_half_written_runs_are_no_runs(tmp_path, references):
-    plan = work(tmp_path, suite("random", budgets=(60,)), references)
-    [(_, folder)] = read_runs(tmp_path)
-    folder.rename(folder.with_name(f".{folder.name}.tmp"))
-    assert read_runs(tmp_path) == []
-    assert find_missing(tmp_path, plan) == list(plan.runs)
+    assert {entry for entry, _, _ in made(tmp_path / "entries")} == {"random"}
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_the_suite_of_digits_has_all_adversaries_rl_included():
     assert set(one.tracks) == {track for track in tracks() if "Digits" in track}
     assert {c.label for c in CONTENDERS} - {c.label for c in one.contenders} == {"sada"}
     assert {table.budget.queries for table in one.tables} == {1_000}
-    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 14
+    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 30
 
 
 def test_the_suite_of_table_1_fills_all_ten_columns():
@@ -95,7 +95,13 @@ def test_the_suite_of_table_1_fills_all_ten_columns():
 
 
 @pytest.mark.parametrize(
-    ("agents", "attacked"), [("default", ["b"]), ("all", ["b", "a", "c"]), ("others", ["a", "c"])]
+    ("agents", "attacked"),
+    [
+        ("default", ["b"]),
+        ("all", ["b", "a", "c"]),
+        ("others", ["a", "c"]),
+        (("c", "mine"), ["c", "mine"]),
+    ],
 )
 def test_a_table_says_which_agents_it_attacks(agents, attacked):
     table = find_suite("driving").tables[0].model_copy(update={"agents": agents})
@@ -142,7 +148,7 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
     )
     assert changed.tracks == ("x",)
     assert [c.label for c in changed.contenders] == ["level-set", "bbgan (paper)"]
-    assert changed.agents == ("surveyor",)
+    assert {table.agents for table in changed.tables} == {("surveyor",)}
     assert changed.seeds_on("SADA-Detection-Truck-v0") == range(2)
     assert [table.budget.queries for table in changed.tables] == [9, 9]
     assert [table.budget.boosting_on_top for table in changed.tables] == [True, False]
@@ -173,7 +179,7 @@ def test_a_plan_is_checked_beforehand(tmp_path):
         (suite("bbgan:papr"), "Expected an adversary's name or module:Class"),
         (choose(suite("random"), contenders=["bbgan:papr"]), "preset"),
         (suite("random", track="SADA-Nothing-v0"), "Expected a registered environment id"),
-        (suite("random", agents=("surveyor",)), "Expected the keyword of SADA-Analytic-v0"),
+        (choose(suite("random"), agents=["surveyor"]), "Expected the keyword of SADA-Analytic-v0"),
         (suite("random", "random"), "Expected distinct contenders, got 'random' twice"),
         (suite("ideal"), "got nothing. SADA-Analytic-v0 has no reference set"),
     ):
@@ -201,7 +207,7 @@ def test_tables_choose_the_agents(tmp_path):
     assert [[run.table for run in group.runs] for group in plan.groups] == [["n9", "n8"], ["n8"]]
     assert len({run.fingerprint for run in plan.runs}) == 2
     with pytest.raises(ValueError, match="Did you mean 'surveyor'"):
-        make_plan(chosen.model_copy(update={"agents": ("surveyr",)}), tmp_path)
+        make_plan(choose(chosen, agents=["surveyr"]), tmp_path)
 
 
 def test_tables_choose_their_contenders(tmp_path):

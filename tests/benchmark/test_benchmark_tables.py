@@ -1,6 +1,5 @@
 import pytest
 
-from sada_gym.benchmark.folder import BenchmarkSettings
 from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.benchmark.report.tables import short_name, write_tables
 from sada_gym.benchmark.results import Results, RunSummary, Target, rows_of_runs
@@ -42,12 +41,15 @@ def run(
         track=track,
         agent=agent,
         label=label,
+        entry=label,
+        rule="t",
         seed=seed,
         adversary=label,
         preset=None,
         options={},
         budget=2000,
         samples=250,
+        queries=0 if error else 2000,
         error=error,
         measures=None if error else measures,
         search=None if error else Search(queries=2000, fooled=700, curve=()),
@@ -71,10 +73,9 @@ def report(tmp_path, runs, notes=()):
         )
         for track, agent in dict.fromkeys((c.track, c.agent) for c in runs)
     )
-    settings = BenchmarkSettings(tables=(TABLE,), packages={"numpy": "2.0"})
     results = Results(
-        format=1,
-        settings=settings,
+        tables=(TABLE,),
+        packages={"numpy": ("2.0",)},
         targets=targets,
         rows=tuple(rows_of_runs(runs)),
         runs=tuple(runs),

@@ -21,8 +21,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "file").write_text("mine")
-    (tmp_path / "binary.json").write_bytes(b"\xff\xfe{")
-    (tmp_path / "results.json").write_text("{}")
     (tmp_path / "weights.safetensors").write_bytes(b"\x00" * 64)
     (tmp_path / "folder.py").mkdir()
     (tmp_path / "latin.py").write_bytes(b"x = '\xe9'\n")
@@ -34,7 +32,10 @@ def folder(tmp_path, monkeypatch):
     (run / "attack.json").write_bytes(b"\xff")
     odd = tmp_path / "odd-benchmark"
     odd.mkdir()
-    (odd / "benchmark.json").mkdir()
+    (odd / "table.txt").mkdir()
+    (tmp_path / "odd-entries" / "random").mkdir(parents=True)
+    (tmp_path / "odd-entries" / "random" / "entry.toml").write_bytes(b"\xff")
+    (tmp_path / "odd-entries" / ".lock").touch()
     os.symlink("loop", tmp_path / "loop")
     return tmp_path
 
@@ -133,11 +134,11 @@ def invoke(args):
         [*BENCHMARK, "--references", "file"],
         ["benchmark", "--report", "--out", "file"],
         ["benchmark", "--report", "--out", "odd-benchmark"],
-        ["merge", "file", "--out", "merged"],
-        ["merge", "binary.json", "--out", "merged"],
-        ["merge", "results.json", "--out", "merged"],
-        ["merge", "missing", "--out", "merged"],
-        ["merge", "loop", "--out", "merged"],
+        ["benchmark", "--report", "--out", "odd-entries", "--entries", "odd-entries"],
+        ["benchmark", "--report", "--out", "x", "--entries", "file"],
+        ["benchmark", "--report", "--out", "x", "--entries", "missing"],
+        ["benchmark", "--report", "--out", "x", "--entries", "loop"],
+        ["benchmark", "--report", "--out", "x", "--entries", "zero\0byte"],
     ],
     ids=lambda args: " ".join(args)[-60:].replace("\0", "0"),
 )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
@@ -27,6 +29,11 @@ PACKAGES = {"python": "3.11.2", "sada_gym": "0.1.0", "numpy": "2.0.0"}
 NOTHING = Evaluations(np.zeros((0, 2), np.float32), np.zeros(0), np.zeros(0, np.int64))
 
 
+def uniform(seed: int, count: int, dimension: int) -> npt.NDArray[np.float64]:
+    """Draw uniform samples."""
+    return np.random.default_rng(seed).uniform(-1, 1, (count, dimension))
+
+
 def make_entry(
     parent: Path,
     name: str = "mine",
@@ -39,22 +46,22 @@ def make_entry(
     options: dict[str, Any] | None = None,
     seeds: int = 2,
     queries: int = 900,
+    draw: Callable[[int, int, int], npt.ArrayLike] = uniform,
 ) -> Path:
-    """Write an entry of uniform samples and give its folder."""
+    """Write an entry of `draw(seed, M, d)`, by default uniform samples, and give its folder."""
     options = {"width": 0.5} if options is None else options
     identity = today(track, agent, rule, adversary, preset, options)
     target = find_target(track, agent)
     evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {})
     samples, claims = {}, []
     for seed in range(seeds):
-        rng = np.random.default_rng(seed)
 
         def asked(mu, seed=seed):
             oracle = Oracle(evaluator, budget=len(mu), seed=seed, stream="test")
             oracle(mu)
             return oracle.record
 
-        samples[seed] = asked(rng.uniform(-1, 1, (identity.samples, target.dimension)))
+        samples[seed] = asked(draw(seed, identity.samples, target.dimension))
         ideal = None
         if target.ideal_set is not None:
             drawn = Ideal(target.dimension, seed=seed, fooling_set=target.ideal_set)

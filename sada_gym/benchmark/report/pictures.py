@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sada_gym.benchmark.folder import run_folder, slug
+from sada_gym.benchmark.folder import picture_folder
 from sada_gym.benchmark.report.charts import (
     Curve,
     NoveltyRatios,
@@ -19,76 +19,69 @@ from sada_gym.benchmark.report.charts import (
 )
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.benchmark.results import MEANS, Results, RunSummary
+from sada_gym.benchmark.worlds import World
 from sada_gym.files import write_file
-from sada_gym.measures.reference import FOLDER, load_reference
-from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.leaderboard.entry import Entry, result_stem, slug
+from sada_gym.parameters import Mu
 from sada_gym.plots.style import png
-from sada_gym.runs.assemble import open_application
 from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PICTURES = "pictures"
 
-
-def draw_benchmark(out: Path, results: Results, references: Path = FOLDER) -> None:
+def draw_benchmark(
+    out: Path,
+    results: Results,
+    entries: Sequence[Entry],
+    worlds: Mapping[tuple[str, str], World],
+) -> None:
     """Draw the pictures of every table and agent into OUT/pictures.
 
     What needs a reference set, or training queries, is left out where there are none.
 
     Args:
         out: The benchmark's folder.
-        results: The benchmark's results.
-        references: The folder of the reference sets.
+        results: The results of the entries.
+        entries: The entries.
+        worlds: What they attack, by track and agent.
     """
-    for name, figure in _figures(out, results, references):
-        path = out / PICTURES / f"{name}.png"
+    for path, figure in _figures(out, results, entries, worlds):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, png(figure))
 
 
-def _figures(out: Path, results: Results, references: Path) -> Iterator[tuple[str, Figure]]:
-    titles = {table.name: table.title for table in results.settings.tables}
-    worlds = _worlds(results, references)
+def _figures(
+    out: Path,
+    results: Results,
+    entries: Sequence[Entry],
+    worlds: Mapping[tuple[str, str], World],
+) -> Iterator[tuple[Path, Figure]]:
+    titles = {table.name: table.title for table in results.tables}
     for table, agent in results.comparisons():
-        folder = slug(f"{table}.{agent}" if agent else table)
+        folder = picture_folder(out, table, agent)
         title = f"{titles[table]}, {agent}" if agent else titles[table]
         runs = [run for run in results.runs if (run.table, run.agent) == (table, agent)]
         tracks = list(dict.fromkeys(run.track for run in runs))
         over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
         rows = results.rows_of(table, agent, None)
         if placed := [row for row in rows if row.afr and row.relative_coverage]:
-            yield f"{folder}/afr-coverage", tradeoff(placed, f"{title}: {over}")
+            yield folder / "afr-coverage.png", tradeoff(placed, f"{title}: {over}")
         if curves := _curves(runs):
-            yield f"{folder}/anytime", anytime_curves(curves, f"{title}: search, {over}")
+            yield folder / "anytime.png", anytime_curves(curves, f"{title}: search, {over}")
         if ratios := _ratios(runs):
-            yield f"{folder}/novelty", novelty_ratios(ratios, f"{title}: novelty of the samples")
+            yield folder / "novelty.png", novelty_ratios(ratios, f"{title}: novelty of the samples")
         for track in tracks:
-            space, fooling_set = worlds[track, agent]
-            samples = _samples(out, [run for run in runs if run.track == track])
+            world, name = worlds[track, agent], short_name(track)
+            samples = _samples(entries, [run for run in runs if run.track == track])
             if samples:
                 figure = marginal_strips(
-                    space, samples, fooling_set, f"{title}: where samples lie, {short_name(track)}"
+                    world.parameters,
+                    samples,
+                    world.fooling_set,
+                    f"{title}: where samples lie, {name}",
                 )
-                yield f"{folder}/marginals-{slug(short_name(track))}", figure
-
-
-def _worlds(
-    results: Results, references: Path
-) -> dict[tuple[str, str], tuple[ParameterSpace, Mu | None]]:
-    """Give the parameters and the fooling set of everything that was attacked."""
-    worlds = {}
-    for target in results.targets:
-        application = open_application(target.track, target.agent)
-        summary = target.reference
-        usable = summary is not None and summary.usable
-        reference = load_reference(target.track, application, references) if usable else None
-        fooling_set = None if reference is None else reference.fooling_set
-        worlds[target.track, target.agent] = (application.parameters, fooling_set)
-        application.close()
-    return worlds
+                yield folder / f"marginals-{slug(name)}.png", figure
 
 
 def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
@@ -127,11 +120,13 @@ def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
     return there
 
 
-def _samples(out: Path, runs: Sequence[RunSummary]) -> dict[str, Mu]:
-    """Read the test samples of all seeds by contender."""
+def _samples(entries: Sequence[Entry], runs: Sequence[RunSummary]) -> dict[str, Mu]:
+    """Give the test samples of all seeds by contender."""
+    of_entry = {entry.about.name: entry for entry in entries}
     parts: dict[str, list[Mu]] = {}
     for run in runs:
         if run.measures is not None:
-            samples = read_samples(run_folder(out, run) / SAMPLES_FILE)
+            stem = result_stem(run.track, run.agent, run.rule)
+            samples = of_entry[run.entry].results[stem].samples[run.seed]
             parts.setdefault(run.label, []).append(samples.mu)
     return {label: np.concatenate(mu) for label, mu in parts.items()}

@@ -12,11 +12,9 @@ import numpy as np
 
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
+from sada_gym.benchmark.folder import TABLE_FILE
 from sada_gym.benchmark.results import MEANS, Mean, Results, Row
-from sada_gym.benchmark.suite import CONTROLS
 from sada_gym.files import write_file
-
-TABLE_FILE = "table.md"
 
 _BLANK = "-"
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
@@ -52,7 +50,7 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
     legend = "".join(mean.legend for mean in _columns(results.rows).values())
     yield from ("# Benchmark results", "", _LEGEND + legend, "")
-    tables = {table.name: table for table in results.settings.tables}
+    tables = {table.name: table for table in results.tables}
     for table in dict.fromkeys(table for table, _ in results.comparisons()):
         yield from _table_1(results, table, tables[table].title)
     for table, agent in results.comparisons():
@@ -69,8 +67,8 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
         yield from _coverage_by_track(ours)
     yield from _targets(results)
     yield from _remarks(results, notes)
-    packages = results.settings.packages.items()
-    yield from ("## Versions", "", ", ".join(f"{name} {number}" for name, number in packages), "")
+    versions = (f"{name} {' and '.join(found)}" for name, found in results.packages.items())
+    yield from ("## Versions", "", ", ".join(versions), "")
 
 
 def _tracks(count: int) -> str:
@@ -95,7 +93,7 @@ def _fronts(ours: _ByTrack) -> dict[str, str]:
     points = {
         key: (row.afr.value, row.relative_coverage.value)
         for key, row in ours.rows.items()
-        if row.label not in CONTROLS and row.afr and row.relative_coverage
+        if not row.control and row.afr and row.relative_coverage
     }
     for (track, label), (afr, coverage) in points.items():
         others = [point for (other, _), point in points.items() if other == track]

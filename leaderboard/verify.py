@@ -1,0 +1,97 @@
+"""Verifies entries of the leaderboard: `python -m leaderboard.verify ENTRY... --nonce TEXT`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, say
+
+if TYPE_CHECKING:
+    from sada_gym.leaderboard.verification import Finding
+
+app = typer.Typer(
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.command()
+def verify(
+    entries: Annotated[
+        list[Path], typer.Argument(metavar="ENTRY...", help="The folders of the entries.")
+    ],
+    nonce: Annotated[
+        str | None,
+        option(
+            "A text that no submitter could know; it makes the evaluation seeds fresh.",
+            metavar="TEXT",
+            default="none; with --check, that of each file",
+        ),
+    ] = None,
+    workers: Annotated[int, option(WORKERS_HELP, least=1)] = 1,
+    again: Annotated[
+        bool, option("Evaluate again what was verified with this nonce.", "--again")
+    ] = False,
+    check: Annotated[
+        bool,
+        option("Write nothing; compare with the files that are there.", "--check"),
+    ] = False,
+    against: Annotated[
+        Path | None,
+        option(
+            "The folder of the entries to look for equal samples in.",
+            metavar="DIR",
+            default="that of each entry",
+        ),
+    ] = None,
+) -> None:
+    """Score the samples of entries again on fresh seeds, and write what is found beside the claims.
+
+    Exit code 1 where an entry was refused, or where --check finds something else than the files
+    hold.
+    """
+    failed = False
+    with errors_as_sentences():
+        from sada_gym.leaderboard.verification import verify as verify_entries
+
+        findings = verify_entries(
+            entries, nonce, workers=workers, again=again, check=check, against=against
+        )
+        for finding in findings:
+            failed |= finding.state in {"refused", "differs"}
+            _show(finding)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _show(finding: Finding) -> None:
+    where = " ".join(part for part in (finding.entry, finding.stem) if part)
+    verified = finding.verified
+    says = {
+        "verified": "verified",
+        "unchanged": "verified before with this nonce, and unchanged",
+        "outdated": f"outdated, so it was not evaluated: {finding.reason}",
+        "differs": f"not as it should be: {finding.reason}",
+        "refused": f"refused: {finding.reason}",
+    }
+    bad = finding.state in {"refused", "differs"}
+    say("[bold red]" if bad else "", f"{where}: {says[finding.state]}")
+    if verified is None:
+        return
+    for one in verified.seeds:
+        measures = one.measures
+        low, high = measures.afr_interval_95
+        covered = measures.relative_coverage
+        coverage = "no coverage" if covered is None else f"coverage {100 * covered:.1f} %"
+        rate = f"AFR {100 * measures.afr:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+        say("", f"  seed {one.seed}: {rate}, {coverage}")
+    for name, sentence in verified.flags.items():
+        say("  [yellow]", f"{name}: {sentence}.")
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m leaderboard.verify")

@@ -1,0 +1,180 @@
+"""`sada-gym submit`: makes an entry of the leaderboard, and checks it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, out, say
+from sada_gym.errors import UserError
+
+if TYPE_CHECKING:
+    from sada_gym.leaderboard.entry import Entry, EntryResult
+
+
+def submit(
+    name: Annotated[str, option("The entry's name: small letters, digits and -+._")],
+    authors: Annotated[list[str], option("An author; repeatable.")],
+    licence: Annotated[str, option("The licence of the data, such as CC-BY-4.0.")],
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="RUN",
+            help="Folders of `sada-gym attack`, of several seeds and tracks, or entries that a "
+            "benchmark made (DIR/entries/NAME).",
+        ),
+    ] = None,
+    title: Annotated[
+        str, option("What the board calls it.", metavar="TEXT", default="the name")
+    ] = "",
+    paper: Annotated[str, option("The address of a paper.", metavar="URL", default=False)] = "",
+    repository: Annotated[
+        str, option("The address of the code.", metavar="URL", default=False)
+    ] = "",
+    command: Annotated[
+        str,
+        option("How the results are made.", metavar="TEXT", default="the first run's command"),
+    ] = "",
+    rule: Annotated[
+        str | None,
+        option(
+            "The rule for the budget: `paper-budgets` or `equal-queries`.",
+            metavar="NAME",
+            default="paper-budgets; of an entry, all that it has",
+        ),
+    ] = None,
+    samples: Annotated[
+        list[Path] | None,
+        option(
+            "Instead of runs: an NPY file of M samples, (M, d) in [-1, 1]; one for each seed.",
+            metavar="FILE",
+        ),
+    ] = None,
+    track: Annotated[str | None, option("The environment of the samples.", metavar="ID")] = None,
+    agent: Annotated[
+        str | None,
+        option("The agent that they fool.", metavar="NAME", default="the track's first"),
+    ] = None,
+    queries: Annotated[
+        int | None, option("The training queries that each seed spent.", least=0)
+    ] = None,
+    adversary: Annotated[
+        str | None, option("What you call the adversary that found them.", metavar="NAME")
+    ] = None,
+    options: Annotated[
+        str | None, option("The adversary's options, as a JSON object.", metavar="JSON")
+    ] = None,
+    workers: Annotated[int, option(WORKERS_HELP, least=1)] = 1,
+    out_folder: Annotated[
+        Path, option("The folder of the entries.", "--out", metavar="DIR")
+    ] = Path("leaderboard/entries"),
+    replace: Annotated[
+        bool, option("Replace results that the entry has already.", "--replace")
+    ] = False,
+) -> None:
+    """Make an entry of the leaderboard from runs or from your own samples, and check it.
+
+    Nothing is uploaded. The entry is a folder of data, which you commit and propose by a pull
+    request. An entry of that name that is there receives the new results.
+    """
+    with errors_as_sentences():
+        from sada_gym.leaderboard.submit import Credits
+        from sada_gym.leaderboard.submit import submit as submit_runs
+
+        credits = Credits(name, authors, licence, title, paper, repository, command)
+        where: dict[str, Any] = {"out": out_folder, "replace": replace}
+        own = {
+            "--track": track,
+            "--agent": agent,
+            "--queries": queries,
+            "--adversary": adversary,
+            "--options": options,
+        }
+        if samples:
+            if runs:
+                raise UserError(
+                    f"Expected runs or --samples, got both: {runs[0]} and {samples[0]}. Submit "
+                    "one after the other, under the same --name."
+                )
+            missing = [key for key in ("--track", "--queries", "--adversary") if own[key] is None]
+            if missing:
+                raise UserError(
+                    f"Expected {' and '.join(missing)} beside --samples, got none. Say where the "
+                    "samples belong, and what they cost."
+                )
+            entry = _submit_samples(samples, credits, own, rule, workers, where)
+        else:
+            given = [key for key, value in own.items() if value is not None]
+            if given:
+                raise UserError(
+                    f"Expected {given[0]} only with --samples, got it without. A run says itself "
+                    "what it is of."
+                )
+            entry = submit_runs(runs or [], credits, rule=rule, **where)
+    _show(entry)
+
+
+def _submit_samples(
+    samples: list[Path],
+    credits: Any,
+    own: dict[str, Any],
+    rule: str | None,
+    workers: int,
+    where: dict[str, Any],
+) -> Entry:
+    from sada_gym.cli.progress import AttackProgress
+    from sada_gym.leaderboard.submit import parse_options, submit_samples
+    from sada_gym.leaderboard.today import PAPER_BUDGETS, default_agent, find_target
+
+    track, agent = own["--track"], own["--agent"]
+    chosen = parse_options(own["--options"] or "{}")
+    target = find_target(track, default_agent(track) if agent is None else agent)
+    each = f"{len(samples)} x {target.sample_size:,} samples"
+    ideal = "" if target.ideal_set is None else " and as many ideal ones"
+    say("", f"Evaluating {each}{ideal} on {track}, each once.")
+    with AttackProgress(out) as progress:
+        return submit_samples(
+            samples,
+            credits,
+            track=track,
+            agent=agent,
+            adversary=own["--adversary"],
+            queries=own["--queries"],
+            options=chosen,
+            rule=rule or PAPER_BUDGETS,
+            workers=workers,
+            on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
+            **where,
+        )
+
+
+def _show(entry: Entry) -> None:
+    say("[bold]", f"{entry.about.title} · {entry.folder}")
+    for stem, result in sorted(entry.results.items()):
+        say("", f"  {stem}: {_summary(result)}")
+    say(
+        "",
+        f"The entry passes all checks. Commit the folder {entry.folder} and open a pull request.",
+    )
+    say("", "The verifier will evaluate its samples again on seeds that nobody knows yet.")
+
+
+def _summary(result: EntryResult) -> str:
+    """Say in a line what a result claims: AFR over all seeds, and mean coverage."""
+    import numpy as np
+
+    from sada_gym.measures.rates import attack_fooling_rate
+
+    claims = result.claimed
+    measured = [one.measures for one in claims.seeds if one.measures is not None]
+    count = len(claims.seeds)
+    seeds = "1 seed" if count == 1 else f"{count} seeds"
+    if not measured:
+        return f"no samples, {seeds}"
+    scores = np.concatenate([one.score for one in result.samples.values()])
+    rate = attack_fooling_rate(scores, claims.identity.fooling_threshold)
+    covered = [one.relative_coverage for one in measured if one.relative_coverage is not None]
+    coverage = f"coverage {100 * sum(covered) / len(covered):.1f} %" if covered else "no coverage"
+    return f"AFR {rate}, {coverage}, {seeds}"

@@ -1,0 +1,187 @@
+"""What speaks against a result: each flag is a sentence with its numbers.
+
+A flag needs p < 1e-5 wherever chance has a part. A board has hundreds of results, and an honest one
+must not be accused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest, fisher_exact
+
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.leaderboard.entry import Identity, SeedResult
+from sada_gym.measures.collapse import collapse_flag
+from sada_gym.measures.reference import Reference
+from sada_gym.parameters import Mu
+from sada_gym.runs.measure import Measures
+
+SIGNIFICANCE = 1e-5
+"""A flag is raised where an honest result would look so with a smaller probability than this."""
+
+EQUAL = 1e-4
+"""Samples count as equal where they differ by at most this in every dimension of [-1, 1]^d."""
+
+LEAST_SHARE = 0.1
+"""The least share of equal samples that is worth a flag."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeedEvidence:
+    """What is known of one seed of a result.
+
+    Attributes:
+        claimed: What the entry claims.
+        samples: The samples as they were submitted.
+        again: The same mu on fresh seeds.
+        ideal: Ideal samples on the same fresh seeds; None without a reference set.
+        uniform: Uniform samples on the same fresh seeds; None with a reference set.
+        measures: The measures of `again`.
+    """
+
+    claimed: SeedResult
+    samples: Evaluations
+    again: Evaluations
+    ideal: Evaluations | None
+    uniform: Evaluations | None
+    measures: Measures
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of a result.
+
+    Attributes:
+        identity: What the result is of.
+        seeds: The seeds that have samples.
+        reference: The reference set; None where there is none.
+        neighbours: The samples of other entries on the same track and agent, (n, d) each, by name.
+    """
+
+    identity: Identity
+    seeds: Sequence[SeedEvidence]
+    reference: Reference | None
+    neighbours: Mapping[str, Mu]
+
+    @property
+    def mu(self) -> Mu:
+        """The samples of all seeds, (n, d)."""
+        return np.concatenate([one.samples.mu for one in self.seeds])
+
+    @property
+    def claimed(self) -> npt.NDArray[np.bool_]:
+        """Which samples fool as claimed, (n,)."""
+        scores = np.concatenate([one.samples.score for one in self.seeds])
+        return np.asarray(scores <= self.identity.fooling_threshold)
+
+    @property
+    def verified(self) -> npt.NDArray[np.bool_]:
+        """Which samples fool on fresh seeds, (n,)."""
+        scores = np.concatenate([one.again.score for one in self.seeds])
+        return np.asarray(scores <= self.identity.fooling_threshold)
+
+
+def find_flags(evidence: Evidence) -> dict[str, str]:
+    """Find what speaks against a result, by the flags' names; without samples nothing does."""
+    if not evidence.seeds:
+        return {}
+    checks = {
+        "claim": claim,
+        "collapsed": collapsed,
+        "constant": constant,
+        "duplicates": duplicates,
+        "worse than random": worse_than_random,
+    }
+    found = {name: check(evidence) for name, check in checks.items()}
+    return {name: sentence for name, sentence in found.items() if sentence is not None}
+
+
+def claim(evidence: Evidence) -> str | None:
+    """Compare which samples fool as claimed and on fresh seeds, by the sign test on the same mu.
+
+    Rows that agree say nothing. Among the others, an honest claim is the better one as often as
+    the worse one.
+    """
+    claimed, verified = evidence.claimed, evidence.verified
+    lost, won = int((claimed & ~verified).sum()), int((~claimed & verified).sum())
+    if not lost or binomtest(lost, lost + won, 0.5, alternative="greater").pvalue >= SIGNIFICANCE:
+        return None
+    return (
+        f"{int(claimed.sum()):,} of {len(claimed):,} samples fool the agent as claimed, and "
+        f"{int(verified.sum()):,} on fresh seeds: {lost:,} fool only as claimed, {won:,} only on "
+        "fresh seeds"
+    )
+
+
+def constant(evidence: Evidence) -> str | None:
+    """Find seeds whose claimed Q are one single value while those on fresh seeds are not.
+
+    Where Q is often the same, such as 0, an honest claim may consist of it. Each row that differs
+    on the fresh seed could as well have differed in the claim.
+    """
+    for one in evidence.seeds:
+        values = np.unique(one.samples.score)
+        other = int((one.again.score != values[0]).sum())
+        if len(values) == 1 and len(one.samples) > 1 and 0.5**other < SIGNIFICANCE:
+            return (
+                f"all {len(one.samples):,} samples of seed {one.claimed.seed} have Q = "
+                f"{values[0]:.6g} as claimed, and {other:,} of them have another Q on fresh seeds"
+            )
+    return None
+
+
+def collapsed(evidence: Evidence) -> str | None:
+    """Find seeds whose samples crowd around one point."""
+    told = [collapse_flag(one.samples.mu) for one in evidence.seeds]
+    found = [sentence for sentence in told if sentence is not None]
+    return f"on {len(found)} of {len(told)} seeds {found[0]}" if found else None
+
+
+def duplicates(evidence: Evidence) -> str | None:
+    """Find samples that equal others of the result, or of another entry."""
+    from scipy.spatial import cKDTree
+
+    mu = evidence.mu.astype(np.float64)
+    tree = cKDTree(mu)
+    # the nearest is the sample itself
+    nearest = tree.query(mu, k=2, p=np.inf)[0][:, 1]
+    share = float((nearest <= EQUAL).mean())
+    if share >= LEAST_SHARE:
+        return f"{_percent(share)} of the samples equal another sample of this result"
+    for name, others in evidence.neighbours.items():
+        if others.shape[1] != mu.shape[1]:
+            continue
+        distances = cKDTree(others.astype(np.float64)).query(mu, p=np.inf)[0]
+        share = float((distances <= EQUAL).mean())
+        if share >= LEAST_SHARE:
+            return f"{_percent(share)} of the samples equal samples of the entry {name}"
+    return None
+
+
+def worse_than_random(evidence: Evidence) -> str | None:
+    """Compare the AFR on fresh seeds with that of uniform samples."""
+    verified = evidence.verified
+    fooled, count = int(verified.sum()), len(verified)
+    if evidence.reference is not None:
+        rate = evidence.reference.uniform_rate
+        p = binomtest(fooled, count, rate, alternative="less").pvalue
+    else:
+        scores = np.concatenate([one.uniform.score for one in evidence.seeds if one.uniform])
+        uniform = int((scores <= evidence.identity.fooling_threshold).sum())
+        rate = uniform / len(scores)
+        table = [[fooled, count - fooled], [uniform, len(scores) - uniform]]
+        p = fisher_exact(table, alternative="less").pvalue
+    if p >= SIGNIFICANCE:
+        return None
+    return (
+        f"{_percent(fooled / count)} of the samples fool the agent on fresh seeds, and "
+        f"{_percent(rate)} of uniform samples do"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

@@ -1,0 +1,273 @@
+"""What a benchmark's entries lack, how runs are added, and which plans have no place in them."""
+
+import shutil
+
+import pytest
+from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in, suite
+
+from sada_gym.benchmark.entries import about_of, find_missing
+from sada_gym.benchmark.folder import Timing, claim, read_costs, sole_user
+from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.progress import BenchmarkCallback
+from sada_gym.benchmark.run import report_benchmark, run_benchmark
+from sada_gym.benchmark.schedule import do_runs
+from sada_gym.benchmark.suite import Contender, choose, find_contender, find_suite
+from sada_gym.errors import UserError
+from sada_gym.leaderboard.checks import check_entry, is_outdated
+from sada_gym.leaderboard.entry import (
+    FORMAT,
+    MAX_ERROR,
+    SeedResult,
+    Verified,
+    read_about,
+    read_entry,
+    samples_sha256,
+    write_about,
+    write_verified,
+)
+from sada_gym.runs.record import RunFailure
+
+WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)
+STEM = f"{ANALYTIC}.n60"
+
+
+@pytest.fixture(scope="module")
+def references(tmp_path_factory):
+    there = tmp_path_factory.mktemp("references")
+    make_reference(there, ANALYTIC)
+    return there
+
+
+def work(out, chosen, references):
+    """Do what is missing, and say what that was."""
+    plan = make_plan(chosen, references)
+    claim(out)
+    entries = out / "entries"
+    missing = find_missing(entries, plan)
+    do_runs(plan, missing.runs, out, entries, 1, Inline(), BenchmarkCallback())
+    return missing
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, references):
+    out = tmp_path_factory.mktemp("whole")
+    assert len(work(out, WHOLE, references).runs) == 8
+    return out / "entries"
+
+
+@pytest.fixture
+def copied(whole, tmp_path):
+    """A second place, which has the entries and nothing else."""
+    shutil.copytree(whole, tmp_path / "out" / "entries")
+    return tmp_path / "out"
+
+
+def names(missing):
+    return [(run.label, run.seed) for run in missing.runs]
+
+
+def test_a_second_place_with_the_entries_alone_has_nothing_to_do(copied, whole, references):
+    missing = work(copied, WHOLE, references)
+    assert (missing.runs, missing.lacking, missing.outdated) == ((), 0, 0)
+    assert contents(copied / "entries") == contents(whole)
+    assert read_costs(copied) == []
+
+
+def test_seeds_results_and_entries_that_are_missing_are_made_again(copied, whole, references):
+    shutil.rmtree(copied / "entries" / "archive")
+    (copied / "entries" / "ideal" / f"{STEM}.json").unlink()
+    first = suite("random", budgets=(60,))
+    shutil.rmtree(copied / "entries" / "random")
+    work(copied, first, references)  # seed 0 alone
+    missing = work(copied, WHOLE, references)
+    assert sorted(names(missing)) == [
+        *(("archive", 0), ("archive", 1)),
+        *(("ideal", 0), ("ideal", 1)),
+        ("random", 1),
+    ]
+    assert (missing.lacking, missing.outdated) == (3, 0)
+    assert contents(copied / "entries") == contents(whole)
+
+
+def test_killed_between_samples_and_claims_it_makes_that_seed_again(copied, whole, references):
+    claims = copied / "entries" / "random" / f"{STEM}.json"
+    shutil.rmtree(claims.parent)
+    work(copied, suite("random", budgets=(60,)), references)
+    before = claims.read_bytes()
+    work(copied, WHOLE, references)
+    claims.write_bytes(before)  # the samples of both seeds are there by then
+    assert names(work(copied, WHOLE, references)) == [("random", 1)]
+    assert contents(copied / "entries") == contents(whole)
+
+
+def test_an_outdated_result_is_replaced(copied, whole, references, tmp_path):
+    changed = choose(suite("random", "gaussian", budgets=(60,)), samples=20)
+    missing = work(copied, changed, references)
+    assert names(missing) == [("random", 0), ("gaussian", 0)]
+    assert (missing.lacking, missing.outdated) == (1, 1)
+    result, _, samples = run_in(copied / "entries", "random", "n60")
+    assert result.identity.samples == len(samples.mu) == 20
+    assert [one.seed for one in result.seeds] == [0]  # the other one was of the old result
+    others = {name for name in contents(whole) if not name.startswith("random/")}
+    assert {name: contents(copied / "entries")[name] for name in others} == {
+        name: contents(whole)[name] for name in others
+    }
+    make_reference(tmp_path, ANALYTIC, points=500)
+    missing = find_missing(copied / "entries", make_plan(changed, tmp_path))
+    assert (len(missing.runs), missing.outdated) == (2, 2)
+
+
+def test_what_the_plan_does_not_name_is_left_alone(copied, references):
+    work(copied, suite("random", budgets=(60,), seeds=3), references)
+    before = contents(copied / "entries")
+    assert names(work(copied, suite("random", budgets=(60,)), references)) == []
+    assert contents(copied / "entries") == before
+    assert ("random", STEM, 2) in made(copied / "entries")
+
+
+@pytest.mark.parametrize("name", ["digits", "robot"])
+def test_what_a_benchmark_makes_is_what_the_checks_expect(name):
+    plan = make_plan(find_suite(name))
+    for group in plan.groups:
+        for run in group.runs:
+            assert is_outdated(group.identity(run)) is None, str(run)
+
+
+def test_what_a_benchmark_writes_passes_the_checks(whole):
+    for name in ("random", "ideal", "bench_toys-picky"):
+        check_entry(whole / name, submission=False)
+
+
+def test_a_new_seed_takes_back_what_was_verified(copied, references):
+    folder = copied / "entries" / "random"
+    held = read_entry(folder).results[STEM]
+    verified = Verified(
+        format=FORMAT,
+        identity_sha256=held.claimed.identity_sha256,
+        samples_sha256=samples_sha256(held.samples),
+        nonce="x",
+        seeds=(),
+        flags={},
+    )
+    write_verified(folder, STEM, verified)
+    work(copied, WHOLE, references)
+    assert read_entry(folder).results[STEM].verified == verified
+    work(copied, suite("random", budgets=(60,), seeds=3), references)
+    assert read_entry(folder).results[STEM].verified is None
+
+
+def test_an_entry_of_another_adversary_is_not_touched(copied, references):
+    folder = copied / "entries" / "random"
+    write_about(folder, read_about(folder).model_copy(update={"adversary": "theirs"}))
+    before = contents(copied / "entries")
+    with pytest.raises(UserError, match=r"of the adversary random, got one of theirs\. Give the"):
+        find_missing(copied / "entries", make_plan(WHOLE, references))
+    assert contents(copied / "entries") == before
+
+
+def test_an_entry_keeps_its_authors_where_options_change(copied, references):
+    folder = copied / "entries" / "archive"
+    theirs = read_about(folder).model_copy(update={"authors": ("Ada",), "options": '{"a": 1}'})
+    write_about(folder, theirs)
+    shutil.rmtree(copied / "entries" / "random")
+    (folder / f"{STEM}.json").unlink()
+    work(copied, WHOLE, references)
+    assert read_about(folder) == theirs.model_copy(update={"options": "{}"})
+
+
+def test_only_our_contenders_have_our_name_and_licence():
+    ours = about_of(find_contender("bbgan (paper)"))
+    assert (ours.name, ours.title, ours.preset) == ("bbgan-paper", "bbgan (paper)", "paper")
+    assert (ours.licence, ours.command) == ("MIT", "sada-gym benchmark -a 'bbgan (paper)'")
+    other = about_of(Contender(label="gp", adversary="gp", options={"subset": 9}))
+    assert (other.authors, other.licence, other.options) == ((), "", '{"subset": 9}')
+
+
+@pytest.mark.parametrize(
+    ("contender", "reason"),
+    [
+        (Contender(label="ж", adversary="gp"), r"name: .*64 small letters"),
+        (Contender(label="g" * 65, adversary="gp"), r"name: .*64 small letters"),
+        (Contender(label="a\nb", adversary="gp"), r"title: .*control characters"),
+        (
+            Contender(label="gp", adversary="gp", options={"a": {1}}),
+            r"set is not JSON serializable",
+        ),
+    ],
+)
+def test_a_contender_that_no_entry_can_describe_is_refused(contender, reason):
+    with pytest.raises(UserError, match=reason):
+        about_of(contender)
+
+
+def test_runs_that_would_share_a_place_are_refused(tmp_path):
+    pair = tuple(Contender(label=label, adversary="random") for label in ("Mine", "mine"))
+    chosen = suite("random", budgets=(60,)).model_copy(update={"contenders": pair})
+    with pytest.raises(UserError, match=r"got Mine on SADA.* and mine on SADA.*would share one"):
+        make_plan(chosen, tmp_path)
+    same = find_suite("driving")
+    one = choose(same, tracks=same.tracks[:1], agents=["cil"], contenders=["random"])
+    with pytest.raises(UserError, match=r"paper-budgets and .*other-agents.*\(--tables\)"):
+        make_plan(one, tmp_path)
+    assert make_plan(choose(one, tables=["other-agents"]), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("rule", "reason"),
+    [("a" * 140, "at most 150 characters in all"), ("a" * 201, r"rule: .*at most 200")],
+)
+def test_names_that_no_file_can_have_are_refused(rule, reason, tmp_path):
+    chosen = suite("random", budgets=(60,))
+    tables = (chosen.tables[0].model_copy(update={"rule": rule}),)
+    with pytest.raises(UserError, match=rf"{reason}.*shorter names"):
+        make_plan(chosen.model_copy(update={"tables": tables}), tmp_path)
+
+
+def test_an_error_of_any_text_fits_into_an_entry(references, tmp_path):
+    plan = make_plan(suite("random", budgets=(60,)), references)
+    [run] = plan.runs
+    failure = RunFailure(settings=run, fooling_threshold=0.3, error="a\x1b[31m\n\tb" + "c" * 9_000)
+    seed = SeedResult.of(failure)
+    assert seed.error.startswith("a [31m b")
+    assert len(seed.error) == MAX_ERROR
+
+
+def test_one_benchmark_at_a_time_writes_to_a_folder_of_entries(tmp_path, references):
+    entries = tmp_path / "entries"
+    entries.mkdir()
+    with sole_user(entries), pytest.raises(UserError, match="another is at work there"):
+        run_benchmark(WHOLE, tmp_path / "out", entries=entries, references=references)
+
+
+def test_a_torn_line_of_costs_is_left_out(tmp_path, references):
+    work(tmp_path, suite("random", budgets=(60,)), references)
+    file = tmp_path / "timings.jsonl"
+    file.write_bytes(file.read_bytes() + b'{"table": "n60", "tra')
+    work(tmp_path, suite("random", "ideal", budgets=(60,)), references)
+    costs = read_costs(tmp_path)
+    assert [one.label for one in costs] == ["random", "ideal"]
+    assert set(Timing.model_fields) < set(type(costs[0]).model_fields)
+
+
+def test_the_report_leaves_out_what_is_outdated(copied, references, tmp_path):
+    make_reference(tmp_path / "others", ANALYTIC, points=500)
+    work(copied, suite("gaussian", budgets=(60,)), tmp_path / "others")
+    done = report_benchmark(copied, references)
+    assert {run.entry for run in done.results.runs} == {
+        *("ideal", "random", "archive", "bench_toys-picky")
+    }
+    assert done.notes == (
+        "One result is left out, because the track or its agent has changed since.",
+    )
+    assert done.notes[0] in (copied / "table.md").read_text()
+    assert [table.title for table in done.results.tables] == ["n60"]  # the rule's name
+
+
+def test_the_report_is_the_same_in_a_second_place(copied, whole, references):
+    first = report_benchmark(whole.parent, references, tables=WHOLE.tables)
+    second = report_benchmark(copied, references, tables=WHOLE.tables)
+    assert first.results == second.results
+    text = (copied / "table.md").read_text()
+    assert text == (whole.parent / "table.md").read_text()
+    with pytest.raises(UserError, match="got none yet"):
+        report_benchmark(copied, references, tracks=["SADA-Digits-3-v0"])

@@ -1,0 +1,220 @@
+"""Entries are put together in tables: by rule and agents, of one tier, with intervals and ranks."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sada_gym.benchmark.results import results_of
+from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
+from sada_gym.errors import UserError
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.leaderboard.entry import (
+    FORMAT,
+    About,
+    Entry,
+    EntryResult,
+    Identity,
+    Result,
+    SeedResult,
+    Verified,
+    VerifiedSeed,
+    samples_sha256,
+)
+from sada_gym.runs.measure import measure
+
+EQUAL = TABLES["equal-queries"]
+TRACKS = ("SADA-Driving-Straight-v0", "SADA-Driving-OneCurve-v0")
+
+
+def measures(fooled, count=100):
+    mu = np.random.default_rng(fooled).uniform(-1, 1, (count, 3)).astype(np.float32)
+    score = np.where(np.arange(count) < fooled, 0.0, 1.0)
+    samples = Evaluations(mu, score, np.arange(count))
+    none = Evaluations(mu[:0], score[:0], np.arange(0))
+    return samples, measure(samples, none, 0.3, fooling_set=None, ideal=None, images=None, seed=0)
+
+
+def result(
+    fooled,
+    *,
+    track=TRACKS[0],
+    agent="cil",
+    rule="equal-queries",
+    adversary="gp",
+    verified=None,
+    numpy="2.0",
+    fingerprint="f",
+):
+    """A result that claims so many fooled samples of 100 in each seed; None where a seed failed."""
+    identity = Identity(
+        track=track,
+        agent=agent,
+        rule=rule,
+        budget=2_000,
+        samples=100,
+        application="SADA-Driving",
+        version=0,
+        application_settings={},
+        fingerprint=fingerprint,
+        fooling_threshold=0.3,
+        reference=None,
+        adversary=adversary,
+        preset=None,
+        options={},
+        resolved={},
+    )
+    samples, seeds = {}, []
+    for seed, count in enumerate(fooled):
+        found = None
+        if count is not None:
+            samples[seed], found = measures(count)
+        error = "It cannot." if count is None else None
+        seeds.append(
+            SeedResult(seed=seed, queries=7, error=error, measures=found, packages={"numpy": numpy})
+        )
+    claimed = Result.make(identity, seeds)
+    if verified is not None:
+        verified = Verified(
+            format=FORMAT,
+            identity_sha256=claimed.identity_sha256,
+            samples_sha256=samples_sha256(samples),
+            nonce="n",
+            seeds=tuple(
+                VerifiedSeed(seed=seed, measures=measures(count)[1])
+                for seed, count in enumerate(verified)
+            ),
+            flags={"claimed": "The claim is outside of the interval."},
+        )
+    return EntryResult(claimed, samples, verified)
+
+
+def entry(name, *results, title=None, adversary="gp"):
+    about = About(
+        format=FORMAT, name=name, title=title or name, authors=(), licence="", adversary=adversary
+    )
+    return Entry(Path(name), about, {one.claimed.identity.stem: one for one in results})
+
+
+def rows(results, table="equal-queries", agent="cil", track=None):
+    return {row.entry: row for row in results.rows_of(table, agent, track)}
+
+
+def test_tables_take_the_results_of_their_rule_and_agents():
+    results = (
+        result([10], rule="paper-budgets"),
+        result([20], rule="paper-budgets", agent="ppo"),
+        result([30]),
+        result([40], agent="ppo"),
+    )
+    found = results_of([entry("gp", *results)], tuple(TABLES.values()))
+    assert {(run.table, run.agent): run.measures.fooled for run in found.runs} == {
+        ("paper-budgets", "cil"): 10,
+        ("other-agents", "ppo"): 20,
+        ("equal-queries", "cil"): 30,
+        ("equal-queries", "ppo"): 40,
+    }
+    assert found.comparisons()[0] == ("paper-budgets", "cil")
+    default = EQUAL.model_copy(update={"agents": "default"})
+    assert results_of([entry("gp", *results)], [default]).comparisons() == [
+        ("equal-queries", "cil")
+    ]
+    named = EQUAL.model_copy(update={"agents": ("ppo", "mine")})
+    assert results_of([entry("gp", *results)], [named]).comparisons() == [("equal-queries", "ppo")]
+
+
+def test_a_user_s_own_agent_is_the_default_one_of_its_application():
+    table = Table(name="t", title="", note="", budget=Budget(queries=1))
+    assert table.rule == "t"
+    assert table.shows("t", "SADA-Mine", "anything")
+    assert not table.shows("other", "SADA-Mine", "anything")
+    assert not table.model_copy(update={"agents": "others"}).shows("t", "SADA-Mine", "anything")
+
+
+def test_the_tables_of_rules_are_ours_or_plain():
+    assert [table.name for table in tables_of({"equal-queries"})] == ["equal-queries"]
+    ours = tables_of({"paper-budgets", "mine"})
+    assert [table.name for table in ours] == ["paper-budgets", "other-agents", "mine"]
+    assert ours[-1].shows("mine", "SADA-Driving", "ppo")
+
+
+def test_the_verified_tier_shows_what_was_verified_alone():
+    entries = [
+        entry("good", result([90, 90], verified=[80, 84])),
+        entry("unseen", result([99, 99])),
+    ]
+    claimed, verified = (results_of(entries, [EQUAL], tier=t) for t in ("claimed", "verified"))
+    assert rows(claimed)["good"].afr.value == pytest.approx(0.9)
+    assert set(rows(claimed)) == {"good", "unseen"}
+    assert rows(verified)["good"].afr.value == pytest.approx(0.82)
+    assert set(rows(verified)) == {"good"}
+    assert {run.flags for run in claimed.runs} == {()}
+    assert {run.flags for run in verified.runs} == {
+        ("claimed: The claim is outside of the interval.",)
+    }
+
+
+def test_failed_seeds_are_counted_in_both_tiers():
+    entries = [entry("gp", result([None, 50]))]
+    [row] = results_of(entries, [EQUAL]).rows_of("equal-queries", "cil", None)
+    assert (row.runs, row.failed, row.complete, row.queries) == (1, 1, False, 7)
+    one = result([None])
+    held = EntryResult(one.claimed, one.samples, result([1], verified=[1]).verified)
+    [row] = results_of([entry("gp", held)], [EQUAL], tier="verified").rows_of(
+        "equal-queries", "cil", None
+    )
+    assert (row.runs, row.failed, row.afr) == (0, 1, None)
+
+
+def test_controls_are_known_by_their_adversary_and_have_no_rank():
+    entries = [
+        entry("ideal", result([95], adversary="ideal"), adversary="ideal"),
+        entry("theirs", result([90]), title="ideal"),
+        entry("weak", result([20])),
+    ]
+    found = rows(results_of(entries, [EQUAL]))
+    assert {name: (row.control, row.afr.rank) for name, row in found.items()} == {
+        "ideal": (True, None),
+        "theirs": (False, "1"),
+        "weak": (False, "2"),
+    }
+    # the title of another entry does not make two rows one
+    assert {name: row.label for name, row in found.items()} == {
+        "ideal": "ideal",
+        "theirs": "ideal [theirs]",
+        "weak": "weak",
+    }
+
+
+def test_seeds_may_differ_in_number_but_tracks_may_not():
+    entries = [
+        entry("many", *(result([60, 61, 62, 63], track=track) for track in TRACKS)),
+        entry("few", *(result([30], track=track) for track in TRACKS)),
+        entry("one-track", result([90], track=TRACKS[0])),
+    ]
+    results = results_of(entries, [EQUAL])
+    assert {name: row.afr.rank for name, row in rows(results).items()} == {
+        "many": "1",
+        "few": "2",
+        "one-track": None,
+    }
+    assert rows(results, track=TRACKS[0])["one-track"].afr.rank == "1"
+    assert [target.seeds for target in results.targets] == [(0, 1, 2, 3)] * 2
+
+
+def test_versions_of_packages_may_differ():
+    entries = [entry("a", result([1], numpy="2.1")), entry("b", result([2], numpy="2.0"))]
+    assert results_of(entries, [EQUAL]).packages == {"numpy": ("2.0", "2.1")}
+
+
+def test_versions_of_a_track_may_not_differ():
+    entries = [entry("a", result([1])), entry("b", result([2], fingerprint="other"))]
+    with pytest.raises(
+        UserError, match=r"one version of SADA-Driving-Straight-v0.*fingerprint was"
+    ):
+        results_of(entries, [EQUAL])
+
+
+def test_no_entries_make_empty_results():
+    found = results_of([], tuple(TABLES.values()))
+    assert (found.runs, found.rows, found.targets, found.packages) == ((), (), (), {})

@@ -1,0 +1,66 @@
+"""The page on the leaderboard says what works: from an Optuna study to an entry."""
+
+import importlib.util
+import re
+import shlex
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sada_gym.cli import app
+from sada_gym.leaderboard.checks import check_entry
+from sada_gym.leaderboard.entry import read_entry
+
+PAGE = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
+
+
+class Study:
+    """What the page uses of an Optuna study, with random search in the place of TPE."""
+
+    def __init__(self, sampler):
+        self.rng, self.trials = np.random.default_rng(sampler), []
+
+    def optimize(self, objective, n_trials):
+        for _ in range(n_trials):
+            trial = types.SimpleNamespace(params={})
+
+            def suggest_float(name, low, high, trial=trial):
+                return trial.params.setdefault(name, float(self.rng.uniform(low, high)))
+
+            trial.suggest_float = suggest_float
+            trial.value = float(objective(trial))
+            self.trials.append(trial)
+
+
+@pytest.fixture
+def optuna(monkeypatch):
+    """Optuna itself where it is installed, else random search behind the same names."""
+    if importlib.util.find_spec("optuna") is None:
+        module = types.ModuleType("optuna")
+        module.create_study = Study
+        module.samplers = types.SimpleNamespace(TPESampler=lambda seed: seed)
+        module.logging = types.SimpleNamespace(set_verbosity=lambda level: None, WARNING=30)
+        monkeypatch.setitem(sys.modules, "optuna", module)
+
+
+@pytest.mark.usefixtures("optuna")
+def test_the_study_becomes_an_entry(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(import numpy as np\nimport optuna.*?)```", PAGE, re.DOTALL)
+    code = code.replace("range(3)", "range(1)").replace("budget=1_000", "budget=260")
+    exec(compile(code, "leaderboard.md", "exec"), {})
+    (command,) = re.findall(r"^sada-gym (submit --samples .*)$", PAGE, re.MULTILINE)
+    command = re.sub(r"--samples mu[12]\.npy ", "", command).replace("1000", "260")
+    with pytest.raises(SystemExit) as stopped:
+        app(shlex.split(command))
+    assert not stopped.value.code
+    folder = tmp_path / "leaderboard" / "entries" / "optuna-tpe"
+    check_entry(folder)
+    (result,) = read_entry(folder).results.values()
+    (seed,) = result.claimed.seeds
+    assert seed.queries == 260
+    # the best 250 of 260 random trials
+    assert 0.2 < seed.measures.afr < 0.6

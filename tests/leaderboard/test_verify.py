@@ -1,0 +1,250 @@
+import dataclasses
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from leaderboard.verify import app
+from sada_gym.errors import UserError
+from sada_gym.evaluation.oracle import evaluation_seeds
+from sada_gym.leaderboard.entry import Result, read_entry, read_verified, write_result
+from sada_gym.leaderboard.verification import fresh_seeds, verify
+from sada_gym.measures.rates import attack_fooling_rate
+from tests.leaderboard.made_entries import ANALYTIC, make_entry, uniform
+
+ROOT = Path(__file__).parents[2]
+DIGITS = "SADA-Digits-0-v0"
+STEM = f"{ANALYTIC}.paper-budgets"
+
+
+def verified_file(folder):
+    return next(folder.glob("*.verified.json"))
+
+
+def found_in(folder):
+    return read_verified(verified_file(folder))
+
+
+def edit_samples(folder, change):
+    """Write an entry anew whose claims follow from `change(samples of a seed)`."""
+    entry = read_entry(folder)
+    (stem, result), *_ = entry.results.items()
+    identity = result.claimed.identity
+    samples = {seed: change(one) for seed, one in result.samples.items()}
+    seeds = []
+    for one in result.claimed.seeds:
+        scores = samples[one.seed].score
+        rate = attack_fooling_rate(scores, identity.fooling_threshold)
+        told = {
+            "afr": rate.rate,
+            "afr_interval_95": (rate.low, rate.high),
+            "fooled": rate.fooled,
+            "mean_score": float(scores.mean()),
+        }
+        seeds.append(
+            one.model_copy(
+                update={"measures": one.measures.model_copy(update=told), "search": None}
+            )
+        )
+    write_result(folder, Result.make(identity, seeds), samples)
+    return stem
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory):
+    return make_entry(tmp_path_factory.mktemp("honest"), "honest")
+
+
+@pytest.fixture
+def entry(honest, tmp_path):
+    return Path(shutil.copytree(honest, tmp_path / "board" / "honest"))
+
+
+def test_samples_are_scored_again_on_seeds_that_no_run_draws_from():
+    seeds = fresh_seeds("mine", "a" * 64, "nonce", 0, 1_000)
+    assert all(0 <= seed < 2**31 for seed in seeds)
+    assert len(set(seeds)) == 1_000
+    for stream in ("train", "test", "validation"):
+        assert not {*seeds} & {*evaluation_seeds(0, stream, 0, 10_000)}
+    for other in (
+        ("yours", "a" * 64, "nonce", 0),
+        ("mine", "b" * 64, "nonce", 0),
+        ("mine", "a" * 64, "other", 0),
+        ("mine", "a" * 64, "nonce", 1),
+    ):
+        assert not {*seeds} & {*fresh_seeds(*other, 1_000)}
+
+
+def test_an_honest_entry_is_verified_without_a_flag(entry):
+    (finding,) = verify([entry], "nonce")
+    assert (finding.entry, finding.stem, finding.state) == ("honest", STEM, "verified")
+    assert finding.verified == found_in(entry)
+    assert finding.verified.flags == {}
+    result = read_entry(entry).results[STEM]
+    assert result.tier == "verified"
+    # the landscape has no noise: the measures are those that the entry claims
+    for claimed, found in zip(result.claimed.seeds, finding.verified.seeds, strict=True):
+        assert found.seed == claimed.seed
+        assert found.measures == claimed.measures
+
+
+def test_verifying_twice_and_in_any_order_gives_the_same_bytes(entry, tmp_path):
+    other = make_entry(
+        entry.parent, "other", rule="equal-queries", draw=lambda s, *a: uniform(s + 9, *a)
+    )
+    list(verify([entry, other], "nonce"))
+    first = [verified_file(folder).read_bytes() for folder in (entry, other)]
+    assert [one.state for one in verify([other, entry], "nonce")] == ["unchanged"] * 2
+    assert [one.state for one in verify([other, entry], "nonce", again=True)] == ["verified"] * 2
+    assert [verified_file(folder).read_bytes() for folder in (entry, other)] == first
+    list(verify([entry], "another", workers=2))
+    assert verified_file(entry).read_bytes() != first[0]
+    list(verify([entry], "nonce", workers=2))
+    assert verified_file(entry).read_bytes() == first[0]
+
+
+def test_claims_never_change_what_is_verified(entry):
+    list(verify([entry], "nonce"))
+    honest = found_in(entry)
+    edit_samples(entry, lambda one: dataclasses.replace(one, score=np.zeros(len(one))))
+    # it counts no longer, and the file is gone
+    assert read_entry(entry).results[STEM].tier == "claimed"
+    (finding,) = verify([entry], "nonce")
+    assert finding.verified.seeds == honest.seeds
+    assert finding.verified.samples_sha256 != honest.samples_sha256
+    assert "500 of 500 samples fool the agent as claimed" in finding.verified.flags["claim"]
+
+
+def test_what_was_verified_counts_for_no_other_samples(entry):
+    list(verify([entry], "nonce"))
+    before = verified_file(entry).read_bytes()
+    edit_samples(entry, lambda one: dataclasses.replace(one, mu=one.mu * np.float32(0.5)))
+    verified_file_again = entry / f"{STEM}.verified.json"
+    verified_file_again.write_bytes(before)
+    assert read_entry(entry).results[STEM].verified is None
+
+
+def test_a_few_lucky_claims_are_no_fraud(entry):
+    def lucky(one):
+        score = one.score.copy()
+        score[np.flatnonzero(score > 0.3)[:8]] = 0.1  # 16 rows of two seeds: p = 1.5e-5
+        return dataclasses.replace(one, score=score)
+
+    edit_samples(entry, lucky)
+    (finding,) = verify([entry], "nonce")
+    assert finding.verified.flags == {}
+
+
+def test_constant_scores_are_flagged_where_the_true_ones_vary(entry):
+    edit_samples(entry, lambda one: dataclasses.replace(one, score=np.full(len(one), 0.9)))
+    (finding,) = verify([entry], "nonce")
+    assert "all 250 samples of seed 0 have Q = 0.9 as claimed" in finding.verified.flags["constant"]
+    assert "claim" not in finding.verified.flags
+
+
+def test_samples_of_another_entry_are_flagged(entry):
+    make_entry(entry.parent, "thief", rule="equal-queries")  # the same samples
+    (finding,) = verify([entry.parent / "thief"], "nonce")
+    assert finding.verified.flags == {
+        "duplicates": "100.0 % of the samples equal samples of the entry honest"
+    }
+    elsewhere = entry.parents[1] / "elsewhere"
+    elsewhere.mkdir()
+    (finding,) = verify([entry.parent / "thief"], "nonce", again=True, against=elsewhere)
+    assert finding.verified.flags == {}
+
+
+def test_a_broken_neighbour_is_left_out(entry):
+    broken = entry.parent / "broken"
+    broken.mkdir()
+    (broken / f"{STEM}.npz").write_bytes(b"no archive")
+    (finding,) = verify([entry], "nonce")
+    assert finding.verified.flags == {}
+
+
+def test_samples_that_avoid_the_fooling_set_are_worse_than_random(tmp_path):
+    with_edge = lambda seed, n, d: uniform(seed, n, d) * 0.01 + 0.0  # noqa: E731 - no box is there
+    folder = make_entry(tmp_path, "bad", draw=with_edge)
+    (finding,) = verify([folder], "nonce")
+    assert finding.verified.seeds[0].measures.fooled == 0
+    assert {*finding.verified.flags} == {"collapsed", "worse than random"}
+
+
+def test_a_refused_entry_does_not_stop_the_others(entry):
+    bad = make_entry(
+        entry.parent, "bad", rule="equal-queries", draw=lambda s, *a: uniform(s + 9, *a)
+    )
+    claims = next(bad.glob("*budgets.json"), None) or next(bad.glob("*queries.json"))
+    text = json.loads(claims.read_text())
+    text["seeds"][0]["queries"] = 10_000_000
+    claims.write_text(json.dumps(text))
+    first, second = verify([bad, entry], "nonce")
+    assert (first.entry, first.state) == ("bad", "refused")
+    assert "10,000,000" in first.reason  # over budget: not even evaluated
+    assert second.state == "verified"
+    assert not list(bad.glob("*.verified.json"))
+
+
+def test_an_outdated_result_is_not_evaluated(entry):
+    result = read_entry(entry).results[STEM]
+    identity = result.claimed.identity.model_copy(update={"fingerprint": "0" * 64})
+    write_result(entry, Result.make(identity, result.claimed.seeds), result.samples)
+    (finding,) = verify([entry], "nonce")
+    assert finding.state == "outdated"
+    assert "fingerprint" in finding.reason
+    assert not list(entry.glob("*.verified.json"))
+
+
+def test_without_a_nonce_nothing_is_fresh(entry):
+    with pytest.raises(UserError, match="Expected a nonce, got none"):
+        list(verify([entry], None))
+
+
+def test_check_compares_and_writes_nothing(entry):
+    (finding,) = verify([entry], None, check=True)
+    assert finding.state == "differs"
+    assert not list(entry.glob("*.verified.json"))
+    list(verify([entry], "nonce"))
+    (finding,) = verify([entry], None, check=True)
+    assert finding.state == "unchanged"
+    path = verified_file(entry)
+    edited = path.read_text().replace('"afr": 0.', '"afr": 0.9')
+    path.write_text(edited)
+    (finding,) = verify([entry], None, check=True)
+    assert finding.state == "differs"
+    assert path.read_text() == edited
+
+
+def test_the_command_says_what_it_found(entry):
+    def run(*words):
+        return CliRunner().invoke(app, [*map(str, words)])
+
+    refused = run(entry)
+    assert refused.exit_code == 2
+    assert "Expected a nonce" in refused.output
+    done = run(entry, "--nonce", "2026-11")
+    assert done.exit_code == 0
+    assert f"honest {STEM}: verified" in done.output
+    assert "seed 1: AFR" in done.output
+    assert "verified before with this nonce" in run(entry, "--nonce", "2026-11").output
+    missing = run(entry, entry.parent / "missing", "--nonce", "2026-11")
+    assert missing.exit_code == 1
+    assert "missing: refused:" in missing.output
+
+
+@pytest.mark.slow
+def test_it_runs_as_a_module(entry):
+    done = subprocess.run(
+        [sys.executable, "-m", "leaderboard.verify", str(entry), "--nonce", "a"],
+        cwd=ROOT,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert verified_file(entry).exists()
