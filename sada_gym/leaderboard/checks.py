@@ -7,22 +7,17 @@ imported, and every fault is one sentence.
 from __future__ import annotations
 
 import itertools
-import json
-import math
 import os
 import re
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
-
-import numpy as np
-from pydantic import ValidationError
 
 from sada_gym import __version__
-from sada_gym.errors import FileError, UserError
-from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
-from sada_gym.files import Strict, as_path, file_errors, first_error, read_file, shown
+from sada_gym.errors import UserError
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import as_path, file_errors, shown
+from sada_gym.leaderboard.claims import check_claims, check_coverage, check_samples, refuse
 from sada_gym.leaderboard.entry import (
     ABOUT_FILE,
     CLAIMS,
@@ -32,17 +27,15 @@ from sada_gym.leaderboard.entry import (
     Identity,
     Result,
     ResultFiles,
-    SeedResult,
     Verified,
     read_about,
     read_result,
     read_samples,
     read_verified,
 )
+from sada_gym.leaderboard.strict_json import parse_json, refuse_loose
 from sada_gym.leaderboard.today import find_target, is_ours, today
-from sada_gym.measures.coverage import NEAREST, fooling_coverage
-from sada_gym.measures.rates import attack_fooling_rate, mu_std
-from sada_gym.runs.measure import Measures
+from sada_gym.measures.coverage import NEAREST
 from sada_gym.runs.record import differences
 
 MAX_FILES = 1_000
@@ -62,8 +55,6 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Wi
 _ARCHIVE_BYTES = 2**12
 """What an NPZ file adds to its arrays is less than this."""
 
-_SLACK = 0.01  # of coverage, whose ties other processors may decide differently
-
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
     """Check an entry; nothing is evaluated, imported or changed.
@@ -80,7 +71,7 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
     folder = as_path(folder, "an entry")
     stems = _check_files(folder, submission)
     about = read_about(folder)
-    _check_about(about, folder / ABOUT_FILE, submission)
+    check_about(about, folder / ABOUT_FILE, submission)
     for stem in stems:
         _check_result(ResultFiles(folder, stem), about, submission)
 
@@ -104,10 +95,6 @@ def is_outdated(identity: Identity) -> str | None:
         return shown(str(error))
     changes = differences(identity.model_dump(mode="json"), now.model_dump(mode="json"))
     return shown("; ".join(changes)) or None
-
-
-def _refuse(path: Path, expected: str, got: object, mend: str = "Make the entry anew") -> NoReturn:
-    raise UserError(f"Expected {expected} in {path}, got {got}. {mend}.")
 
 
 def _check_files(folder: Path, submission: bool) -> list[str]:
@@ -196,28 +183,38 @@ def _check_pairs(folder: Path, names: Mapping[str, int]) -> list[str]:
     return sorted(stems[CLAIMS])
 
 
-def _check_about(about: About, path: Path, submission: bool) -> None:
+def check_about(about: About, path: Path, submission: bool) -> None:
+    """Check what an entry says of itself.
+
+    Args:
+        about: What it says.
+        path: The file that says so, for messages.
+        submission: Whether authors and a licence are needed.
+
+    Raises:
+        UserError: If something is missing or does not fit.
+    """
     blank = [name for name in ("title", "adversary") if not getattr(about, name).strip()]
     if submission:
         blank += [] if about.licence.strip() else ["licence"]
         blank += [] if any(author.strip() for author in about.authors) else ["authors"]
     if blank:
-        _refuse(path, f"a text as {blank[0]}", "an empty one", "Fill it in")
+        refuse(path, f"a text as {blank[0]}", "an empty one", "Fill it in")
     if about.licence and not _LICENCE.fullmatch(about.licence):
         mend = "Write one as SPDX names it, such as CC-BY-4.0 or MIT"
-        _refuse(path, "a licence's SPDX name", repr(about.licence), mend)
+        refuse(path, "a licence's SPDX name", repr(about.licence), mend)
     for name in ("paper", "repository"):
         address = getattr(about, name)
         if address and not _ADDRESS.fullmatch(address):
             mend = "Write it in full, as https://doi.org/10.1609/aaai.v34i07.6722, or leave it out"
-            _refuse(path, f"the address of a page as {name}", repr(address), mend)
-    options = _parse(about.options, path)
+            refuse(path, f"the address of a page as {name}", repr(address), mend)
+    options = parse_json(about.options, path)
     if not isinstance(options, dict):
-        _refuse(path, "options that are a JSON object", shown(repr(options)))
+        refuse(path, "options that are a JSON object", shown(repr(options)))
 
 
 def _check_result(files: ResultFiles, about: About, submission: bool) -> None:
-    _refuse_loose(files.claims, Result)
+    refuse_loose(files.claims, Result, MAX_BYTES[CLAIMS])
     result = read_result(files.claims)
     identity = result.identity
     _check_adversary(files, identity, about)
@@ -228,18 +225,18 @@ def _check_result(files: ResultFiles, about: About, submission: bool) -> None:
             f"{outdated.rstrip('.')}. Make the result anew with this version of sada_gym."
         )
     if identity.reference is not None and identity.samples <= NEAREST:
-        _refuse(files.claims, f"more than {NEAREST} samples of each seed", identity.samples)
+        refuse(files.claims, f"more than {NEAREST} samples of each seed", identity.samples)
     _check_seeds(files, result, submission)
     dimension = None if outdated else find_target(identity.track, identity.agent).dimension
     samples = _read_samples(files, result, dimension)
     for one in result.seeds:
         if one.measures is not None:
-            _check_samples(files.samples, identity, one.seed, samples[one.seed])
-            _check_claims(files.claims, identity, one, samples[one.seed])
+            check_samples(files.samples, identity, one.seed, samples[one.seed])
+            check_claims(files.claims, identity, one, samples[one.seed])
             if not outdated:
-                _check_coverage(files.claims, identity, one, samples[one.seed])
+                check_coverage(files.claims, identity, one, samples[one.seed])
     if not submission and files.verified.exists():
-        _refuse_loose(files.verified, Verified)
+        refuse_loose(files.verified, Verified, MAX_BYTES[CLAIMS])
         read_verified(files.verified)
 
 
@@ -247,12 +244,12 @@ def _check_adversary(files: ResultFiles, identity: Identity, about: About) -> No
     given = {
         "adversary": about.adversary,
         "preset": about.preset,
-        "options": _parse(about.options, files.folder / ABOUT_FILE),
+        "options": parse_json(about.options, files.folder / ABOUT_FILE),
     }
     for name, expected in given.items():
         found = getattr(identity, name)
         if found != expected:
-            _refuse(
+            refuse(
                 files.claims,
                 f"the {name} of {ABOUT_FILE}, {shown(repr(expected))}",
                 shown(repr(found)),
@@ -262,44 +259,44 @@ def _check_adversary(files: ResultFiles, identity: Identity, about: About) -> No
         not is_ours(identity.adversary)
         and not identity.options.items() <= identity.resolved.items()
     ):
-        _refuse(files.claims, "resolved options that hold the given ones", "others")
+        refuse(files.claims, "resolved options that hold the given ones", "others")
 
 
 def _check_seeds(files: ResultFiles, result: Result, submission: bool) -> None:
     path, identity = files.claims, result.identity
     seeds = [one.seed for one in result.seeds]
     if not seeds:
-        _refuse(path, "at least one seed", "none")
+        refuse(path, "at least one seed", "none")
     if submission and seeds != list(range(len(seeds))):
         mend = "Submit all of them, so that nobody can choose the best ones"
-        _refuse(path, "the seeds 0, 1, 2 and so on", shown(str(seeds)), mend)
+        refuse(path, "the seeds 0, 1, 2 and so on", shown(str(seeds)), mend)
     for one in result.seeds:
         where = f"of seed {one.seed}"
         if (one.measures is None) == (one.error is None):
             got = "neither" if one.measures is None else "both"
-            _refuse(path, f"either measures or an error {where}", got)
+            refuse(path, f"either measures or an error {where}", got)
         if one.queries > identity.budget:
             mend = "Spend no more than the rule allows"
             allowed = f"at most {identity.budget:,} queries {where}, the budget of {identity.rule},"
-            _refuse(path, allowed, f"{one.queries:,}", mend)
+            refuse(path, allowed, f"{one.queries:,}", mend)
         if one.search is not None and (
             one.search.queries != one.queries or one.search.fooled > one.queries
         ):
             found = f"{one.search.fooled:,} fooling ones of {one.search.queries:,}"
-            _refuse(path, f"a search of {one.queries:,} queries {where}", found)
+            refuse(path, f"a search of {one.queries:,} queries {where}", found)
         _check_packages(path, one.packages, where)
 
 
 def _check_packages(path: Path, packages: Mapping[str, str], where: str) -> None:
     for name, version in packages.items():
         if not _WORD.fullmatch(name) or not _WORD.fullmatch(version):
-            _refuse(path, f"names and versions of packages {where}", f"{name!r}: {version!r}")
+            refuse(path, f"names and versions of packages {where}", f"{name!r}: {version!r}")
     made_by = packages.get("sada_gym")
     if made_by is None:
-        _refuse(path, f"the version of sada_gym among the packages {where}", "none")
+        refuse(path, f"the version of sada_gym among the packages {where}", "none")
     if not _release(made_by) or _release(made_by) > _release(__version__):
         mend = "Install the newest sada_gym"
-        _refuse(path, f"sada_gym {__version__} or older {where}", made_by, mend)
+        refuse(path, f"sada_gym {__version__} or older {where}", made_by, mend)
 
 
 def _release(version: str) -> tuple[int, ...]:
@@ -318,152 +315,15 @@ def _read_samples(
         most = min(most, len(claimed) * count * (24 + 4 * dimension) + _ARCHIVE_BYTES)
     size = path.lstat().st_size
     if size > most:
-        _refuse(path, f"at most {most:,} bytes for {len(claimed)} x {count:,} samples", f"{size:,}")
+        refuse(path, f"at most {most:,} bytes for {len(claimed)} x {count:,} samples", f"{size:,}")
     samples = read_samples(path)
     if sorted(samples) != claimed:
         found = shown(str(sorted(samples)))
-        _refuse(path, f"samples of the seeds {shown(str(claimed))}, as claimed,", found)
+        refuse(path, f"samples of the seeds {shown(str(claimed))}, as claimed,", found)
     for seed, one in samples.items():
         if len(one) != count:
-            _refuse(path, f"{count:,} samples of seed {seed}", f"{len(one):,}")
+            refuse(path, f"{count:,} samples of seed {seed}", f"{len(one):,}")
         if dimension is not None and one.mu.shape[1] != dimension:
             shape = one.mu.shape
-            _refuse(path, f"mu of shape ({count}, {dimension}) of seed {seed}", f"{shape}")
+            refuse(path, f"mu of shape ({count}, {dimension}) of seed {seed}", f"{shape}")
     return samples
-
-
-def _check_samples(path: Path, identity: Identity, seed: int, one: Evaluations) -> None:
-    of = f"of seed {seed}"
-    bad = ~(np.abs(one.mu) <= 1.0)  # a NaN is not <= 1 either
-    if bad.any():
-        _refuse(path, f"mu {of} within [-1, 1]", one.mu[bad][0])
-    bad = ~((one.score >= 0.0) & (one.score <= 1.0))
-    if bad.any():
-        _refuse(path, f"scores {of} within [0, 1]", one.score[bad][0])
-    if one.seed.tolist() != evaluation_seeds(seed, "test", 0, identity.samples):
-        mend = "Evaluate the samples by sada-gym submit --samples"
-        _refuse(path, f"the evaluation seeds of the test stream {of}", "others", mend)
-
-
-def _check_claims(path: Path, identity: Identity, claimed: SeedResult, one: Evaluations) -> None:
-    """Check what follows from the samples alone."""
-    measures = claimed.measures
-    assert measures is not None
-    rate = attack_fooling_rate(one.score, identity.fooling_threshold)
-    found: dict[str, float] = {
-        "fooled": rate.fooled,
-        "afr": rate.rate,
-        "mean_score": float(one.score.mean()),
-        "mu_std": mu_std(one.mu),
-    }
-    given: dict[str, float] = {name: getattr(measures, name) for name in found}
-    for i, end in enumerate((rate.low, rate.high)):
-        name = f"afr_interval_95.{i}"
-        found[name], given[name] = end, measures.afr_interval_95[i]
-    for name, value in found.items():
-        if not math.isclose(given[name], value, rel_tol=1e-9, abs_tol=1e-9):
-            expected = f"{name} = {value} of seed {claimed.seed}, as its samples give it,"
-            _refuse(path, expected, given[name], "Do not edit claims; make the entry anew")
-    _check_ranges(path, identity, claimed.seed, measures)
-    numbers = _numbers(claimed.model_dump(mode="json"))
-    if min(numbers) < 0:
-        _refuse(path, f"no negative numbers of seed {claimed.seed}", min(numbers))
-
-
-def _check_ranges(path: Path, identity: Identity, seed: int, measures: Measures) -> None:
-    feasible, count = measures.feasible, identity.samples
-    if feasible is not None and not feasible.fooled <= feasible.worlds <= count:
-        found = f"{feasible.fooled:,} of {feasible.worlds:,}"
-        _refuse(path, f"at most {count:,} feasible worlds of seed {seed}", found)
-    covered = (measures.density, measures.coverage, measures.relative_coverage)
-    if identity.reference is None and any(value is not None for value in covered):
-        _refuse(path, f"no coverage of seed {seed}, as there is no reference set,", "one")
-    if measures.coverage is not None and measures.coverage > 1:
-        _refuse(path, f"a coverage of at most 1 of seed {seed}", measures.coverage)
-
-
-def _check_coverage(path: Path, identity: Identity, claimed: SeedResult, one: Evaluations) -> None:
-    """Compare coverage and density with those of today's reference set."""
-    measures, target = claimed.measures, find_target(identity.track, identity.agent)
-    if measures is None or target.fooling_set is None:
-        return
-    fooled = one.score <= identity.fooling_threshold
-    found = fooling_coverage(one.mu, fooled, target.fooling_set, seed=claimed.seed)
-    for name, given in (("coverage", measures.coverage), ("density", measures.density)):
-        value = getattr(found, name)
-        if given is None or abs(given - value) > _SLACK * max(1.0, value):
-            expected = f"{name} = {value} of seed {claimed.seed}, as its samples give it,"
-            _refuse(path, expected, given, "Do not edit claims; make the entry anew")
-
-
-def _numbers(value: Any) -> list[float]:
-    """List all numbers in what JSON holds."""
-    if isinstance(value, dict):
-        return _numbers(list(value.values()))
-    if isinstance(value, list):
-        return [number for item in value for number in _numbers(item)]
-    return [value] if isinstance(value, int | float) else []
-
-
-def _refuse_loose(path: Path, kind: type[Strict]) -> None:
-    """Refuse JSON that other programs may read differently, and values of another type.
-
-    Raises:
-        FileError: If a key stands twice, a number is no finite one, or a value is of another type.
-    """
-    content = read_file(path, MAX_BYTES[CLAIMS])
-    try:
-        text = content.decode()
-    except UnicodeDecodeError as error:
-        raise FileError(
-            f"Expected UTF-8 in {path}, got something else at byte {error.start}. Make the entry "
-            "anew."
-        ) from error
-    _parse(text, path)
-    try:
-        kind.model_validate_json(content, strict=True)
-    except ValidationError as error:
-        raise FileError(
-            f"Expected {path} as sada-gym writes it, got a different one ({first_error(error)}). "
-            "Make the entry anew."
-        ) from error
-
-
-def _parse(text: str, path: Path) -> Any:
-    try:
-        return json.loads(
-            text,
-            object_pairs_hook=_once,
-            parse_constant=_finite,
-            parse_float=_finite,
-            parse_int=_bounded,
-        )
-    except RecursionError as error:
-        raise FileError(f"Expected plain JSON in {path}, got one nested too deeply.") from error
-    except ValueError as error:
-        raise FileError(
-            f"Expected plain JSON in {path}, got something else: {shown(str(error))}. Make the "
-            "entry anew."
-        ) from error
-
-
-def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"the key {key!r} twice")
-        found[key] = value
-    return found
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text}, which is no finite number")
-    return number
-
-
-def _bounded(text: str) -> int:
-    if len(text) > 20 or abs(int(text)) >= 2**63:
-        raise ValueError("a whole number beyond 64 bits")
-    return int(text)

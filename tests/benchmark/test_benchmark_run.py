@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
-from bench_toys import ANALYTIC, LOGGED, contents, costs_of, made, make_reference, suite
+from bench_toys import ANALYTIC, LOGGED, Inline, contents, costs_of, made, make_reference, suite
 from forked import FORKSERVER
 
 from sada_gym.benchmark.folder import claim, read_costs, sole_user
@@ -15,6 +15,7 @@ from sada_gym.errors import StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 
 WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
+KILLED = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -137,8 +138,7 @@ def test_a_run_that_kills_its_process_again_and_again_is_named(tmp_path, referen
 
 def run_logged(out, references, environment):
     os.environ.update(environment)
-    chosen = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
-    run_benchmark(chosen, out, workers=2, references=references)
+    run_benchmark(KILLED, out, workers=2, references=references)
 
 
 def start(out, log, references, pause_s="0.004"):
@@ -197,7 +197,7 @@ def test_killed_at_any_moment_it_goes_on_and_ends_the_same(tmp_path, references)
     assert 0 < len(made(out / "entries")) < 6
     elsewhere = tmp_path / "elsewhere"  # a second machine, which has no store
     shutil.copytree(out / "entries", elsewhere / "entries")
-    assert end_of(start(elsewhere, tmp_path / "elsewhere.log", references, "0")) == 0
+    run_benchmark(KILLED, elsewhere, executor=Inline(), references=references)
     assert contents(elsewhere / "entries") == contents(tmp_path / "whole" / "entries")
     assert contents(elsewhere)["table.md"] == contents(tmp_path / "whole")["table.md"]
     assert len(read_costs(elsewhere)) == 6 - len(made(out / "entries"))

@@ -228,12 +228,25 @@ def test_a_class_of_ones_own_takes_part(tmp_path):
     entry = submit([run], ME, out=tmp_path)
     assert entry.about.adversary == "greedy"
     assert entry.about.options == '{"best": 10}'
+    assert entry.about.command == ""  # no command line knows the class
+
+
+def test_what_is_wrong_shows_before_anything_is_evaluated(tmp_path, monkeypatch):
+    submit_samples([MU], ME, **UNIFORM, out=tmp_path)
+    monkeypatch.setattr("sada_gym.leaderboard.submit.Evaluator", None)
+    for credits, changes, said in (
+        (ME, {}, "Expected a new result"),
+        (ME, {"adversary": "other", "rule": "equal-queries"}, "of one adversary with one set"),
+        (Credits("mine", [], "MIT"), {}, "Expected a text as authors"),
+    ):
+        with pytest.raises(UserError, match=said):
+            submit_samples([MU], credits, **(UNIFORM | changes), out=tmp_path)
 
 
 def test_another_adversary_cannot_join_an_entry(runs, tmp_path):
     submit(runs, ME, rule="equal-queries", out=tmp_path)
     before = snapshot(tmp_path)
-    with pytest.raises(UserError, match=r"got the adversary 'gaussian' in .* beside 'uniform'"):
+    with pytest.raises(UserError, match=r"got the adversary 'uniform' in .* beside 'gaussian' in"):
         submit_samples([MU], ME, **UNIFORM, out=tmp_path)
     assert snapshot(tmp_path) == before
     other = tmp_path / "other"

@@ -3,6 +3,7 @@ import json
 import shutil
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,19 @@ import pytest
 from typer.testing import CliRunner
 
 from leaderboard.verify import app
+from sada_gym import adversaries
 from sada_gym.errors import UserError
-from sada_gym.evaluation.oracle import evaluation_seeds
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.oracle import Oracle, evaluation_seeds
 from sada_gym.leaderboard.entry import Result, read_entry, read_verified, write_result
+from sada_gym.leaderboard.today import find_target
 from sada_gym.leaderboard.verification import fresh_seeds, verify
 from sada_gym.measures.rates import attack_fooling_rate
+from sada_gym.runs.ideal import Ideal
 from tests.leaderboard.made_entries import ANALYTIC, make_entry, uniform
 
 ROOT = Path(__file__).parents[2]
-DIGITS = "SADA-Digits-0-v0"
+DIGITS, DIGIT_5 = "SADA-Digits-0-v0", "SADA-Digits-5-v0"
 STEM = f"{ANALYTIC}.paper-budgets"
 
 
@@ -65,12 +70,14 @@ def entry(honest, tmp_path):
     return Path(shutil.copytree(honest, tmp_path / "board" / "honest"))
 
 
-def test_samples_are_scored_again_on_seeds_that_no_run_draws_from():
+def test_samples_are_scored_again_on_seeds_that_the_run_did_not_see():
     seeds = fresh_seeds("mine", "a" * 64, "nonce", 0, 1_000)
     assert all(0 <= seed < 2**31 for seed in seeds)
     assert len(set(seeds)) == 1_000
     for stream in ("train", "test", "validation"):
-        assert not {*seeds} & {*evaluation_seeds(0, stream, 0, 10_000)}
+        assert not {*seeds} & {*evaluation_seeds(0, stream, 0, 1_000)}
+    # what a world takes from a seed's lowest bits is as it was when the entry was made
+    assert {seed % 4 for seed in seeds} == {seed % 4 for seed in evaluation_seeds(0, "test", 0, 9)}
     for other in (
         ("yours", "a" * 64, "nonce", 0),
         ("mine", "b" * 64, "nonce", 0),
@@ -118,6 +125,25 @@ def test_claims_never_change_what_is_verified(entry):
     assert finding.verified.seeds == honest.seeds
     assert finding.verified.samples_sha256 != honest.samples_sha256
     assert "500 of 500 samples fool the agent as claimed" in finding.verified.flags["claim"]
+
+
+def test_an_honest_claim_on_images_that_follow_from_the_seed_is_not_flagged(tmp_path):
+    # digit 5 has 44 images, of which the seeds of each stream see 11: take the place where those of
+    # the stream `test` fool more than those of `verification`
+    places = uniform(0, 200, 6).astype(np.float32)
+    with closing(Evaluator(DIGIT_5)) as evaluator:
+        asked = np.repeat(places, 44, axis=0), [*range(44)] * len(places)
+        scores = evaluator.evaluate(*asked, lambda *_: None)[0].reshape(-1, 11, 4)
+        fooled = (scores <= evaluator.threshold).mean(axis=1)
+    chosen = places[np.argmax(fooled[:, 1] - fooled[:, 3])]
+
+    def near(seed, count, dimension):
+        return np.clip(chosen + 0.01 * uniform(seed, count, dimension), -1.0, 1.0)
+
+    folder = make_entry(tmp_path, "near", track=DIGIT_5, agent="cnn", draw=near)
+    for nonce in "abc":
+        (finding,) = verify([folder], nonce)
+        assert {*finding.verified.flags} <= {"collapsed", "worse than random"}
 
 
 def test_what_was_verified_counts_for_no_other_samples(entry):
@@ -248,3 +274,81 @@ def test_it_runs_as_a_module(entry):
     )
     assert done.returncode == 0, done.stderr
     assert verified_file(entry).exists()
+
+
+def of_the_truth(jitter):
+    """Draw what a cheat submits: points of the reference set that fool, shaken."""
+    inside = find_target(DIGITS, "cnn").fooling_set
+
+    def draw(seed, count, dimension):
+        rng = np.random.default_rng(seed + 100)
+        points = inside[rng.choice(len(inside), count, replace=False)]
+        return np.clip(points + rng.normal(0.0, jitter, points.shape), -1.0, 1.0)
+
+    return draw
+
+
+def of_one_point(seed, count, dimension):
+    return np.repeat(find_target(DIGITS, "cnn").fooling_set[:1] + 0.01, count, axis=0).clip(-1, 1)
+
+
+def of_the_archive(seed, count, dimension):
+    seed += 50  # its first queries would be the samples of `uniform`
+    with Oracle(DIGITS, budget=1_000, seed=seed) as oracle:
+        archive = adversaries.make("archive", dimension, seed=seed)
+        archive.train(oracle)
+        return archive.sample(count)
+
+
+@pytest.fixture(scope="module")
+def tiny_board(tmp_path_factory):
+    board = tmp_path_factory.mktemp("board")
+    ideal_set = find_target(DIGITS, "cnn").ideal_set
+
+    def make(name, draw, **changes):
+        where = {"track": DIGITS, "agent": "cnn", "queries": 0, **changes}
+        return make_entry(board, name, draw=draw, **where)
+
+    folders = [
+        make("random", uniform, adversary="random", options={}),
+        make("archive", of_the_archive, adversary="archive", options={}),
+        make("constant", of_one_point),
+        make(
+            "ideal",
+            lambda seed, n, d: Ideal(d, seed=seed, fooling_set=ideal_set).sample(n),
+            adversary="ideal",
+            options={},
+        ),
+        make("cheat", of_the_truth(0.05)),
+        make("bold-cheat", of_the_truth(0.0)),
+    ]
+    found = {one.entry: one for one in verify(folders, "nonce")}
+    assert all(one.state == "verified" for one in found.values()), found
+    return {name: one.verified for name, one in found.items()}
+
+
+def test_each_control_lands_where_it_belongs(tiny_board):
+    afr, covered = (
+        {
+            name: np.mean([getattr(seed.measures, what) for seed in one.seeds])
+            for name, one in tiny_board.items()
+        }
+        for what in ("afr", "relative_coverage")
+    )
+    assert afr["random"] < 0.5 < 0.7 < min(afr["archive"], afr["ideal"])
+    assert covered["constant"] < 0.05 < covered["random"] < covered["ideal"]
+    assert covered["ideal"] == pytest.approx(1.0)
+    for seed in tiny_board["ideal"].seeds:
+        assert seed.measures.relative_coverage == 1.0
+
+
+def test_the_cheats_are_flagged_and_nobody_else_is_accused(tiny_board):
+    flags = {name: {*one.flags} for name, one in tiny_board.items()}
+    assert "copied" in flags["cheat"]
+    assert "copied" in flags["bold-cheat"]
+    assert "to the last bit" in tiny_board["bold-cheat"].flags["copied"]
+    assert {"collapsed", "duplicates"} <= flags["constant"]
+    assert "copied" not in flags["constant"]
+    assert flags["ideal"] == {"control"}
+    assert flags["random"] == set()
+    assert flags["archive"] == set()

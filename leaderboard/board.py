@@ -1,0 +1,270 @@
+"""What the board shows: entries by group of tracks, ranked within a tier, and what is outdated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from leaderboard.board_tables import (
+    attack_lines,
+    by_track_sheet,
+    outdated_sheet,
+    ranking_sheet,
+    strongest_sheet,
+)
+from leaderboard.sheet import Sheet
+from sada_gym.benchmark.results import Results, Row, results_of
+from sada_gym.benchmark.suite import Table, tables_of
+from sada_gym.envs.catalogue import ApplicationCard, cards
+from sada_gym.leaderboard.checks import is_outdated
+from sada_gym.leaderboard.entry import Entry, EntryResult, Tier, slug
+
+TIERS: tuple[Tier, ...] = ("verified", "claimed")
+"""The tiers in the order of the pages. Figures of one are never ranked with those of another."""
+
+_NAMES = {
+    "SADA-Detection": (
+        "detection",
+        "Object detection",
+        "The adversary places the camera and the light and paints the object, until the detector "
+        "no longer finds it.",
+    ),
+    "SADA-Driving": (
+        "driving",
+        "Self-driving",
+        "The adversary mounts the camera and chooses the weather, and the driver has to stay on "
+        "the road.",
+    ),
+    "SADA-UAV": (
+        "racing",
+        "UAV racing",
+        "The adversary bends the race track by its anchors, and the pilot has to pass every gate.",
+    ),
+    "SADA-Robot": (
+        "robot",
+        "Robot navigation",
+        "The adversary changes the warehouse, the load, the lidar and the wheels, and the robot "
+        "has to reach its goal.",
+    ),
+    "SADA-Digits": (
+        "digits",
+        "Handwritten digits",
+        "The adversary warps images of handwritten digits, and the classifier has to read them.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Group:
+    """The tracks of one application.
+
+    Attributes:
+        name: The name of its page.
+        title: Its title.
+        summary: A sentence on it.
+        application: The application's name.
+        tracks: The ids of its tracks.
+        agents: The agents that are shipped for it, the default first, each with its summary.
+    """
+
+    name: str
+    title: str
+    summary: str
+    application: str
+    tracks: tuple[str, ...]
+    agents: Mapping[str, str]
+
+    @classmethod
+    def of(cls, card: ApplicationCard) -> Group:
+        """Take a group from an application's card; an application that we do not know gets one."""
+        plain = card.name.removeprefix("SADA-")
+        name, title, summary = _NAMES.get(card.name, (slug(plain).lower(), plain, ""))
+        agents = {agent.name: agent.summary for agent in card.agents}
+        return cls(name, title, summary, card.name, card.track_ids or (card.id,), agents)
+
+    def short(self, track: str) -> str:
+        """Give what tells a track from the others of its group."""
+        return track.removeprefix(f"{self.application}-").rsplit("-v", 1)[0]
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """One comparison in one tier.
+
+    Attributes:
+        tier: The tier.
+        rows: The entries' figures over all tracks.
+        whole: The table over all tracks.
+        by_track: The attack fooling rate on each track.
+        coverage_by_track: The coverage over the ideal's on each track; None where none is known.
+        open: Whether the page unfolds it: it has entries that no higher tier has.
+    """
+
+    tier: Tier
+    rows: tuple[Row, ...]
+    whole: Sheet
+    by_track: Sheet
+    coverage_by_track: Sheet | None
+    open: bool
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All entries that attacked one agent under one rule for the budget.
+
+    Attributes:
+        table: The table, which says what is compared.
+        agent: The agent's name; empty where there is only one and it has none.
+        rankings: The tiers that have results.
+    """
+
+    table: Table
+    agent: str
+    rankings: tuple[Ranking, ...]
+
+    @property
+    def anchor(self) -> str:
+        """The place on the group's page."""
+        return slug(f"{self.table.name}.{self.agent}".strip("."))
+
+
+@dataclass(frozen=True, eq=False)
+class Outdated:
+    """A result that no longer compares with others.
+
+    Attributes:
+        entry: Its entry.
+        result: The result.
+        reason: What differs from today's.
+    """
+
+    entry: Entry
+    result: EntryResult
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class GroupBoard:
+    """The board of one group.
+
+    Attributes:
+        group: The group.
+        entries: The entries with those of their results that are of this group and today's.
+        results: What the results sum up to, by tier.
+        outdated: The results that are outdated.
+    """
+
+    group: Group
+    entries: tuple[Entry, ...]
+    results: Mapping[Tier, Results]
+    outdated: tuple[Outdated, ...]
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Each table with each agent, the claims' order first."""
+        claimed = self.results["claimed"]
+        tables = {table.name: table for table in claimed.tables}
+        return tuple(
+            Comparison(tables[table], agent, tuple(self._rankings(tables[table], agent)))
+            for table, agent in claimed.comparisons()
+        )
+
+    @property
+    def outdated_sheet(self) -> Sheet | None:
+        """The table of outdated results; None where there are none."""
+        return outdated_sheet(self.group.name, self.outdated) if self.outdated else None
+
+    def _rankings(self, table: Table, agent: str) -> Iterator[Ranking]:
+        for tier in TIERS:
+            results = self.results[tier]
+            rows = results.rows_of(table.name, agent, None)
+            if not rows:
+                continue
+            more = {row.entry for row in rows} - {
+                row.entry for row in self.results["verified"].rows_of(table.name, agent, None)
+            }
+            lines = attack_lines(self, table, agent, tier)
+            coverage = by_track_sheet(self, lines, "relative_coverage")
+            yield Ranking(
+                tier,
+                tuple(rows),
+                ranking_sheet(self, lines),
+                by_track_sheet(self, lines, "afr"),
+                coverage if coverage.lines else None,
+                bool(more),
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """The whole board.
+
+    Attributes:
+        entries: All entries, by name.
+        groups: The groups that have a page.
+        elsewhere: Outdated results on tracks that are no longer there.
+    """
+
+    entries: tuple[Entry, ...]
+    groups: tuple[GroupBoard, ...]
+    elsewhere: tuple[Outdated, ...]
+
+    @property
+    def outdated(self) -> tuple[Outdated, ...]:
+        """All outdated results."""
+        return (*(one for group in self.groups for one in group.outdated), *self.elsewhere)
+
+    @cached_property
+    def strongest(self) -> Sheet:
+        """The board of agents: the strongest verified attack on each track and agent."""
+        return strongest_sheet(self.groups)
+
+
+def make_board(
+    entries: Sequence[Entry], applications: Sequence[ApplicationCard] | None = None
+) -> Board:
+    """Sort entries into groups, set aside what is outdated, and rank the rest.
+
+    Args:
+        entries: All entries.
+        applications: The applications with a place on the board; by default all that are known.
+            Those beside the five of the benchmark's suites have a page where there are results.
+    """
+    groups = [Group.of(card) for card in (cards() if applications is None else applications)]
+    of_track = {track: group for group in groups for track in group.tracks}
+    reasons = {
+        (entry.about.name, stem): is_outdated(result.claimed.identity)
+        for entry in entries
+        for stem, result in entry.results.items()
+    }
+
+    def outdated(group: Group | None) -> tuple[Outdated, ...]:
+        return tuple(
+            Outdated(entry, result, reason)
+            for entry in entries
+            for stem, result in entry.results.items()
+            if of_track.get(result.claimed.identity.track) == group
+            and (reason := reasons[entry.about.name, stem]) is not None
+        )
+
+    def chosen(entry: Entry, group: Group) -> Entry:
+        results = {
+            stem: result
+            for stem, result in entry.results.items()
+            if of_track.get(result.claimed.identity.track) == group
+            and reasons[entry.about.name, stem] is None
+        }
+        return replace(entry, results=results)
+
+    boards = []
+    for group in groups:
+        held = tuple(chosen(entry, group) for entry in entries)
+        rules = {one.claimed.identity.rule for entry in held for one in entry.results.values()}
+        # every entry goes in, so that two of one title are told apart on every page
+        results = {tier: results_of(held, tables_of(rules), tier=tier) for tier in TIERS}
+        there = tuple(entry for entry in held if entry.results)
+        left_out = outdated(group)
+        if there or left_out or group.application in _NAMES:
+            boards.append(GroupBoard(group, there, results, left_out))
+    return Board(tuple(entries), tuple(boards), outdated(None))

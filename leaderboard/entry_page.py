@@ -1,0 +1,209 @@
+"""What the page of an entry shows: who made it, its figures by track and seed, and its flags."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from leaderboard.board import TIERS, Board, GroupBoard
+from leaderboard.board_tables import outdated_sheet
+from leaderboard.pictures import Picture, Pictures
+from leaderboard.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
+from sada_gym.benchmark.results import Row
+from sada_gym.leaderboard.entry import About, Entry, EntryResult, Tier, slug
+
+_COLUMNS = (
+    Column("track", "Track", numeric=False),
+    Column("tier", "Tier", numeric=False),
+    Column("afr_verified", "AFR verified, %", "By us on fresh seeds, with its 95 % interval."),
+    Column("afr_claimed", "AFR claimed, %", "The submitter's own figure."),
+    Column("seeds", "AFR of each seed, %", "In the order of the seeds.", numeric=False),
+    Column("relative_verified", "Coverage / ideal verified, %"),
+    Column("relative_claimed", "Coverage / ideal claimed, %"),
+    Column("queries", "Queries", "Training queries a run; this is the submitter's word."),
+    Column("mu_std", "μ_std"),
+)
+
+
+@dataclass(frozen=True)
+class Flag:
+    """Something that a reader must know.
+
+    Attributes:
+        name: The verifier's name for it; empty for what the submitter's own runs say.
+        text: A sentence.
+        places: The tracks and seeds that it is said of.
+    """
+
+    name: str
+    text: str
+    places: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """An entry's results in one comparison.
+
+    Attributes:
+        title: What is compared.
+        href: The comparison on its group's page.
+        sheet: The figures of each track.
+        pictures: Where its samples lie, and worlds that fool the agent.
+    """
+
+    title: str
+    href: str
+    sheet: Sheet
+    pictures: tuple[Picture, ...]
+
+
+@dataclass(frozen=True)
+class EntryPage:
+    """The page of an entry.
+
+    Attributes:
+        about: Who made it.
+        tiers: The tiers that its results have.
+        options: Its options, as indented JSON.
+        links: Its links by what they lead to; only those to web pages.
+        sections: Its results.
+        flags: What a reader must know.
+        outdated: The table of its outdated results; None where it has none.
+        failures: The runs that ended with an error.
+    """
+
+    about: About
+    tiers: tuple[Tier, ...]
+    options: str
+    links: Mapping[str, str]
+    sections: tuple[Section, ...]
+    flags: tuple[Flag, ...]
+    outdated: Sheet | None
+    failures: tuple[Flag, ...]
+
+    @property
+    def path(self) -> str:
+        """The page's place in the site."""
+        return f"entries/{self.about.name}.html"
+
+
+def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
+    """Put an entry's page together."""
+    about = entry.about
+    outdated = [one for one in board.outdated if one.entry.about.name == about.name]
+    links = {"Paper": about.paper, "Repository": about.repository}
+    return EntryPage(
+        about=about,
+        tiers=tuple(t for t in TIERS if any(one.tier == t for one in entry.results.values())),
+        options=_options(about.options),
+        links={name: url for name, url in links.items() if is_web(url)},
+        sections=tuple(
+            section for group in board.groups for section in _sections(group, entry, pictures)
+        ),
+        flags=tuple(_flags(entry)),
+        outdated=outdated_sheet(f"entries/{about.name}", outdated) if outdated else None,
+        failures=tuple(_failures(entry)),
+    )
+
+
+def is_web(url: str) -> bool:
+    """Say whether an address leads to a web page; a page links to nothing else."""
+    return url.startswith(("https://", "http://"))
+
+
+def _options(text: str) -> str:
+    try:
+        options = json.loads(text)
+    except ValueError:
+        return text
+    return "" if options == {} else json.dumps(options, indent=2, ensure_ascii=False)
+
+
+def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[Section]:
+    own = next((one for one in board.entries if one.about.name == entry.about.name), None)
+    if own is None:
+        return
+    for comparison in board.comparisons:
+        table, agent = comparison.table, comparison.agent
+        rows = {
+            tier: {
+                row.track: row
+                for track in board.group.tracks
+                for row in board.results[tier].rows_of(table.name, agent, track)
+                if row.entry == entry.about.name
+            }
+            for tier in TIERS
+        }
+        held = {
+            one.claimed.identity.track: one
+            for one in own.results.values()
+            if (one.claimed.identity.agent, one.claimed.identity.rule) == (agent, table.rule)
+        }
+        results = {track: held[track] for track in board.group.tracks if track in held}
+        if not rows["claimed"]:
+            continue
+        name = f"entries/{entry.about.name}.{slug(board.group.name)}.{comparison.anchor}"
+        against = f" · {agent}" if agent else ""
+        yield Section(
+            f"{board.group.title} · {table.title}{against}",
+            f"{board.group.name}.html#{comparison.anchor}",
+            Sheet(name, "By track", _COLUMNS, tuple(_lines(results, rows))),
+            pictures.of(board.group, agent, results),
+        )
+
+
+def _lines(
+    results: Mapping[str, EntryResult], rows: Mapping[Tier, Mapping[str | None, Row]]
+) -> Iterator[Line]:
+    for track, result in results.items():
+        verified, claimed = (rows[tier].get(track) for tier in TIERS)
+        seeds: Sequence[float | None] = (
+            [one.measures.afr for one in result.verified.seeds]
+            if result.verified is not None
+            else [one.measures.afr if one.measures else None for one in result.claimed.seeds]
+        )
+        texts = ["failed" if rate is None else f"{100 * rate:.1f}" for rate in seeds]
+        shown = verified or claimed
+        cells = {
+            "track": text_cell(track),
+            "tier": text_cell(result.tier),
+            "afr_verified": rate_cell(verified.afr if verified else None),
+            "afr_claimed": rate_cell(claimed.afr if claimed else None),
+            "seeds": text_cell(", ".join(texts)),
+            "relative_verified": rate_cell(verified.relative_coverage if verified else None),
+            "relative_claimed": rate_cell(claimed.relative_coverage if claimed else None),
+            "queries": number_cell(shown.queries) if shown else Cell(),
+            "mu_std": number_cell(shown.mu_std, 3) if shown else Cell(),
+        }
+        yield Line("ranked", cells)
+
+
+def _flags(entry: Entry) -> Iterator[Flag]:
+    places: dict[tuple[str, str], list[str]] = {}
+    for result in entry.results.values():
+        where = _where(result)
+        if result.verified is not None:
+            for name, text in result.verified.flags.items():
+                places.setdefault((name, text), []).append(where)
+        for seed in result.claimed.seeds:
+            for text in seed.flags:
+                places.setdefault(("", text), []).append(f"{where}, seed {seed.seed}")
+    for (name, text), found in sorted(places.items(), key=lambda one: one[0][0] == ""):
+        yield Flag(name, text, tuple(found))
+
+
+def _failures(entry: Entry) -> Iterator[Flag]:
+    places: dict[str, list[str]] = {}
+    for result in entry.results.values():
+        for seed in result.claimed.seeds:
+            if seed.error is not None:
+                places.setdefault(seed.error, []).append(f"{_where(result)}, seed {seed.seed}")
+    for text, found in places.items():
+        yield Flag("", text, tuple(found))
+
+
+def _where(result: EntryResult) -> str:
+    identity = result.claimed.identity
+    agent = f" against {identity.agent}" if identity.agent else ""
+    return f"{identity.track}{agent}, {identity.rule}"

@@ -1,0 +1,160 @@
+"""Pictures of an entry's samples: where they lie, and worlds that fool the agent."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sada_gym import __version__
+from sada_gym.application import Application
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import read_file
+from sada_gym.leaderboard.entry import EntryResult, samples_sha256
+from sada_gym.leaderboard.today import default_agent
+from sada_gym.plots.attack import contact_sheet, marginals
+from sada_gym.plots.style import png
+from sada_gym.registration import make_application
+
+if TYPE_CHECKING:
+    from leaderboard.board import Group
+
+MAX_FRAMES = 12
+MAX_BYTES = 2**24
+FOLDER = "pictures"
+_VERSION = 1
+"""Raise it when the pictures change, so that those of earlier builds are not taken again."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture on an entry's page.
+
+    Attributes:
+        path: Its place in the site.
+        text: What it shows, for those who do not see it.
+    """
+
+    path: str
+    text: str
+
+
+@dataclass(eq=False)
+class Pictures:
+    """Draws pictures, and takes those that an earlier build drew of the same samples.
+
+    Attributes:
+        drawing: Whether to draw any.
+        earlier: The folder of the site that an earlier build made.
+        files: The pictures by their place in the site; filled by `of`.
+    """
+
+    drawing: bool
+    earlier: Path
+    files: dict[str, bytes] = field(default_factory=dict)
+
+    def of(
+        self, group: Group, agent: str, results: Mapping[str, EntryResult]
+    ) -> tuple[Picture, ...]:
+        """Draw the samples of some tracks of a group.
+
+        Tracks with the same parameters share a picture.
+
+        Args:
+            group: The group.
+            agent: The agent that was attacked.
+            results: The results by track.
+        """
+        if not self.drawing:
+            return ()
+        held = [track for track, result in results.items() if result.samples]
+        applications = {track: _application(track, agent) for track in held}
+        pictures = []
+        for tracks in _alike(applications):
+            names = ", ".join(group.short(track) for track in tracks)
+            samples = {track: _pooled(list(results[track].samples.values())) for track in tracks}
+            digest = hashlib.sha256(f"{_VERSION} {__version__} {agent}".encode())
+            for track in tracks:
+                digest.update(f"{track} {samples_sha256(results[track].samples)}".encode())
+            chosen = {track: applications[track] for track in tracks}
+            for kind, text in (
+                ("marginals", f"Where the samples lie along each parameter: {names}"),
+                ("fooled", f"Worlds that fool the agent: {names}"),
+            ):
+                path = f"{FOLDER}/{digest.hexdigest()[:32]}.{kind}.png"
+                content = self._earlier(path)
+                if content is None:
+                    draw = _marginals if kind == "marginals" else _fooled
+                    content = draw(chosen, samples, group)
+                if content:
+                    self.files[path] = content
+                    pictures.append(Picture(path, text))
+        for application in applications.values():
+            application.close()
+        return tuple(pictures)
+
+    def _earlier(self, path: str) -> bytes | None:
+        file = self.earlier / path
+        return read_file(file, MAX_BYTES) if file.is_file() else None
+
+
+def _application(track: str, agent: str) -> Application:
+    return make_application(track, **({} if agent == default_agent(track) else {"agent": agent}))
+
+
+def _alike(applications: Mapping[str, Application]) -> Iterator[list[str]]:
+    """Put tracks together whose parameters and thresholds are the same."""
+
+    def key(track: str) -> str:
+        application = applications[track]
+        return repr((application.parameters.parameters, application.fooling_threshold))
+
+    order = sorted(applications, key=key)
+    for _, tracks in itertools.groupby(order, key):
+        yield list(tracks)
+
+
+def _pooled(parts: Sequence[Evaluations]) -> Evaluations:
+    """Put samples together."""
+    names = ("mu", "score", "seed")
+    return Evaluations(*(np.concatenate([getattr(one, n) for one in parts]) for n in names))
+
+
+def _marginals(
+    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: Group
+) -> bytes:
+    application = next(iter(applications.values()))
+    pooled = _pooled(list(samples.values()))
+    return png(marginals(application.parameters, pooled, application.fooling_threshold))
+
+
+def _fooled(
+    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], group: Group
+) -> bytes:
+    """Draw fooled worlds, in turn from each track."""
+    by_track = [
+        [(track, int(i)) for i in np.flatnonzero(samples[track].score <= one.fooling_threshold)]
+        for track, one in applications.items()
+    ]
+    in_turn = [one for turn in itertools.zip_longest(*by_track) for one in turn if one is not None]
+    chosen = in_turn[:MAX_FRAMES]
+    try:
+        frames = [
+            applications[track].render(samples[track].mu[i], int(samples[track].seed[i]))
+            for track, i in chosen
+        ]
+    except NotImplementedError as error:
+        warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
+        return b""
+    if not frames:
+        return b""
+    captions = [f"{group.short(track)}: Q = {samples[track].score[i]:.2f}" for track, i in chosen]
+    threshold = next(iter(applications.values())).fooling_threshold
+    title = f"Samples that fool the agent (Q ≤ {threshold:g}): {len(frames)} of {len(in_turn):,}"
+    return png(contact_sheet(frames, captions, title))

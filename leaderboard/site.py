@@ -1,0 +1,259 @@
+"""Builds the board's static site: `python -m leaderboard.site --out DIR`."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import jinja2
+import typer
+
+from leaderboard.board import Board, GroupBoard, make_board
+from leaderboard.entry_page import entry_page
+from leaderboard.front import make_chart
+from leaderboard.pictures import Pictures
+from leaderboard.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
+from sada_gym import __version__
+from sada_gym.cli.console import errors_as_sentences
+from sada_gym.errors import MissingExtra, UserError
+from sada_gym.files import file_errors, read_file, write_folder
+from sada_gym.leaderboard.entry import read_entries
+
+HERE = Path(__file__).parent
+STATIC = ("board.css", "board.js")
+MARK = "board.json"
+"""A file of every site that was built here. A folder with other contents is not replaced."""
+
+_MAX_BYTES = 2**22
+
+
+def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
+    """Build the site from entries, in place of one that was built before.
+
+    The same entries make the same bytes.
+
+    Args:
+        entries: The folder of the entries.
+        out: The folder of the site.
+        pictures: Whether to draw samples and fooled worlds. Those that `out` already has of the
+            same samples are kept.
+
+    Raises:
+        UserError: If an entry cannot be read, or `out` holds something else.
+    """
+    _refuse_other_folder(out)
+    board = make_board(read_entries(entries))
+    files = dict(site_files(board, Pictures(pictures, out)))
+
+    def fill(folder: Path) -> None:
+        for path, content in files.items():
+            place = folder / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+
+    with file_errors("make the folder", out.parent):
+        out.parent.mkdir(parents=True, exist_ok=True)
+    write_folder(out, fill)
+    return board
+
+
+def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
+    """Give the site's files: each one's place and content."""
+    render = partial(_render, _environment(), board)
+    sheets = [board.strongest, entries_sheet(board)]
+    for group in board.groups:
+        charts = {
+            (comparison.anchor, ranking.tier): make_chart(ranking.rows)
+            for comparison in group.comparisons
+            for ranking in comparison.rankings
+        }
+        yield from render(f"{group.group.name}.html", "group.html", group=group, charts=charts)
+        sheets += _sheets_of(group)
+    for entry in board.entries:
+        page = entry_page(board, entry, pictures)
+        yield from render(page.path, "entry.html", page=page)
+        sheets += [section.sheet for section in page.sections]
+        sheets += [page.outdated] if page.outdated else []
+    yield from render("agents.html", "agents.html", sheet=board.strongest)
+    yield from render("index.html", "index.html", sheet=entries_sheet(board))
+    for sheet in sheets:
+        yield f"data/{sheet.name}.csv", sheet.csv()
+        yield f"data/{sheet.name}.json", sheet.json()
+    yield from pictures.files.items()
+    for name in STATIC:
+        yield f"static/{name}", read_file(HERE / "static" / name, _MAX_BYTES)
+    yield from table_script()
+    yield MARK, f'{{"made_by": "sada_gym {__version__}"}}\n'.encode()
+
+
+def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
+    for comparison in group.comparisons:
+        for ranking in comparison.rankings:
+            yield ranking.whole
+            yield ranking.by_track
+            if ranking.coverage_by_track:
+                yield ranking.coverage_by_track
+    if group.outdated_sheet:
+        yield group.outdated_sheet
+
+
+@dataclass(frozen=True)
+class Leader:
+    """Who shares the first rank of a comparison; `rate` is the AFR of the highest, in per cent."""
+
+    tier: str
+    title: str
+    names: str
+    rate: str
+
+
+def leaders(group: GroupBoard) -> Iterator[Leader]:
+    """Give the first ranks of each comparison in the highest tier that ranks anything."""
+    for comparison in group.comparisons:
+        for ranking in comparison.rankings:
+            first = [row for row in ranking.rows if row.afr and row.afr.rank in ("1", "1=")]
+            first.sort(key=lambda row: -row.afr.value if row.afr else 0.0)
+            if first and first[0].afr:
+                title = " · ".join(filter(None, (comparison.table.title, comparison.agent)))
+                names = ", ".join(row.label for row in first[:_NAMED])
+                more = f" and {len(first) - _NAMED} more" if len(first) > _NAMED else ""
+                rate = f"{100 * first[0].afr.value:.1f}"
+                yield Leader(ranking.tier, title, names + more, rate)
+                break
+
+
+_NAMED = 3  # leaders on a card
+
+_ENTRIES = (
+    Column("entry", "Entry", numeric=False),
+    Column("authors", "Authors", numeric=False),
+    Column("adversary", "Adversary", numeric=False),
+    Column("groups", "Groups", numeric=False),
+    Column("verified", "Verified", "The number of results that we verified."),
+    Column("claimed", "Claimed", "The number of results that we have not verified."),
+    Column("outdated", "Outdated", "The number of results that no longer compare with others."),
+    Column("licence", "Licence", numeric=False),
+)
+
+
+def entries_sheet(board: Board) -> Sheet:
+    """List all entries."""
+    lines = []
+    for entry in board.entries:
+        about, name = entry.about, entry.about.name
+        late = sum(one.entry.about.name == name for one in board.outdated)
+        tiers = [
+            result.tier
+            for group in board.groups
+            for one in group.entries
+            if one.about.name == name
+            for result in one.results.values()
+        ]
+        groups = [
+            group.group.title
+            for group in board.groups
+            if any(one.about.name == name for one in group.entries)
+        ]
+        cells = {
+            "entry": text_cell(about.title, href=f"entries/{name}.html"),
+            "authors": text_cell(", ".join(about.authors)),
+            "adversary": text_cell(about.adversary),
+            "groups": text_cell(", ".join(groups)),
+            "verified": number_cell(tiers.count("verified")),
+            "claimed": number_cell(tiers.count("claimed")),
+            "outdated": number_cell(late) if late else BLANK,
+            "licence": text_cell(about.licence),
+        }
+        lines.append(Line("ranked", cells))
+    return Sheet("entries", "All entries", _ENTRIES, tuple(lines))
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(HERE / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    bibtex = (HERE / "templates" / "cite.bib").read_text("utf-8")
+    environment.globals |= {
+        "version": __version__,
+        "bibtex": bibtex.replace("VERSION", __version__),
+        "leaders": leaders,
+        "BLANK": BLANK,
+    }
+    return environment
+
+
+def _render(
+    environment: jinja2.Environment, board: Board, path: str, template: str, **values: object
+) -> Iterator[tuple[str, bytes]]:
+    root = "../" * path.count("/")
+    text = environment.get_template(template).render(board=board, path=path, root=root, **values)
+    yield path, text.encode()
+
+
+def table_script() -> Iterator[tuple[str, bytes]]:
+    """Give the script that sorts and filters tables, DataTables, and its licence.
+
+    itables has it as a module, which browsers do not load from a file. Here it is a plain script
+    that defines `jQuery` alone.
+
+    Raises:
+        MissingExtra: If itables is not installed.
+        UserError: If it has another form than expected.
+    """
+    try:
+        distribution = importlib.metadata.distribution("itables")
+    except importlib.metadata.PackageNotFoundError:
+        raise MissingExtra(
+            "Expected the package itables, which the site takes its tables' script from, got none. "
+            "Install it: pip install -c constraints.txt '.[leaderboard]'."
+        ) from None
+    files = {file.name: file for file in distribution.files or () if file.parts[0] != ".."}
+    for name in ("dt_bundle.js", "LICENSE"):
+        if name not in files:
+            raise UserError(f"Expected {name} in itables, got none. Install another version of it.")
+    text = files["dt_bundle.js"].read_text(encoding="utf-8")
+    export = re.compile(r"\bexport\s*\{([^{}]*)\};?")
+    names = export.findall(text)
+    found = re.search(r"([\w$]+) as jQuery\b", names[0]) if len(names) == 1 else None
+    if found is None:
+        raise UserError(
+            "Expected dt_bundle.js of itables to export jQuery once, got another form. Install the "
+            "version of itables that constraints.txt names."
+        )
+    script = export.sub(f"globalThis.jQuery={found[1]};", text)
+    yield "static/datatables.js", f"(()=>{{{script}\n}})();\n".encode()
+    yield "static/datatables.LICENSE.txt", files["LICENSE"].read_text(encoding="utf-8").encode()
+
+
+def _refuse_other_folder(out: Path) -> None:
+    with file_errors("read", out):
+        if out.exists() and (not out.is_dir() or any(out.iterdir())) and not (out / MARK).is_file():
+            raise UserError(
+                f"Expected {out} to be empty or a site that was built before, got something else. "
+                "Name another folder."
+            )
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="The folder of the site.")],
+    entries: Annotated[Path, typer.Option(help="The folder of the entries.")] = HERE / "entries",
+    pictures: Annotated[bool, typer.Option(help="Draw samples and fooled worlds.")] = True,
+) -> None:
+    """Build the board's static site from the entries."""
+    with errors_as_sentences():
+        board = build_site(entries, out, pictures=pictures)
+    typer.echo(f"{len(board.entries)} entries are on the board: open {out / 'index.html'}.")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,83 @@
+"""JSON from strangers: what other programs may read differently is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from sada_gym.errors import FileError
+from sada_gym.files import Strict, first_error, read_file, shown
+
+
+def refuse_loose(path: Path, kind: type[Strict], max_bytes: int) -> None:
+    """Refuse JSON that other programs may read differently, and values of another type.
+
+    Raises:
+        FileError: If a key stands twice, a number is no finite one, or a value is of another type.
+    """
+    content = read_file(path, max_bytes)
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise FileError(
+            f"Expected UTF-8 in {path}, got something else at byte {error.start}. Make the entry "
+            "anew."
+        ) from error
+    parse_json(text, path)
+    try:
+        kind.model_validate_json(content, strict=True)
+    except ValidationError as error:
+        raise FileError(
+            f"Expected {path} as sada-gym writes it, got a different one ({first_error(error)}). "
+            "Make the entry anew."
+        ) from error
+
+
+def parse_json(text: str, path: Path) -> Any:
+    """Give what a JSON text of a file holds.
+
+    Raises:
+        FileError: If it is no JSON, a key stands twice, or a number is infinite or beyond 64 bits.
+    """
+    try:
+        return json.loads(
+            text,
+            object_pairs_hook=_once,
+            parse_constant=_finite,
+            parse_float=_finite,
+            parse_int=_bounded,
+        )
+    except RecursionError as error:
+        raise FileError(f"Expected plain JSON in {path}, got one nested too deeply.") from error
+    except ValueError as error:
+        raise FileError(
+            f"Expected plain JSON in {path}, got something else: {shown(str(error))}. Make the "
+            "entry anew."
+        ) from error
+
+
+def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key!r} twice")
+        found[key] = value
+    return found
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text}, which is no finite number")
+    return number
+
+
+def _bounded(text: str) -> int:
+    if len(text) > 20 or abs(int(text)) >= 2**63:
+        raise ValueError("a whole number beyond 64 bits")
+    return int(text)
