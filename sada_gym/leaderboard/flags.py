@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.stats import binomtest, fisher_exact
 
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.copies import nearness
+from sada_gym.leaderboard.copies import Nearness, nearness
 from sada_gym.leaderboard.entry import Identity, SeedResult
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.reference import Reference
@@ -177,7 +177,7 @@ def copied(evidence: Evidence) -> str | None:
             f"{_percent(share)} of the samples are points of the shipped reference set, to the "
             "last bit"
         )
-    if found.points < LEAST_POINTS or found.mean_rank >= NEAR_RANK or found.p >= SIGNIFICANCE:
+    if not is_near(found):
         return None
     return (
         f"the samples lie nearer to {found.points:,} points of the shipped reference set than "
@@ -185,6 +185,12 @@ def copied(evidence: Evidence) -> str | None:
         f"{_percent(1.0 - found.mean_rank)} of the time, where 50 % are expected "
         f"(p = {found.p:.0e})"
     )
+
+
+def is_near(found: Nearness) -> bool:
+    """Say whether samples lie nearer to reference points than chance lets them."""
+    enough = found.points >= LEAST_POINTS
+    return enough and found.mean_rank < NEAR_RANK and found.p < SIGNIFICANCE
 
 
 def duplicates(evidence: Evidence) -> str | None:

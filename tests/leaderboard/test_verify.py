@@ -21,6 +21,7 @@ from sada_gym.leaderboard.verification import fresh_seeds, verify
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.runs.ideal import Ideal
 from tests.leaderboard.made_entries import ANALYTIC, make_entry, uniform
+from tests.leaderboard.make_golden import GOLDEN, NONCE
 
 ROOT = Path(__file__).parents[2]
 DIGITS, DIGIT_5 = "SADA-Digits-0-v0", "SADA-Digits-5-v0"
@@ -352,3 +353,28 @@ def test_the_cheats_are_flagged_and_nobody_else_is_accused(tiny_board):
     assert flags["ideal"] == {"control"}
     assert flags["random"] == set()
     assert flags["archive"] == set()
+
+
+def test_the_golden_folder_is_verified_as_ever(tmp_path):
+    board = Path(shutil.copytree(GOLDEN, tmp_path / "golden"))
+    expected = {}
+    for path in board.glob("*/*.verified.json"):
+        expected[path.parent.name] = read_verified(path)
+        path.unlink()
+    found = {one.entry: one.verified for one in verify(sorted(board.iterdir()), NONCE)}
+    assert found.keys() == expected.keys()
+    for name, one in found.items():
+        assert one.flags == expected[name].flags
+        for ours, theirs in zip(one.seeds, expected[name].seeds, strict=True):
+            told, held = ours.measures.model_dump(), theirs.measures.model_dump()
+            for measure in ("mean_score", "mu_std"):
+                # processors may sum up a mean in another order
+                assert told.pop(measure) == pytest.approx(held.pop(measure), rel=1e-12)
+            assert (ours.seed, told) == (theirs.seed, held)
+    assert {name: {*one.flags} for name, one in found.items()} == {
+        "at-the-centre": {"collapsed", "worse than random"},
+        "edited": {"claim", "constant"},
+        "honest": {"duplicates"},  # nobody can tell who was first
+        "thief": {"duplicates"},
+        "two-points": {"duplicates"},
+    }

@@ -1,0 +1,75 @@
+"""Makes the golden folder anew, a small board with what the verifier finds on it.
+
+    python -m tests.leaderboard.make_golden
+
+Its track is analytic, so that scores are the same on every machine. Look at the difference before
+you commit it: the verifier should change its mind only where it was changed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.leaderboard.entry import Result, read_entry, write_result
+from sada_gym.leaderboard.verification import verify
+from sada_gym.measures.rates import attack_fooling_rate
+from tests.leaderboard.made_entries import make_entry, uniform
+
+GOLDEN = Path(__file__).parent / "golden"
+NONCE = "golden"
+
+
+def at_the_centre(seed: int, count: int, dimension: int) -> npt.NDArray[np.float64]:
+    """Draw samples that crowd where no fooling box is."""
+    return uniform(seed + 10, count, dimension) * 0.01
+
+
+def near_two_points(seed: int, count: int, dimension: int) -> npt.NDArray[np.float64]:
+    """Draw samples that are one of two points."""
+    return np.where(uniform(seed + 20, count, 1) < 0.0, -0.5, 0.5) * np.ones(dimension)
+
+
+def rescored(folder: Path, score: float) -> None:
+    """Claim one score of all samples, and all that follows from it."""
+    for result in read_entry(folder).results.values():
+        identity = result.claimed.identity
+        samples: dict[int, Evaluations] = {}
+        seeds = []
+        for one in result.claimed.seeds:
+            assert one.measures is not None
+            scores = np.full(identity.samples, score)
+            samples[one.seed] = dataclasses.replace(result.samples[one.seed], score=scores)
+            rate = attack_fooling_rate(scores, identity.fooling_threshold)
+            told = {
+                "afr": rate.rate,
+                "afr_interval_95": (rate.low, rate.high),
+                "fooled": rate.fooled,
+                "mean_score": float(scores.mean()),
+            }
+            measures = one.measures.model_copy(update=told)
+            seeds.append(one.model_copy(update={"measures": measures}))
+        write_result(folder, Result.make(identity, seeds), samples)
+
+
+def main() -> None:
+    """Make the entries, and verify them."""
+    shutil.rmtree(GOLDEN, ignore_errors=True)
+    make_entry(GOLDEN, "honest", seeds=1)
+    make_entry(GOLDEN, "thief", seeds=1, rule="equal-queries")  # the same samples
+    make_entry(GOLDEN, "two-points", seeds=1, draw=near_two_points)
+    make_entry(GOLDEN, "at-the-centre", seeds=1, draw=at_the_centre)
+    make_entry(GOLDEN, "edited", seeds=1, draw=lambda seed, *size: uniform(seed + 30, *size))
+    rescored(GOLDEN / "edited", 0.125)
+    for finding in verify(sorted(GOLDEN.iterdir()), NONCE):
+        assert finding.verified is not None, finding
+        print(finding.entry, finding.stem, finding.verified.flags)
+
+
+if __name__ == "__main__":
+    main()
