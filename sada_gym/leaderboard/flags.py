@@ -181,7 +181,7 @@ def copied(evidence: Evidence) -> str | None:
         return None
     return (
         f"the samples lie nearer to {found.points:,} points of the shipped reference set than "
-        f"chance lets them: displaced at random they are farther from it "
+        f"chance lets them: other sets that are made alike are farther from them "
         f"{_percent(1.0 - found.mean_rank)} of the time, where 50 % are expected "
         f"(p = {found.p:.0e})"
     )
