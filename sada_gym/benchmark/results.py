@@ -13,7 +13,15 @@ from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS, Table
 from sada_gym.files import OneLine, Strict
-from sada_gym.leaderboard.entry import Entry, EntryResult, Identity, SeedResult, Tier, entry_name
+from sada_gym.leaderboard.entry import (
+    DISQUALIFYING,
+    Entry,
+    EntryResult,
+    Identity,
+    SeedResult,
+    Tier,
+    entry_name,
+)
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
 from sada_gym.runs.measure import Measures, Search
@@ -63,6 +71,7 @@ class RunSummary(RunKey):
         measures: The measures of the test samples, those of the verifier in its tier.
         search: What the training queries found.
         flags: What a reader must know, with what the verifier found in its tier.
+        disqualified: Whether the verifier found what takes the rank: see `DISQUALIFYING`.
     """
 
     entry: str
@@ -77,6 +86,7 @@ class RunSummary(RunKey):
     measures: Measures | None
     search: Search | None
     flags: tuple[OneLine, ...]
+    disqualified: bool
 
 
 class Row(Strict):
@@ -89,6 +99,7 @@ class Row(Strict):
         label: The contender's label.
         entry: The name of its entry.
         control: Whether it is a control, which has no rank.
+        disqualified: Whether the verifier found what takes its rank on any of these tracks.
         tracks: The number of tracks that it has runs on.
         runs: The number of its runs.
         failed: The number of further runs that ended with an error.
@@ -116,6 +127,7 @@ class Row(Strict):
     label: str
     entry: str
     control: bool
+    disqualified: bool
     tracks: int
     runs: int
     failed: int
@@ -234,7 +246,7 @@ def results_of(
                 for name, version in one.packages.items():
                     versions.setdefault(name, set()).add(version)
                 runs += [
-                    _summary(table.name, entry.about.name, labels[entry.about.name], identity, one)
+                    _summary(table.name, entry, labels[entry.about.name], result, one, tier)
                     for table in showing
                 ]
     names = [table.name for table in tables]
@@ -297,13 +309,17 @@ def _add_target(targets: dict[tuple[str, str], Target], identity: Identity) -> N
     )
 
 
-def _summary(table: str, entry: str, label: str, identity: Identity, one: SeedResult) -> RunSummary:
+def _summary(
+    table: str, entry: Entry, label: str, result: EntryResult, one: SeedResult, tier: Tier
+) -> RunSummary:
     named = {"rule", "track", "agent", "adversary", "preset", "options", "budget", "samples"}
+    flags = result.verified.flags if tier == "verified" and result.verified is not None else {}
     return RunSummary(
         table=table,
-        entry=entry,
+        entry=entry.about.name,
         label=label,
-        **identity.model_dump(include=named),
+        disqualified=not DISQUALIFYING.isdisjoint(flags),
+        **result.claimed.identity.model_dump(include=named),
         **{
             name: getattr(one, name)
             for name in ("seed", "queries", "error", "measures", "search", "flags")
@@ -367,6 +383,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
         tracks=len(rates),
         runs=len(good),
         failed=len(runs) - len(good),
+        disqualified=any(run.disqualified for run in runs),
         complete=len(good) == len(runs) and {run.track for run, _ in good} == every,
         budget=float(np.mean([run.budget for run in runs])),
         queries=mean([[run.queries] for run, _ in good]),
@@ -380,7 +397,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
 
 def _with_ranks(rows: Sequence[Row]) -> list[Row]:
     """Rank the contenders of one table, agent and track by AFR and by coverage."""
-    unranked = [row.entry for row in rows if row.control or not row.complete]
+    unranked = [row.entry for row in rows if row.control or row.disqualified or not row.complete]
     for name in ("afr", "coverage", "relative_coverage"):
         there = {row.entry: one for row in rows if (one := getattr(row, name)) is not None}
         with_ranks = ranked(there, unranked)

@@ -52,6 +52,9 @@ MAX_SEEDS = 100
 MAX_ERROR = 2_000
 """The most characters of a seed's error."""
 
+DISQUALIFYING = frozenset({"claim", "constant", "copied"})
+"""The verifier's flags that take a result's rank: its figures do not say what they seem to say."""
+
 Tier = Literal["claimed", "verified"]
 """How far a result was checked. Another tier will hold results whose queries a judge counted."""
 

@@ -154,6 +154,23 @@ def test_the_verified_tier_shows_what_was_verified_alone():
     }
 
 
+@pytest.mark.parametrize("flag", ["claim", "constant", "copied", "duplicates"])
+def test_what_shows_that_figures_mean_nothing_takes_the_rank(flag):
+    thief = result([99, 99], verified=[99, 99])
+    flagged = thief.verified.model_copy(update={"flags": {flag: "It is."}})
+    entries = [
+        entry("thief", EntryResult(thief.claimed, thief.samples, flagged)),
+        entry("good", result([50, 50], verified=[50, 50])),
+    ]
+    found = rows(results_of(entries, [EQUAL], tier="verified"))
+    ranks = {name: row.afr.rank for name, row in found.items()}
+    if flag == "duplicates":
+        assert ranks == {"thief": "1", "good": "2"}
+    else:
+        assert ranks == {"thief": None, "good": "1"}
+    assert rows(results_of(entries, [EQUAL]))["thief"].afr.rank == "1"
+
+
 def test_failed_seeds_are_counted_in_both_tiers():
     entries = [entry("gp", result([None, 50]))]
     [row] = results_of(entries, [EQUAL]).rows_of("equal-queries", "cil", None)

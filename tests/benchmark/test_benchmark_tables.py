@@ -54,6 +54,7 @@ def run(
         measures=None if error else measures,
         search=None if error else Search(queries=2000, fooled=700, curve=()),
         flags=flags,
+        disqualified=False,
     )
 
 
