@@ -67,6 +67,7 @@ class Group:
         application: The application's name.
         tracks: The ids of its tracks.
         agents: The agents that are shipped for it, the default first, each with its summary.
+        nominal: How well each of them does in nominal worlds.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Group:
     application: str
     tracks: tuple[str, ...]
     agents: Mapping[str, str]
+    nominal: Mapping[str, str]
 
     @classmethod
     def of(cls, card: ApplicationCard) -> Group:
@@ -82,7 +84,9 @@ class Group:
         plain = card.name.removeprefix("SADA-")
         name, title, summary = _NAMES.get(card.name, (slug(plain).lower(), plain, ""))
         agents = {agent.name: agent.summary for agent in card.agents}
-        return cls(name, title, summary, card.name, card.track_ids or (card.id,), agents)
+        nominal = {agent.name: agent.nominal for agent in card.agents}
+        tracks = card.track_ids or (card.id,)
+        return cls(name, title, summary, card.name, tracks, agents, nominal)
 
     def short(self, track: str) -> str:
         """Give what tells a track from the others of its group."""

@@ -334,6 +334,7 @@ _STRONGEST = (
     Column("agent", "Agent", numeric=False),
     Column("track", "Track", numeric=False),
     Column("group", "Group", numeric=False, choice=True),
+    Column("nominal", "In nominal worlds, it", numeric=False),
     Column(
         "uniform_rate",
         "Uniform worlds, %",
@@ -362,6 +363,7 @@ def strongest_sheet(groups: Sequence[GroupBoard]) -> Sheet:
                     "agent": text_cell(agent or "-"),
                     "track": text_cell(track, href=f"{board.group.name}.html"),
                     "group": text_cell(board.group.title),
+                    "nominal": text_cell(board.group.nominal.get(agent, "")),
                     "uniform_rate": rate_cell(uniform),
                     "afr": rate_cell(row.afr if row else None),
                 }

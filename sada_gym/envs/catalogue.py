@@ -26,12 +26,14 @@ class AgentCard:
         file: Its weights, relative to `sada_gym/envs`.
         sha256: The SHA-256 of that file; a file that differs is refused.
         summary: A line for people.
+        nominal: How well it does in nominal worlds, as its model card says.
     """
 
     name: str
     file: str
     sha256: str
     summary: str
+    nominal: str
 
     @property
     def path(self) -> Path:

@@ -124,6 +124,7 @@ def test_the_strongest_attack_is_verified_and_has_the_highest_lower_bound(board)
     assert lines[DIGITS[0]]["entry"].text == HOSTILE
     assert lines[DIGITS[0]]["afr"].text == "89.0"  # of 90 % and 88 %
     assert lines[DIGITS[0]]["uniform_rate"].text == "34.6"
+    assert lines[DIGITS[0]]["nominal"].text == "reads 98.9 % of the test images"
     waypoint = next(
         line.cells
         for line in board.strongest.lines

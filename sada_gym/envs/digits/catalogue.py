@@ -7,6 +7,7 @@ CNN = AgentCard(
     "digits/agent/cnn.safetensors",
     "20310308027458ca18818a87c2c3b8d3bb544d0b454c2f36779d18bae9bfa9cc",
     "a small CNN, trained on 1,352 real digits; the default",
+    "reads 98.9 % of the test images",
 )
 LOADER = "sada_gym.envs.digits.agent.weights:load"
 

@@ -30,7 +30,7 @@ def test_the_shipped_weights_are_small_and_pinned():
         assert agent.path.stat().st_size < 10 * 2**20
         agents.verify(agent)
         assert agent.sha256 in agent.path.with_suffix(".md").read_text()
-    changed = agents.AgentCard("x", "detection/agent/network.py", "0" * 64, "")
+    changed = agents.AgentCard("x", "detection/agent/network.py", "0" * 64, "", "")
     with pytest.raises(ValueError, match=r"SHA-256 0000.*shipped weights were changed"):
         agents.verify(changed)
 
