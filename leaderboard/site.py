@@ -19,6 +19,7 @@ from leaderboard.front import make_chart
 from leaderboard.pictures import Pictures
 from leaderboard.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
 from sada_gym import __version__
+from sada_gym.benchmark.results import Row
 from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
@@ -106,12 +107,11 @@ def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
 
 @dataclass(frozen=True)
 class Leader:
-    """Who shares the first rank of a comparison; `rate` is the AFR of the highest, in per cent."""
+    """Who shares the first rank of a comparison, each with its AFR and its coverage."""
 
     tier: str
     title: str
-    names: str
-    rate: str
+    names: tuple[str, ...]
 
 
 def leaders(group: GroupBoard) -> Iterator[Leader]:
@@ -120,13 +120,19 @@ def leaders(group: GroupBoard) -> Iterator[Leader]:
         for ranking in comparison.rankings:
             first = [row for row in ranking.rows if row.afr and row.afr.rank in ("1", "1=")]
             first.sort(key=lambda row: -row.afr.value if row.afr else 0.0)
-            if first and first[0].afr:
+            if first:
                 title = " · ".join(filter(None, (comparison.table.title, comparison.agent)))
-                names = ", ".join(row.label for row in first[:_NAMED])
-                more = f" and {len(first) - _NAMED} more" if len(first) > _NAMED else ""
-                rate = f"{100 * first[0].afr.value:.1f}"
-                yield Leader(ranking.tier, title, names + more, rate)
+                names = [_with_figures(row) for row in first[:_NAMED]]
+                if len(first) > _NAMED:
+                    names.append(f"and {len(first) - _NAMED} more")
+                yield Leader(ranking.tier, title, tuple(names))
                 break
+
+
+def _with_figures(row: Row) -> str:
+    figures = (("AFR", row.afr), ("coverage", row.relative_coverage))
+    told = (f"{name} {100 * one.value:.0f} %" for name, one in figures if one is not None)
+    return f"{row.label}: {', '.join(told)}"
 
 
 _NAMED = 3  # leaders on a card
