@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from leaderboard.board_tables import (
@@ -259,13 +259,12 @@ def make_board(
         )
 
     def chosen(entry: Entry, group: Group) -> Entry:
-        results = {
-            stem: result
-            for stem, result in entry.results.items()
-            if of_track.get(result.claimed.identity.track) == group
-            and reasons[entry.about.name, stem] is None
-        }
-        return replace(entry, results=results)
+        def is_wanted(result: EntryResult) -> bool:
+            identity = result.claimed.identity
+            reason = reasons[entry.about.name, identity.stem]
+            return of_track.get(identity.track) == group and reason is None
+
+        return entry.keeping(is_wanted)
 
     boards = []
     for group in groups:

@@ -8,11 +8,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from sada_gym.benchmark.figures import Figure
-from sada_gym.benchmark.report.tables import write_tables
+from sada_gym.benchmark.report.tables import (
+    percent,
+    rank_of,
+    table_head,
+    table_line,
+    with_interval,
+    write_tables,
+)
 from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.leaderboard.entry import Entry, Tier, read_entries
@@ -37,14 +43,7 @@ def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed
     """
     chosen = find_suite(suite)
     held = [
-        replace(
-            entry,
-            results={
-                stem: one
-                for stem, one in entry.results.items()
-                if one.claimed.identity.track in chosen.tracks
-            },
-        )
+        entry.keeping(lambda result: result.claimed.identity.track in chosen.tracks)
         for entry in entries
     ]
     return results_of([entry for entry in held if entry.results], chosen.tables, tier=tier)
@@ -56,35 +55,23 @@ def digits(entries: Sequence[Entry]) -> Iterator[str]:
     hardest = {
         row.label: row for row in results.rows_of("paper-budgets", agent, "SADA-Digits-4-v0")
     }
-    yield "| adversary | AFR, % | rank | coverage | rank | AFR on digit 4 | coverage |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    columns = "adversary", "AFR, %", "rank", "coverage", "rank", "AFR on digit 4", "coverage"
+    yield from table_head(columns)
     for row in results.rows_of("paper-budgets", agent, None):
-        four = hardest[row.label]
-        cells = (
+        coverage, four = row.relative_coverage, hardest[row.label]
+        yield table_line(
             row.label,
-            _with_interval(row.afr),
-            _rank(row.afr),
-            _percent(row.relative_coverage),
-            _rank(row.relative_coverage),
-            _percent(four.afr),
-            _percent(four.relative_coverage),
+            with_interval(row.afr, 0),
+            rank_of(row.afr),
+            _alone(coverage),
+            rank_of(coverage),
+            _alone(four.afr),
+            _alone(four.relative_coverage),
         )
-        yield f"| {' | '.join(cells)} |"
 
 
-def _with_interval(figure: Figure | None) -> str:
-    if figure is None or figure.interval_95 is None:
-        return _percent(figure)
-    low, high = figure.interval_95
-    return f"{_percent(figure)} ({100 * low:.0f} to {100 * high:.0f})"
-
-
-def _percent(figure: Figure | None) -> str:
-    return "-" if figure is None else f"{100 * figure.value:.0f}"
-
-
-def _rank(figure: Figure | None) -> str:
-    return "" if figure is None or figure.rank is None else figure.rank
+def _alone(figure: Figure | None) -> str:
+    return percent(None if figure is None else figure.value, 0)
 
 
 BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from sada_gym.benchmark.costs import Estimate, estimate
@@ -22,7 +22,7 @@ from sada_gym.benchmark.worlds import open_worlds, without_outdated
 from sada_gym.errors import UserError, refuse_number
 from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
-from sada_gym.leaderboard.entry import Entry, read_entries
+from sada_gym.leaderboard.entry import read_entries
 from sada_gym.measures.reference import FOLDER
 
 
@@ -173,7 +173,10 @@ def report_benchmark(
     with file_errors("read", held):
         if not held.exists():
             raise UserError(f"Expected a benchmark's folder, got {folder} without {held}.")
-    chosen = [_on_tracks(entry, tracks) for entry in read_entries(held)]
+    chosen = [
+        entry.keeping(lambda one: tracks is None or one.claimed.identity.track in tracks)
+        for entry in read_entries(held)
+    ]
     identities = [one.claimed.identity for entry in chosen for one in entry.results.values()]
     worlds = open_worlds({(one.track, one.agent) for one in identities}, references)
     chosen, outdated = without_outdated(chosen, worlds)
@@ -188,15 +191,3 @@ def report_benchmark(
     write_tables(folder, results, notes)
     draw_benchmark(folder, results, chosen, worlds)
     return BenchmarkResult(results, folder, held, tuple(notes))
-
-
-def _on_tracks(entry: Entry, tracks: Collection[str] | None) -> Entry:
-    """Leave out an entry's results on other tracks."""
-    return replace(
-        entry,
-        results={
-            stem: one
-            for stem, one in entry.results.items()
-            if tracks is None or one.claimed.identity.track in tracks
-        },
-    )

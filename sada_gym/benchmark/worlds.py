@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.store import Context
-from sada_gym.leaderboard.entry import Entry, Identity
+from sada_gym.leaderboard.entry import Entry, EntryResult, Identity
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.runs.assemble import RunTarget, open_application
@@ -95,14 +95,15 @@ def without_outdated(
     Returns:
         The entries with the other results, and the number of results that were left out.
     """
+
+    def is_there(result: EntryResult) -> bool:
+        identity = result.claimed.identity
+        world = worlds.get((identity.track, identity.agent))
+        return world is not None and world.is_of(identity)
+
     kept, left_out = [], 0
     for entry in entries:
-        results = {}
-        for stem, result in entry.results.items():
-            identity = result.claimed.identity
-            world = worlds.get((identity.track, identity.agent))
-            if world is not None and world.is_of(identity):
-                results[stem] = result
-        left_out += len(entry.results) - len(results)
-        kept.append(replace(entry, results=results))
+        there = entry.keeping(is_there)
+        left_out += len(entry.results) - len(there.results)
+        kept.append(there)
     return kept, left_out

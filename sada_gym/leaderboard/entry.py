@@ -14,9 +14,10 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -275,6 +276,25 @@ class Verified(Strict):
     seeds: tuple[VerifiedSeed, ...]
     flags: dict[str, OneLine]
 
+    @classmethod
+    def make(
+        cls,
+        claimed: Result,
+        samples: Samples,
+        nonce: str,
+        seeds: Iterable[VerifiedSeed] = (),
+        flags: Mapping[str, str] = MappingProxyType({}),
+    ) -> Self:
+        """Put findings under the identity and the samples that they are of."""
+        return cls(
+            format=FORMAT,
+            identity_sha256=claimed.identity_sha256,
+            samples_sha256=samples_sha256(samples),
+            nonce=nonce,
+            seeds=tuple(seeds),
+            flags=dict(flags),
+        )
+
 
 Samples = Mapping[int, Evaluations]
 """The test samples of each seed, by ascending seed."""
@@ -468,6 +488,11 @@ class Entry:
     folder: Path
     about: About
     results: dict[str, EntryResult] = field(default_factory=dict)
+
+    def keeping(self, wanted: Callable[[EntryResult], bool]) -> Entry:
+        """Give the entry with those of its results that are wanted."""
+        kept = {stem: result for stem, result in self.results.items() if wanted(result)}
+        return replace(self, results=kept)
 
 
 def read_entry(folder: Path) -> Entry:

@@ -27,14 +27,12 @@ from sada_gym.files import (
 from sada_gym.leaderboard.checks import check_about, check_entry
 from sada_gym.leaderboard.entry import (
     ABOUT_FILE,
-    CLAIMS,
     FORMAT,
     MAX_SEEDS,
-    SAMPLES,
-    VERIFIED,
     About,
     Entry,
     Identity,
+    ResultFiles,
     SeedResult,
     read_entry,
     write_about,
@@ -56,9 +54,7 @@ from sada_gym.leaderboard.today import (
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu, validate_mu
 from sada_gym.runs.assemble import RunTarget, make_settings
-from sada_gym.runs.record import (
-    json_compatible,
-)
+from sada_gym.runs.record import json_compatible
 from sada_gym.runs.run import OnProgress, Run, ignore_progress
 
 ENTRIES = Path("leaderboard/entries")
@@ -367,8 +363,8 @@ class _Place:
                     )
                 continue
             refuse_other_adversary(self.first, one.claimed.identity, str(folder))
-            for ending in (CLAIMS, SAMPLES, VERIFIED):
-                path = folder / f"{stem}{ending}"
+            files = ResultFiles(folder, stem)
+            for path in (files.claims, files.samples, files.verified):
                 if path.exists():
                     with file_errors("read", path):
                         kept[path.name] = path.read_bytes()

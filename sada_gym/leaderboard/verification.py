@@ -21,7 +21,6 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, seed_of
 from sada_gym.leaderboard.checks import check_entry, is_outdated
 from sada_gym.leaderboard.entry import (
-    FORMAT,
     SAMPLES,
     Entry,
     Identity,
@@ -30,7 +29,6 @@ from sada_gym.leaderboard.entry import (
     read_entry,
     read_samples,
     result_stem,
-    samples_sha256,
     write_verified,
 )
 from sada_gym.leaderboard.flags import Evidence, SeedEvidence, find_flags
@@ -241,15 +239,12 @@ class Verifier:
         evidence = Evidence(
             identity, tuple(seeds), target.reference, _neighbours(entry, identity, against)
         )
-        return Verified(
-            format=FORMAT,
-            identity_sha256=identity.sha256,
-            samples_sha256=samples_sha256(result.samples),
-            nonce=nonce,
-            seeds=tuple(
-                VerifiedSeed(seed=one.claimed.seed, measures=one.measures) for one in seeds
-            ),
-            flags=find_flags(evidence),
+        return Verified.make(
+            result.claimed,
+            result.samples,
+            nonce,
+            (VerifiedSeed(seed=one.claimed.seed, measures=one.measures) for one in seeds),
+            find_flags(evidence),
         )
 
     def _open(self, track: str, agent: str) -> tuple[Evaluator, RunTarget]:

@@ -15,13 +15,11 @@ from sada_gym.benchmark.suite import Contender, choose, find_contender, find_sui
 from sada_gym.errors import UserError
 from sada_gym.leaderboard.checks import check_entry, is_outdated
 from sada_gym.leaderboard.entry import (
-    FORMAT,
     MAX_ERROR,
     SeedResult,
     Verified,
     read_about,
     read_entry,
-    samples_sha256,
     write_about,
     write_verified,
 )
@@ -141,14 +139,7 @@ def test_what_a_benchmark_writes_passes_the_checks(whole):
 def test_a_new_seed_takes_back_what_was_verified(copied, references):
     folder = copied / "entries" / "random"
     held = read_entry(folder).results[STEM]
-    verified = Verified(
-        format=FORMAT,
-        identity_sha256=held.claimed.identity_sha256,
-        samples_sha256=samples_sha256(held.samples),
-        nonce="x",
-        seeds=(),
-        flags={},
-    )
+    verified = Verified.make(held.claimed, held.samples, "x")
     write_verified(folder, STEM, verified)
     work(copied, WHOLE, references)
     assert read_entry(folder).results[STEM].verified == verified

@@ -19,7 +19,6 @@ from sada_gym.leaderboard.entry import (
     SeedResult,
     Verified,
     VerifiedSeed,
-    samples_sha256,
 )
 from sada_gym.runs.measure import measure
 
@@ -75,16 +74,15 @@ def result(
         )
     claimed = Result.make(identity, seeds)
     if verified is not None:
-        verified = Verified(
-            format=FORMAT,
-            identity_sha256=claimed.identity_sha256,
-            samples_sha256=samples_sha256(samples),
-            nonce="n",
-            seeds=tuple(
+        verified = Verified.make(
+            claimed,
+            samples,
+            "n",
+            (
                 VerifiedSeed(seed=seed, measures=measures(count)[1])
                 for seed, count in enumerate(verified)
             ),
-            flags={"claimed": "The claim is outside of the interval."},
+            {"claimed": "The claim is outside of the interval."},
         )
     return EntryResult(claimed, samples, verified)
 

@@ -17,7 +17,6 @@ from sada_gym.leaderboard.entry import (
     Verified,
     VerifiedSeed,
     read_entry,
-    samples_sha256,
     write_about,
     write_result,
     write_verified,
@@ -103,18 +102,8 @@ def _write(folder: Path, one: Made, track: str) -> None:
     write_result(folder, Result.make(identity, claims), samples)
     if one.verified:
         held = read_entry(folder).results[identity.stem]
-        write_verified(
-            folder,
-            identity.stem,
-            Verified(
-                format=FORMAT,
-                identity_sha256=identity.sha256,
-                samples_sha256=samples_sha256(held.samples),
-                nonce="1",
-                seeds=tuple(verified),
-                flags=dict(one.flags),
-            ),
-        )
+        found = Verified.make(held.claimed, held.samples, "1", verified, dict(one.flags))
+        write_verified(folder, identity.stem, found)
 
 
 def _measured(rate, target, seed, count):

@@ -21,6 +21,7 @@ from sada_gym.leaderboard.entry import (
     write_result,
 )
 from sada_gym.leaderboard.today import find_target, today
+from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.measure import measure
 
@@ -94,3 +95,16 @@ def make_entry(
     write_about(folder, about)
     write_result(folder, Result.make(identity, claims), samples)
     return folder
+
+
+def rescored(one: SeedResult, scores: npt.NDArray[np.float64], threshold: float) -> SeedResult:
+    """Claim scores of a seed's samples, and all that follows from them."""
+    assert one.measures is not None
+    rate = attack_fooling_rate(scores, threshold)
+    told = {
+        "afr": rate.rate,
+        "afr_interval_95": (rate.low, rate.high),
+        "fooled": rate.fooled,
+        "mean_score": float(scores.mean()),
+    }
+    return one.model_copy(update={"measures": one.measures.model_copy(update=told)})

@@ -18,8 +18,7 @@ import numpy.typing as npt
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.leaderboard.entry import Result, read_entry, write_result
 from sada_gym.leaderboard.verification import verify
-from sada_gym.measures.rates import attack_fooling_rate
-from tests.leaderboard.made_entries import make_entry, uniform
+from tests.leaderboard.made_entries import make_entry, rescored, uniform
 
 GOLDEN = Path(__file__).parent / "golden"
 NONCE = "golden"
@@ -35,25 +34,16 @@ def near_two_points(seed: int, count: int, dimension: int) -> npt.NDArray[np.flo
     return np.where(uniform(seed + 20, count, 1) < 0.0, -0.5, 0.5) * np.ones(dimension)
 
 
-def rescored(folder: Path, score: float) -> None:
+def claim_one_score(folder: Path, score: float) -> None:
     """Claim one score of all samples, and all that follows from it."""
     for result in read_entry(folder).results.values():
         identity = result.claimed.identity
         samples: dict[int, Evaluations] = {}
         seeds = []
         for one in result.claimed.seeds:
-            assert one.measures is not None
             scores = np.full(identity.samples, score)
             samples[one.seed] = dataclasses.replace(result.samples[one.seed], score=scores)
-            rate = attack_fooling_rate(scores, identity.fooling_threshold)
-            told = {
-                "afr": rate.rate,
-                "afr_interval_95": (rate.low, rate.high),
-                "fooled": rate.fooled,
-                "mean_score": float(scores.mean()),
-            }
-            measures = one.measures.model_copy(update=told)
-            seeds.append(one.model_copy(update={"measures": measures}))
+            seeds.append(rescored(one, scores, identity.fooling_threshold))
         write_result(folder, Result.make(identity, seeds), samples)
 
 
@@ -65,7 +55,7 @@ def main() -> None:
     make_entry(GOLDEN, "two-points", seeds=1, draw=near_two_points)
     make_entry(GOLDEN, "at-the-centre", seeds=1, draw=at_the_centre)
     make_entry(GOLDEN, "edited", seeds=1, draw=lambda seed, *size: uniform(seed + 30, *size))
-    rescored(GOLDEN / "edited", 0.125)
+    claim_one_score(GOLDEN / "edited", 0.125)
     for finding in verify(sorted(GOLDEN.iterdir()), NONCE):
         assert finding.verified is not None, finding
         print(finding.entry, finding.stem, finding.verified.flags)

@@ -6,13 +6,11 @@ import pytest
 from sada_gym.errors import FileError, UserError
 from sada_gym.leaderboard.checks import check_entry, is_outdated
 from sada_gym.leaderboard.entry import (
-    FORMAT,
     Result,
     ResultFiles,
     SeedResult,
     Verified,
     read_entry,
-    samples_sha256,
     write_result,
     write_verified,
 )
@@ -111,14 +109,7 @@ def test_an_outdated_entry_is_right_but_cannot_be_submitted(tmp_path):
 def test_verified_results_are_no_submission(tmp_path):
     folder = make_entry(tmp_path)
     ((stem, result),) = read_entry(folder).results.items()
-    verified = Verified(
-        format=FORMAT,
-        identity_sha256=result.claimed.identity_sha256,
-        samples_sha256=samples_sha256(result.samples),
-        nonce="1",
-        seeds=(),
-        flags={},
-    )
+    verified = Verified.make(result.claimed, result.samples, "1")
     write_verified(folder, stem, verified)
     check_entry(folder, submission=False)
     with pytest.raises(UserError, match="Expected no results of the verifier in a submission"):

@@ -19,7 +19,6 @@ from sada_gym.leaderboard.entry import (
     read_entries,
     read_entry,
     result_stem,
-    samples_sha256,
     write_about,
     write_result,
     write_verified,
@@ -99,14 +98,7 @@ def test_what_is_written_is_read(folder):
 
 
 def verified(result: EntryResult):
-    return Verified(
-        format=FORMAT,
-        identity_sha256=result.claimed.identity_sha256,
-        samples_sha256=samples_sha256(result.samples),
-        nonce="1",
-        seeds=(),
-        flags={},
-    )
+    return Verified.make(result.claimed, result.samples, "1")
 
 
 def test_what_was_verified_counts_for_these_samples_alone(folder):

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.errors import UserError
 from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import FORMAT, Verified, read_entry, samples_sha256, write_verified
+from sada_gym.leaderboard.entry import Verified, read_entry, samples_sha256, write_verified
 from sada_gym.leaderboard.submit import Credits, submit, submit_samples
 from tests.leaderboard.made_entries import ANALYTIC, make_entry
 
@@ -70,14 +71,7 @@ def test_results_join_an_entry_and_replace_only_when_told(runs, tmp_path):
 def test_what_was_verified_of_other_results_stays(runs, tmp_path):
     entry = submit(runs, ME, out=tmp_path)
     result = entry.results[stem()]
-    verified = Verified(
-        format=FORMAT,
-        identity_sha256=result.claimed.identity_sha256,
-        samples_sha256=samples_sha256(result.samples),
-        nonce="1",
-        seeds=(),
-        flags={},
-    )
+    verified = Verified.make(result.claimed, result.samples, "1")
     write_verified(entry.folder, stem(), verified)
     entry = submit(runs[:1], ME, rule="equal-queries", out=tmp_path)
     assert {name: one.tier for name, one in entry.results.items()} == {
@@ -177,7 +171,8 @@ def test_credits_that_do_not_fit_get_a_sentence(runs, tmp_path, changes, said):
     told = {"name": "mine", "authors": ["Ada L."], "licence": "MIT"}
     with pytest.raises(UserError, match=said) as caught:
         submit(runs, Credits(**(told | changes)), out=tmp_path / "entries")
-    assert "/tmp/tmp" not in str(caught.value)
+    # nothing of the temporary folder in which an entry is made
+    assert str(Path(tempfile.gettempdir(), tempfile.gettempprefix())) not in str(caught.value)
     assert not (tmp_path / "entries").exists()
 
 

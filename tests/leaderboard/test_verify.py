@@ -18,9 +18,8 @@ from sada_gym.evaluation.oracle import Oracle, evaluation_seeds
 from sada_gym.leaderboard.entry import Result, read_entry, read_verified, write_result
 from sada_gym.leaderboard.today import find_target
 from sada_gym.leaderboard.verification import fresh_seeds, verify
-from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.runs.ideal import Ideal
-from tests.leaderboard.made_entries import ANALYTIC, make_entry, uniform
+from tests.leaderboard.made_entries import ANALYTIC, make_entry, rescored, uniform
 from tests.leaderboard.make_golden import GOLDEN, NONCE
 
 ROOT = Path(__file__).parents[2]
@@ -45,18 +44,8 @@ def edit_samples(folder, change):
     seeds = []
     for one in result.claimed.seeds:
         scores = samples[one.seed].score
-        rate = attack_fooling_rate(scores, identity.fooling_threshold)
-        told = {
-            "afr": rate.rate,
-            "afr_interval_95": (rate.low, rate.high),
-            "fooled": rate.fooled,
-            "mean_score": float(scores.mean()),
-        }
-        seeds.append(
-            one.model_copy(
-                update={"measures": one.measures.model_copy(update=told), "search": None}
-            )
-        )
+        told = rescored(one, scores, identity.fooling_threshold)
+        seeds.append(told.model_copy(update={"search": None}))
     write_result(folder, Result.make(identity, seeds), samples)
     return stem
 

@@ -105,19 +105,19 @@ def _fronts(ours: _ByTrack) -> dict[str, str]:
 def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
     means = _columns(rows)
     known = "adversary", "AFR, %", "rank", "IQM, %", "coverage / ideal, %", "rank", "front"
-    yield from _head((*known, "coverage, %", *(mean.title for mean in means.values()), "runs"))
+    yield from table_head((*known, "coverage, %", *(mean.title for mean in means.values()), "runs"))
     for row in rows:
         afr, relative = row.afr, row.relative_coverage
         runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
-        yield _line(
+        yield table_line(
             row.label,
-            _with_interval(afr),
-            _rank(afr),
-            _percent(row.afr_iqm),
-            _with_interval(relative),
-            _rank(relative),
+            with_interval(afr),
+            rank_of(afr),
+            percent(row.afr_iqm),
+            with_interval(relative),
+            rank_of(relative),
             fronts.get(row.label, ""),
-            _percent(row.coverage.value if row.coverage else None),
+            percent(row.coverage.value if row.coverage else None),
             *(_number(getattr(row, name), mean.places) for name, mean in means.items()),
             runs if row.complete else f"{runs} (incomplete)",
         )
@@ -195,7 +195,7 @@ class _ByTrack:
             cells = []
             for column in columns:
                 keys, theirs = [(t, label) for t in column.tracks], column.theirs(label)
-                text = _percent(_mean([values.get(key) for key in keys]))
+                text = percent(_mean([values.get(key) for key in keys]))
                 text = f"**{text}**" if not column.average and keys[0] in best else text
                 cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
             yield label, cells
@@ -210,10 +210,10 @@ class _ByTrack:
         """Lay coverage out in columns; nothing where there is none."""
         if not columns or not self.coverages:
             return
-        yield from (title, "", *_head(("adversary", *(column.title for column in columns))))
+        yield from (title, "", *table_head(("adversary", *(column.title for column in columns))))
         for label in self.overall:
             found = [[self.coverages.get((t, label)) for t in one.tracks] for one in columns]
-            yield _line(label, *(_percent(_mean(values)) for values in found))
+            yield table_line(label, *(percent(_mean(values)) for values in found))
         yield ""
 
 
@@ -233,8 +233,8 @@ def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]
     if not columns:
         return
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-    yield from _head(("adversary", *(column.title for column in columns)))
-    yield from (_line(label, *cells) for label, cells in ours.rates(columns))
+    yield from table_head(("adversary", *(column.title for column in columns)))
+    yield from (table_line(label, *cells) for label, cells in ours.rates(columns))
     yield ""
     yield (
         "Bold: rank 1 on this track, shared or not. The paper attacked other agents in other "
@@ -261,13 +261,13 @@ def _by_track(ours: _ByTrack) -> Iterator[str]:
     average = paper.AVERAGE if whole else f"mean of {_tracks(len(ours.tracks))}"
     theirs = partial(paper.class_rate, class_name=average)
     columns.append(_Column(average, ours.tracks, theirs, average=True))
-    yield from _head(("adversary", *(column.title for column in columns), "μ_std"))
+    yield from table_head(("adversary", *(column.title for column in columns), "μ_std"))
     for label, cells in ours.rates(columns):
         row, known = ours.overall.get(label), paper.class_row(label) if whole else None
         spread = _number(row.mu_std if row else None, 3) + (
             f" / {known.mu_std:.3f}" if known else ""
         )
-        yield _line(label, *cells, spread)
+        yield table_line(label, *cells, spread)
     yield ""
 
 
@@ -282,18 +282,18 @@ def _coverage_by_track(ours: _ByTrack) -> Iterator[str]:
 
 def _targets(results: Results) -> Iterator[str]:
     yield from ("## What was attacked", "")
-    yield from _head(
+    yield from table_head(
         ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
     )
     for target in results.targets:
         reference = target.reference
-        yield _line(
+        yield table_line(
             target.track,
             target.agent or _BLANK,
             f"{target.fooling_threshold:g}",
             f"{len(target.seeds)}",
             f"{reference.points:,}" if reference else "none",
-            f"{_percent(reference.fooling / reference.points)} %" if reference else _BLANK,
+            f"{percent(reference.fooling / reference.points)} %" if reference else _BLANK,
             f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
         )
     yield ""
@@ -324,29 +324,34 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return float(np.mean(there)) if there and len(there) == len(values) else None
 
 
-def _percent(value: float | None) -> str:
-    return _BLANK if value is None else f"{100 * value:.1f}"
+def percent(value: float | None, places: int = 1) -> str:
+    """Write a share as per cent."""
+    return _BLANK if value is None else f"{100 * value:.{places}f}"
 
 
 def _number(value: float | None, places: int | None) -> str:
     """Write a number with so many decimal places, or as per cent."""
-    return _percent(value) if value is None or places is None else f"{value:.{places}f}"
+    return percent(value) if value is None or places is None else f"{value:.{places}f}"
 
 
-def _with_interval(figure: Figure | None) -> str:
+def with_interval(figure: Figure | None, places: int = 1) -> str:
+    """Write a figure as per cent, with its interval where it has one."""
     if figure is None or figure.interval_95 is None:
-        return _percent(figure.value if figure else None)
-    low, high = (100 * end for end in figure.interval_95)
-    return f"{_percent(figure.value)} ({low:.1f} to {high:.1f})"
+        return percent(figure.value if figure else None, places)
+    low, high = (percent(end, places) for end in figure.interval_95)
+    return f"{percent(figure.value, places)} ({low} to {high})"
 
 
-def _rank(figure: Figure | None) -> str:
+def rank_of(figure: Figure | None) -> str:
+    """Give a figure's rank; empty where it has none."""
     return figure.rank or "" if figure else ""
 
 
-def _head(columns: Sequence[str]) -> tuple[str, str]:
-    return _line(*columns), _line(*("---" for _ in columns))
+def table_head(columns: Sequence[str]) -> tuple[str, str]:
+    """Give the first two lines of a Markdown table."""
+    return table_line(*columns), table_line(*("---" for _ in columns))
 
 
-def _line(*cells: str) -> str:
+def table_line(*cells: str) -> str:
+    """Give a line of a Markdown table."""
     return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
