@@ -197,7 +197,7 @@ def read_model(path: Path, kind: type[Model]) -> Model:
     cause: Exception
     try:
         content.decode()
-        return kind.model_validate_json(content)
+        return kind.model_validate_json(content, strict=True)
     except UnicodeDecodeError as error:
         reason, cause = f"byte {error.start} is not UTF-8", error
     except ValidationError as error:

@@ -27,7 +27,6 @@ from sada_gym.leaderboard.entry import (
     Identity,
     Result,
     ResultFiles,
-    Verified,
     read_about,
     read_result,
     read_samples,
@@ -214,7 +213,7 @@ def check_about(about: About, path: Path, submission: bool) -> None:
 
 
 def _check_result(files: ResultFiles, about: About, submission: bool) -> None:
-    refuse_loose(files.claims, Result, MAX_BYTES[CLAIMS])
+    refuse_loose(files.claims, MAX_BYTES[CLAIMS])
     result = read_result(files.claims)
     identity = result.identity
     _check_adversary(files, identity, about)
@@ -236,7 +235,7 @@ def _check_result(files: ResultFiles, about: About, submission: bool) -> None:
             if not outdated:
                 check_coverage(files.claims, identity, one, samples[one.seed])
     if not submission and files.verified.exists():
-        refuse_loose(files.verified, Verified, MAX_BYTES[CLAIMS])
+        refuse_loose(files.verified, MAX_BYTES[CLAIMS])
         read_verified(files.verified)
 
 

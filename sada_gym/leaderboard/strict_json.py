@@ -8,17 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from sada_gym.errors import FileError
-from sada_gym.files import Strict, first_error, read_file, shown
+from sada_gym.files import read_file, shown
 
 
-def refuse_loose(path: Path, kind: type[Strict], max_bytes: int) -> None:
-    """Refuse JSON that other programs may read differently, and values of another type.
+def refuse_loose(path: Path, max_bytes: int) -> None:
+    """Refuse a JSON file that other programs may read differently.
 
     Raises:
-        FileError: If a key stands twice, a number is no finite one, or a value is of another type.
+        FileError: If it cannot be read, a key stands twice, or a number is no finite one.
     """
     content = read_file(path, max_bytes)
     try:
@@ -29,13 +27,6 @@ def refuse_loose(path: Path, kind: type[Strict], max_bytes: int) -> None:
             "anew."
         ) from error
     parse_json(text, path)
-    try:
-        kind.model_validate_json(content, strict=True)
-    except ValidationError as error:
-        raise FileError(
-            f"Expected {path} as sada-gym writes it, got a different one ({first_error(error)}). "
-            "Make the entry anew."
-        ) from error
 
 
 def parse_json(text: str, path: Path) -> Any:
