@@ -10,6 +10,6 @@ __all__ = ["Renderer", "Rendering", "default_renderer"]
 @functools.cache
 def default_renderer() -> Renderer:
     """Give the process's one TinyRenderer, made on first use: a PyBullet client costs 30 MB."""
-    from sada_gym.envs.detection.renderers.tinyrenderer import TinyRenderer
+    from sada_gym.envs.detection.renderers.rasteriser import Rasteriser
 
-    return TinyRenderer()
+    return Rasteriser()

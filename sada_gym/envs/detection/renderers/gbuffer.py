@@ -28,21 +28,25 @@ MATERIALS = np.array(
 
 
 class KernelCamera(NamedTuple):
-    """A pinhole camera; `step` is a pixel's width at distance 1."""
+    """A pinhole camera and the samples of its picture.
+
+    `step` is a sample's width at depth 1. Its viewing axis meets the picture at the sample
+    coordinates `middle`; these run right and down from the picture's corner.
+    """
 
     eye: Triple
     right: Triple
     up: Triple
     back: Triple
     step: float
-    offset: tuple[float, float]
+    middle: tuple[float, float]
 
 
 class Lamp(NamedTuple):
-    """The main light and the object's depth seen from it.
+    """The main light and what it sees of the object, from afar.
 
-    `depth` (l, l) holds the coordinate along `back` of the surface nearest to the light, -inf
-    beside the object; `half` is half its width at the centre.
+    `nearest` (l, l) is the inverse depth of the surface nearest to the light, 0 beside the object;
+    `step` is the width of one of its samples at depth 1.
     """
 
     toward: Triple
@@ -51,8 +55,8 @@ class Lamp(NamedTuple):
     back: Triple
     centre: Triple
     distance: float
-    half: float
-    depth: Array
+    step: float
+    nearest: Array
 
 
 class Place(NamedTuple):
@@ -73,17 +77,20 @@ class Place(NamedTuple):
 
 
 class GBuffer(NamedTuple):
-    """The rasterised object in a window of the image, in sub-pixels.
+    """The rasterised object in a window of the picture.
 
-    `code` (h, w, >= 3) uint8 is octahedral normal and material, `depth` (h, w) the distance along
-    the viewing axis, `seen` (h, w) bool; the window starts at pixel (column, row).
+    The window starts at sample (column, row); `shown` (h, w) is the face that each sample shows, -1
+    beside the object; `planes` (f, PLANES) are of `zbuffer.rasterise`; `normals` (v, 3), `faces`
+    (f, 3) and `materials` (f,) are the mesh's.
     """
 
     column: int
     row: int
-    code: Array
-    depth: Array
-    seen: Array
+    shown: Array
+    planes: Array
+    normals: Array
+    faces: Array
+    materials: Array
 
 
 def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:

@@ -32,8 +32,9 @@ def _square(value: float, times: int) -> float:
 
 
 @inlined
-def _ray(camera: KernelCamera, x: float, y: float) -> Triple:
-    """Give the direction through an image-plane point (right, up), at distance 1 along the axis."""
+def _ray(camera: KernelCamera, u: float, v: float) -> Triple:
+    """Give the direction through sample coordinates (u, v), at distance 1 along the axis."""
+    x, y = (u - camera.middle[0]) * camera.step, (camera.middle[1] - v) * camera.step
     return (
         x * camera.right[0] + y * camera.up[0] - camera.back[0],
         x * camera.right[1] + y * camera.up[1] - camera.back[1],
@@ -70,20 +71,20 @@ def _light(sun: float, ambient: float, place: Place) -> Triple:
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Give the share of the light that reaches a point, from the light's depth view, bilinearly."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
-    size = lamp.depth.shape[0]
-    along = dot(lamp.back, p)
-    scale = lamp.distance / ((lamp.distance - along) * lamp.half)
-    u = (scale * dot(lamp.right, p) + 1) * 0.5 * size
-    v = (1 - scale * dot(lamp.up, p)) * 0.5 * size - 1
+    size = lamp.nearest.shape[0]
+    depth = lamp.distance - dot(lamp.back, p)
+    scale = 1.0 / (depth * lamp.step)
+    u = scale * dot(lamp.right, p) + 0.5 * size - 0.5
+    v = 0.5 * size - 0.5 - scale * dot(lamp.up, p)
     if not (0 <= u < size - 1 and 0 <= v < size - 1):
         return 1.0
     i, j = int(u), int(v)
     fu, fv = u - i, v - j
-    along += bias
-    a = 1.0 if lamp.depth[j, i] <= along else 0.0
-    b = 1.0 if lamp.depth[j, i + 1] <= along else 0.0
-    c = 1.0 if lamp.depth[j + 1, i] <= along else 0.0
-    d = 1.0 if lamp.depth[j + 1, i + 1] <= along else 0.0
+    least = 1.0 / (depth - bias)
+    a = 1.0 if lamp.nearest[j, i] <= least else 0.0
+    b = 1.0 if lamp.nearest[j, i + 1] <= least else 0.0
+    c = 1.0 if lamp.nearest[j + 1, i] <= least else 0.0
+    d = 1.0 if lamp.nearest[j + 1, i + 1] <= least else 0.0
     lit: float = (a + fu * (b - a)) * (1 - fv) + (c + fu * (d - c)) * fv
     return lit
 
@@ -210,16 +211,6 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
 
 
 @inlined
-def _normal(u: int, v: int) -> Triple:
-    """Decode a unit normal from its octahedral code of two bytes."""
-    x, y = u / 127.5 - 1.0, v / 127.5 - 1.0
-    z = 1.0 - abs(x) - abs(y)
-    if z < 0:
-        x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
-    return _unit((x, y, z))
-
-
-@inlined
 def _surface(
     normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
 ) -> Triple:
@@ -264,24 +255,35 @@ def _glare(toward: float) -> float:
 @inlined
 def _object(
     camera: KernelCamera,
-    x: float,
-    y: float,
+    u: float,
+    v: float,
+    face: int,
     g: GBuffer,
-    j: int,
-    i: int,
     lamp: Lamp,
     place: Place,
     materials: Array,
 ) -> Triple:
-    """Light the object at sub-pixel (j, i) of the G-buffer, seen at image-plane point (x, y)."""
-    ray = _ray(camera, x, y)
-    point = _moved(camera.eye, ray, g.depth[j, i])
-    ray = _unit(ray)
-    normal = _normal(g.code[j, i, 0], g.code[j, i, 1])
-    if dot(normal, ray) > 0:  # the back of an open surface
+    """Light a face of the object where it is seen at sample coordinates (u, v)."""
+    plane, corners = g.planes[face], g.faces[face]
+    depth = 1.0 / (plane[6] * u + plane[7] * v + plane[8])
+    a = (plane[0] * u + plane[1] * v + plane[2]) * depth
+    b = (plane[3] * u + plane[4] * v + plane[5]) * depth
+    c = 1.0 - a - b
+    n0, n1, n2 = g.normals[corners[0]], g.normals[corners[1]], g.normals[corners[2]]
+    normal = _unit(
+        (
+            a * n0[0] + b * n1[0] + c * n2[0],
+            a * n0[1] + b * n1[1] + c * n2[1],
+            a * n0[2] + b * n1[2] + c * n2[2],
+        )
+    )
+    if plane[9] < 0.0:  # an open surface from behind
         normal = (-normal[0], -normal[1], -normal[2])
+    ray = _ray(camera, u, v)
+    point = _moved(camera.eye, ray, depth)
+    ray = _unit(ray)
     sun = _sunlit(_moved(point, normal, 0.06), 0.05, lamp)
-    row = materials[min(g.code[j, i, 2], materials.shape[0] - 1)]
+    row = materials[min(g.materials[face], materials.shape[0] - 1)]
     colour = _surface(normal, ray, sun, row, lamp.toward, place)
     return _moved(colour, SUN, _glare(dot(ray, lamp.toward)))
 
@@ -299,10 +301,12 @@ def compose(
 ) -> None:
     """Light every pixel.
 
+    A face that several samples of a pixel show is lit once, in their middle.
+
     Args:
         image: Written, (size, size, 3) uint8.
-        coverage: Written, (size, size) uint8: sub-pixels that the object covers.
-        camera: The camera.
+        coverage: Written, (size, size) uint8: samples that the object covers.
+        camera: The camera, of samples.
         lamp: The main light.
         place: The surroundings.
         g: The object.
@@ -310,33 +314,46 @@ def compose(
         tone: (TONE_STEPS,), of `tone_table`.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
-    rows, columns = g.depth.shape[0] // SUPERSAMPLING, g.depth.shape[1] // SUPERSAMPLING
-    shift_x = camera.offset[0] * 0.5 * size - 0.5 * size
-    shift_y = camera.offset[1] * 0.5 * size + 0.5 * size
+    height, width = g.shown.shape
+    scale = (TONE_STEPS - 1) / TONE_WHITE / samples
     for j in range(size):
+        top = SUPERSAMPLING * j - g.row
         for i in range(size):
+            left = SUPERSAMPLING * i - g.column
             covered, red, green, blue = 0, 0.0, 0.0, 0.0
-            if 0 <= i - g.column < columns and 0 <= j - g.row < rows:
+            if 0 <= left < width and 0 <= top < height:
                 for s in range(samples):
-                    dj, di = s // SUPERSAMPLING, s % SUPERSAMPLING
-                    gj, gi = SUPERSAMPLING * (j - g.row) + dj, SUPERSAMPLING * (i - g.column) + di
-                    if g.seen[gj, gi]:
-                        covered += 1
-                        x = (i + (di + 0.5) / SUPERSAMPLING + shift_x) * camera.step
-                        y = (shift_y - j - (dj + 0.5) / SUPERSAMPLING) * camera.step
-                        light = _object(camera, x, y, g, gj, gi, lamp, place, materials)
-                        red, green, blue = red + light[0], green + light[1], blue + light[2]
+                    face = g.shown[top + s // SUPERSAMPLING, left + s % SUPERSAMPLING]
+                    if face < 0:
+                        continue
+                    count, u, v = 0, 0, 0
+                    for t in range(samples):
+                        down, right = t // SUPERSAMPLING, t % SUPERSAMPLING
+                        if g.shown[top + down, left + right] == face:
+                            if t < s:
+                                break
+                            count, u, v = count + 1, u + right, v + down
+                    if count == 0:
+                        continue
+                    covered += count
+                    light = _object(
+                        camera,
+                        SUPERSAMPLING * i + u / count + 0.5,
+                        SUPERSAMPLING * j + v / count + 0.5,
+                        face,
+                        g,
+                        lamp,
+                        place,
+                        materials,
+                    )
+                    red, green, blue = _moved((red, green, blue), light, count)
             if covered < samples:
-                x, y = (i + 0.5 + shift_x) * camera.step, (shift_y - j - 0.5) * camera.step
-                ray = _unit(_ray(camera, x, y))
-                light = _background(camera.eye, ray, camera.step, lamp, place)
+                middle = 0.5 * SUPERSAMPLING
+                ray = _unit(_ray(camera, SUPERSAMPLING * i + middle, SUPERSAMPLING * j + middle))
+                light = _background(camera.eye, ray, SUPERSAMPLING * camera.step, lamp, place)
                 light = _moved(light, SUN, _glare(dot(ray, lamp.toward)))
-                share = samples - covered
-                red += share * light[0]
-                green += share * light[1]
-                blue += share * light[2]
+                red, green, blue = _moved((red, green, blue), light, samples - covered)
             coverage[j, i] = covered
-            scale = (TONE_STEPS - 1) / TONE_WHITE / samples
             image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]
             image[j, i, 1] = tone[min(int(green * scale + 0.5), TONE_STEPS - 1)]
             image[j, i, 2] = tone[min(int(blue * scale + 0.5), TONE_STEPS - 1)]
