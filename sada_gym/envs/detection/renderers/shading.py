@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from sada_gym.compiled import inlined, kernel
+from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import Array, GBuffer, KernelCamera, Lamp, Place
 from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic
 
@@ -288,7 +288,7 @@ def _object(
     return _moved(colour, SUN, _glare(dot(ray, lamp.toward)))
 
 
-@kernel
+@uncounted
 def compose(
     image: Array,
     coverage: Array,
