@@ -46,7 +46,7 @@ class Lamp(NamedTuple):
     """The main light and what it sees of the object, from afar.
 
     `nearest` (l, l) is the inverse depth of the surface nearest to the light, 0 beside the object;
-    `step` is the width of one of its samples at depth 1.
+    `tangent` is half its width at depth 1.
     """
 
     toward: Triple
@@ -55,7 +55,7 @@ class Lamp(NamedTuple):
     back: Triple
     centre: Triple
     distance: float
-    step: float
+    tangent: float
     nearest: Array
 
 

@@ -71,16 +71,20 @@ def _light(sun: float, ambient: float, place: Place) -> Triple:
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
     """Give the share of the light that reaches a point, from the light's depth view, bilinearly."""
     p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
-    size = lamp.nearest.shape[0]
+    across, up = dot(lamp.right, p), dot(lamp.up, p)
     depth = lamp.distance - dot(lamp.back, p)
-    scale = 1.0 / (depth * lamp.step)
-    u = scale * dot(lamp.right, p) + 0.5 * size - 0.5
-    v = 0.5 * size - 0.5 - scale * dot(lamp.up, p)
+    # most of the ground lies beside the view, which is told without a division
+    if max(abs(across), abs(up)) >= depth * lamp.tangent:
+        return 1.0
+    size = lamp.nearest.shape[0]
+    inverse = 1.0 / depth
+    scale = 0.5 * size / lamp.tangent * inverse
+    u, v = scale * across + 0.5 * size - 0.5, 0.5 * size - 0.5 - scale * up
     if not (0 <= u < size - 1 and 0 <= v < size - 1):
         return 1.0
     i, j = int(u), int(v)
     fu, fv = u - i, v - j
-    least = 1.0 / (depth - bias)
+    least = inverse * (1.0 + bias * inverse)
     a = 1.0 if lamp.nearest[j, i] <= least else 0.0
     b = 1.0 if lamp.nearest[j, i + 1] <= least else 0.0
     c = 1.0 if lamp.nearest[j + 1, i] <= least else 0.0
@@ -95,29 +99,40 @@ def _sky(height: float, place: Place) -> Triple:
 
 
 @inlined
-def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple:
-    """Give the ground's colour at (x, y); lines thinner than a pixel's footprint fade."""
+def _grain(texture: Array, row: float, column: float) -> float:
+    """Give the texel of a periodic texture, square, 2^k a side, in which a place lies."""
+    last = texture.shape[0] - 1
+    return float(texture[math.floor(row) & last, math.floor(column) & last])
+
+
+@inlined
+def _ground_albedo(place: Place, x: float, y: float, sharpness: float) -> Triple:
+    """Give the ground's colour at (x, y); lines thinner than a pixel fade.
+
+    `sharpness` is the inverse of a pixel's width on the ground.
+    """
     u = place.ground_turn[0] * x - place.ground_turn[1] * y + place.ground_shift[0]
     v = place.ground_turn[1] * x + place.ground_turn[0] * y + place.ground_shift[1]
-    fine = periodic(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 / footprint)
+    fine = _grain(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 * sharpness)
     shade = 1.0 + 0.22 * periodic(place.noise, v * 3.1, u * 3.1) + 0.3 * fine
     line = 0.0
     if place.ground == 0:  # asphalt: a dashed marking every 9 units
-        across = abs(u - 9.0 * math.floor(u / 9.0 + 0.5))
-        if across < 0.09 and v - 3.0 * math.floor(v / 3.0) < 1.8:
-            line = min(1.0, 0.18 / footprint)
+        across = abs(u - 9.0 * math.floor(u * (1 / 9.0) + 0.5))
+        if across < 0.09 and v - 3.0 * math.floor(v * (1 / 3.0)) < 1.8:
+            line = min(1.0, 0.18 * sharpness)
     elif place.ground == 3:  # grass
         shade += 0.35 * fine + 0.15 * periodic(place.noise, v * 0.9, u * 0.9)
     else:  # paving stones, brick in running bond, concrete slabs
         brick = place.ground == 2
         size = place.tile * (0.7 if brick else 1.0 if place.ground == 1 else 2.6)
-        cv = v / (0.5 * size) if brick else v / size
+        per_unit = 1 / size
+        cv = v * 2 * per_unit if brick else v * per_unit
         iv = math.floor(cv)
-        cu = u / size + (0.5 * (iv - 2 * math.floor(iv / 2)) if brick else 0.0)
+        cu = u * per_unit + (0.5 * (iv & 1) if brick else 0.0)
         iu = math.floor(cu)
-        if cu - iu < 0.05 / size or cv - iv < (0.1 if brick else 0.05) / size:
-            line = 0.65 * min(1.0, 0.05 / footprint)
-        shade *= 1.0 + 0.3 * periodic(place.noise, iv * 23.7, iu * 37.3)
+        if cu - iu < 0.05 * per_unit or cv - iv < (0.1 if brick else 0.05) * per_unit:
+            line = 0.65 * min(1.0, 0.05 * sharpness)
+        shade *= 1.0 + 0.3 * _grain(place.noise, iv * 23.7, iu * 37.3)
     shade = max(0.2, shade)
     colour = (
         place.ground_colour[0] * shade,
@@ -128,12 +143,16 @@ def _ground_albedo(place: Place, x: float, y: float, footprint: float) -> Triple
 
 
 @inlined
-def _slab(eye: float, ray: float, low: float, high: float) -> tuple[float, float]:
-    """Find where a ray enters and leaves the slab low..high of one axis."""
-    if abs(ray) < 1e-12:
-        return (-np.inf, np.inf) if low <= eye <= high else (np.inf, -np.inf)
-    a, b = (low - eye) / ray, (high - eye) / ray
+def _slab(eye: float, inverse: float, low: float, high: float) -> tuple[float, float]:
+    """Find where a ray enters and leaves the slab low..high of one axis, by its inverse there."""
+    a, b = (low - eye) * inverse, (high - eye) * inverse
     return (a, b) if a < b else (b, a)
+
+
+@inlined
+def _inverse(part: float) -> float:
+    """Invert a part of a ray, which counts as no less than 1e-12."""
+    return 1.0 / part if abs(part) > 1e-12 else 1e12
 
 
 @inlined
@@ -142,11 +161,12 @@ def _building(
 ) -> tuple[float, Triple]:
     """Find the first building along a ray within reach: its distance and colour."""
     best, face, which = reach, -1, -1
+    inverse = _inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2])
     for b in range(place.buildings.shape[0]):
         box = place.buildings[b]
-        x0, x1 = _slab(eye[0], ray[0], box[0] - box[2], box[0] + box[2])
-        y0, y1 = _slab(eye[1], ray[1], box[1] - box[3], box[1] + box[3])
-        z0, z1 = _slab(eye[2], ray[2], 0.0, box[4])
+        x0, x1 = _slab(eye[0], inverse[0], box[0] - box[2], box[0] + box[2])
+        y0, y1 = _slab(eye[1], inverse[1], box[1] - box[3], box[1] + box[3])
+        z0, z1 = _slab(eye[2], inverse[2], 0.0, box[4])
         near = max(x0, y0, z0)
         if 0.0 < near < min(x1, y1, z1) and near < best:
             best, which = near, b
@@ -177,10 +197,8 @@ def _ground(
 ) -> Triple:
     """Light the ground where a ray meets it: pattern, shadow, wet mirror and glint."""
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
-    albedo = _ground_albedo(place, x, y, reach * step / max(0.15, -ray[2]))
-    sun = 1.0
-    if x * x + y * y < 3600.0:
-        sun = _sunlit((x, y, 0.0), 0.03, lamp)
+    albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / (reach * step))
+    sun = _sunlit((x, y, 0.0), 0.03, lamp)
     toward = lamp.toward
     glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
     glint = 1.5 * place.gloss * sun * _square(max(0.0, glint), 5)
@@ -207,7 +225,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
         if reach == FAR_AWAY:
             return _sky(ray[2], place)
         colour = _ground(eye, ray, reach, step, lamp, place)
-    return mix(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) / 150.0)))
+    return mix(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) * (1 / 150))))
 
 
 @inlined

@@ -48,6 +48,7 @@ def project(vertices: Singles, camera: KernelCamera, points: Floats) -> None:
         points[i, 0] = scale * dot(camera.right, p) + camera.middle[0] * depth
         points[i, 1] = camera.middle[1] * depth - scale * dot(camera.up, p)
         points[i, 2] = depth
+        points[i, 3] = points[i, 1] / depth
 
 
 @uncounted
@@ -106,15 +107,15 @@ def rasterise(
             continue
         first, last = 0, height
         if min(p[2], q[2], r[2]) >= NEAR:
-            v, w, x = p[1] / p[2], q[1] / q[2], r[1] / r[2]
+            v, w, x = points[a, 3], points[b, 3], points[c, 3]
             first, last = _from(min(v, w, x), above, height), _from(max(v, w, x), above, height)
             if first >= last:
                 continue
         one, two, three = _times(one, side), _times(two, side), _times(three, side)
-        plane = planes[f]
+        plane, share = planes[f], 1.0 / volume
         for k in range(3):
-            plane[k], plane[3 + k] = one[k] / volume, two[k] / volume
-            plane[6 + k] = (one[k] + two[k] + three[k]) / volume
+            plane[k], plane[3 + k] = one[k] * share, two[k] * share
+            plane[6 + k] = (one[k] + two[k] + three[k]) * share
         plane[9] = -side
         for j in range(first, last):
             v = above + j + 0.5
