@@ -95,11 +95,6 @@ def random_backdrop(rng: np.random.Generator) -> Backdrop:
     )
 
 
-def linear(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Turn sRGB in [0, 1] into linear light (the plain 2.2 power)."""
-    return np.asarray(colour, dtype=np.float64) ** 2.2
-
-
 def _hsv(hue: float, saturation: float, value: float) -> Triple:
     red, green, blue = colorsys.hsv_to_rgb(hue % 1.0, saturation, value)
     return red**2.2, green**2.2, blue**2.2
@@ -107,13 +102,14 @@ def _hsv(hue: float, saturation: float, value: float) -> Triple:
 
 def _ring_of_buildings(rng: np.random.Generator) -> npt.NDArray[np.float64]:
     count = int(rng.integers(11, 17))
-    slot = 2 * np.pi / count
+    slot = 2 * math.pi / count
     angles = slot * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) + rng.uniform(0, slot)
     half = rng.uniform(2.0, 4.5, (count, 2))
     radii = PLAZA_RADIUS + 1.42 * half.max(1) + rng.uniform(0, 6, count)
     buildings = np.empty((count, 10))
-    buildings[:, 0] = radii * np.cos(angles)
-    buildings[:, 1] = radii * np.sin(angles)
+    # NumPy's own sine and cosine differ from processor to processor
+    buildings[:, 0] = radii * [math.cos(angle) for angle in angles.tolist()]
+    buildings[:, 1] = radii * [math.sin(angle) for angle in angles.tolist()]
     buildings[:, 2:4] = half
     buildings[:, 4] = rng.uniform(3.5, 14, count)
     for i in range(count):

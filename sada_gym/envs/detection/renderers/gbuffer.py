@@ -7,22 +7,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.detection.backdrop import linear
 from sada_gym.envs.pixels import Triple
 
 Array = npt.NDArray[Any]
 
-# Albedo (3), reflectance at normal incidence, metal share, log2 of the gloss exponent.
-# Rows follow shapes.Material; PAINT's albedo is replaced by the scene's colour.
+# Albedo (3), reflectance at normal incidence, metal share, log2 of the gloss exponent, brightness of
+# the gloss. Rows follow shapes.Material; PAINT's albedo is replaced by the scene's colour.
 MATERIALS = np.array(
     [
-        [0.0, 0.0, 0.0, 0.16, 0.5, 6],  # PAINT, semi-metallic
-        [0.015, 0.015, 0.016, 0.03, 0.0, 3],  # RUBBER
-        [0.02, 0.03, 0.04, 0.25, 0.0, 7],  # GLASS
-        [0.5, 0.51, 0.53, 0.6, 0.9, 6],  # METAL
-        [0.85, 0.82, 0.72, 0.1, 0.0, 6],  # LAMP
-        [0.04, 0.04, 0.045, 0.04, 0.0, 4],  # DARK
-        [0.3, 0.16, 0.07, 0.04, 0.0, 4],  # WOOD
+        [0.0, 0.0, 0.0, 0.16, 0.5, 6, 9],  # PAINT, semi-metallic
+        [0.015, 0.015, 0.016, 0.03, 0.0, 3, 2],  # RUBBER
+        [0.02, 0.03, 0.04, 0.25, 0.0, 7, 17],  # GLASS
+        [0.5, 0.51, 0.53, 0.6, 0.9, 6, 9],  # METAL
+        [0.85, 0.82, 0.72, 0.1, 0.0, 6, 9],  # LAMP
+        [0.04, 0.04, 0.045, 0.04, 0.0, 4, 3],  # DARK
+        [0.3, 0.16, 0.07, 0.04, 0.0, 4, 3],  # WOOD
     ]
 )
 
@@ -111,8 +110,8 @@ def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
     return tile
 
 
-def painted(colour: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def painted(colour: tuple[float, float, float]) -> npt.NDArray[np.float64]:
     """Set PAINT's albedo in the table of materials to an sRGB colour; no paint is pure black."""
     materials: npt.NDArray[np.float64] = MATERIALS.copy()
-    materials[0, :3] = 0.02 + 0.9 * linear(colour)
+    materials[0, :3] = [0.02 + 0.9 * channel**2.2 for channel in colour]
     return materials

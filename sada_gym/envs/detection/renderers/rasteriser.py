@@ -62,7 +62,7 @@ class Rasteriser(Renderer):
         double = shape is not None and shape.double_sided
         samples = SUPERSAMPLING * image_size
         camera = _kernel_camera(pinhole, samples)
-        points, planes = np.empty((len(v), 4)), np.empty((len(f), PLANES))
+        points, planes = np.empty((len(v), 5)), np.empty((len(f), PLANES))
         project(v, camera, points)
         left, top, right, bottom = window(points, samples)
         left, top = left // SUPERSAMPLING * SUPERSAMPLING, top // SUPERSAMPLING * SUPERSAMPLING
@@ -76,14 +76,14 @@ class Rasteriser(Renderer):
         lstep = 2 * LIGHT_HALF / LIGHT_DISTANCE / LIGHT_SIZE
         eye = _triple(centre + LIGHT_DISTANCE * light_axes[2])
         lcam = KernelCamera(eye, right_, up, back, lstep, (LIGHT_SIZE / 2, LIGHT_SIZE / 2))
-        lpoints = np.empty((len(v), 4))
+        lpoints = np.empty((len(v), 5))
         project(v, lcam, lpoints)
         rasterise(lpoints, f, double, (0, 0), planes, lamp_nearest, lamp_shown)
         rasterise(points, f, double, (left, top), planes, nearest, shown)
         image = np.empty((image_size, image_size, 3), dtype=np.uint8)
         coverage = np.empty((image_size, image_size), dtype=np.uint8)
         lamp = Lamp(_triple(toward), right_, up, back, _triple(centre), LIGHT_DISTANCE, LIGHT_HALF/LIGHT_DISTANCE, lamp_nearest)
-        compose(image, coverage, camera, lamp, self._place(scene.backdrop, pinhole), GBuffer(left, top, shown, planes, n, f, m), painted(scene.colour), self._tone)
+        compose(image, coverage, camera, lamp, self._place(scene.backdrop, pinhole), GBuffer(left, top, shown, planes, n, f, m), painted(scene.colour), self._tone, np.empty((3, image_size)))
         return Rendering(image, coverage > SUPERSAMPLING, _box(left, top, shown >= 0))
 
     def _place(self, backdrop, camera: Pinhole) -> Place:

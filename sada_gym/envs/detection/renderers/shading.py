@@ -193,11 +193,13 @@ def _building(
 
 @inlined
 def _ground(
-    eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
+    ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: Place
 ) -> Triple:
-    """Light the ground where a ray meets it: pattern, shadow, wet mirror and glint."""
-    x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
-    albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / (reach * step))
+    """Light the ground at (x, y), where a ray meets it: pattern, shadow, wet mirror and glint.
+
+    `width` is a pixel's there, seen along the ray.
+    """
+    albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / width)
     sun = _sunlit((x, y, 0.0), 0.03, lamp)
     toward = lamp.toward
     glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
@@ -212,11 +214,10 @@ def _ground(
 
 
 @inlined
-def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place) -> Triple:
-    """Give the light along a ray that misses the object."""
-    reach = FAR_AWAY
-    if ray[2] < 0:
-        reach = min(reach, -eye[2] / ray[2])
+def _background(
+    eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
+) -> Triple:
+    """Give the light along a ray that misses the object and meets the ground within reach."""
     distance, colour = reach, (0.0, 0.0, 0.0)
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
     if x * x + y * y > 280.0:  # the plaza's radius squared
@@ -224,7 +225,7 @@ def _background(eye: Triple, ray: Triple, step: float, lamp: Lamp, place: Place)
     if distance == reach:
         if reach == FAR_AWAY:
             return _sky(ray[2], place)
-        colour = _ground(eye, ray, reach, step, lamp, place)
+        colour = _ground(ray, x, y, reach * step, lamp, place)
     return mix(colour, place.horizon, min(0.45, max(0.0, (distance - 18.0) * (1 / 150))))
 
 
@@ -237,7 +238,7 @@ def _surface(
     slope = sun * max(0.0, dot(normal, toward))
     half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
     peak = _square(max(0.0, dot(normal, half)), int(row[5]))
-    peak *= (2.0 ** row[5] + 8.0) / 8.0 * slope
+    peak *= row[6] * slope
     mirrored = ray[2] + 2 * facing * normal[2]
     upward = 0.5 + 0.5 * normal[2]
     fresnel = 0.7 * _square(1 - min(1.0, max(0.0, facing)), 2)
@@ -316,6 +317,7 @@ def compose(
     g: GBuffer,
     materials: Array,
     tone: Array,
+    rows: Array,
 ) -> None:
     """Light every pixel.
 
@@ -328,14 +330,31 @@ def compose(
         lamp: The main light.
         place: The surroundings.
         g: The object.
-        materials: (7, 6), see `painted`.
+        materials: (7, 7), see `painted`.
         tone: (TONE_STEPS,), of `tone_table`.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
+    across_step = SUPERSAMPLING * camera.step
+    across = (
+        across_step * camera.right[0],
+        across_step * camera.right[1],
+        across_step * camera.right[2],
+    )
+    inverses, reaches, glares = rows[0], rows[1], rows[2]
     height, width = g.shown.shape
     scale = (TONE_STEPS - 1) / TONE_WHITE / samples
     for j in range(size):
         top = SUPERSAMPLING * j - g.row
+        start = _ray(camera, 0.5 * SUPERSAMPLING, SUPERSAMPLING * (j + 0.5))
+        for i in range(size):
+            x, y, z = start[0] + i * across[0], start[1] + i * across[1], start[2] + i * across[2]
+            inverses[i] = 1.0 / math.sqrt(x * x + y * y + z * z)
+        for i in range(size):
+            reach = -camera.eye[2] / (inverses[i] * (start[2] + i * across[2]))
+            reaches[i] = reach if 0.0 < reach < FAR_AWAY else FAR_AWAY
+        facing, turn = dot(start, lamp.toward), dot(across, lamp.toward)
+        for i in range(size):
+            glares[i] = _glare(inverses[i] * (facing + i * turn))
         for i in range(size):
             left = SUPERSAMPLING * i - g.column
             covered, red, green, blue = 0, 0.0, 0.0, 0.0
@@ -366,10 +385,13 @@ def compose(
                     )
                     red, green, blue = _moved((red, green, blue), light, count)
             if covered < samples:
-                middle = 0.5 * SUPERSAMPLING
-                ray = _unit(_ray(camera, SUPERSAMPLING * i + middle, SUPERSAMPLING * j + middle))
-                light = _background(camera.eye, ray, SUPERSAMPLING * camera.step, lamp, place)
-                light = _moved(light, SUN, _glare(dot(ray, lamp.toward)))
+                ray = (
+                    inverses[i] * (start[0] + i * across[0]),
+                    inverses[i] * (start[1] + i * across[1]),
+                    inverses[i] * (start[2] + i * across[2]),
+                )
+                light = _background(camera.eye, ray, reaches[i], across_step, lamp, place)
+                light = _moved(light, SUN, glares[i])
                 red, green, blue = _moved((red, green, blue), light, samples - covered)
             coverage[j, i] = covered
             image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]

@@ -48,7 +48,7 @@ def project(vertices: Singles, camera: KernelCamera, points: Floats) -> None:
         points[i, 0] = scale * dot(camera.right, p) + camera.middle[0] * depth
         points[i, 1] = camera.middle[1] * depth - scale * dot(camera.up, p)
         points[i, 2] = depth
-        points[i, 3] = points[i, 1] / depth
+        points[i, 3], points[i, 4] = points[i, 0] / depth, points[i, 1] / depth
 
 
 @uncounted
@@ -97,6 +97,15 @@ def rasterise(
         p = (points[a, 0], points[a, 1], points[a, 2])
         q = (points[b, 0], points[b, 1], points[b, 2])
         r = (points[c, 0], points[c, 1], points[c, 2])
+        first, last = 0, height
+        if min(p[2], q[2], r[2]) >= NEAR:
+            u, v, w = points[a, 3], points[b, 3], points[c, 3]
+            if _from(min(u, v, w), left, width) >= _from(max(u, v, w), left, width):
+                continue
+            u, v, w = points[a, 4], points[b, 4], points[c, 4]
+            first, last = _from(min(u, v, w), above, height), _from(max(u, v, w), above, height)
+            if first >= last:
+                continue
         one, two, three = _cross(q, r), _cross(r, p), _cross(p, q)
         # positive for faces seen from outside, since rows run downwards
         volume = -dot(p, one)
@@ -105,12 +114,6 @@ def rasterise(
             volume, side = -volume, 1.0
         if not 0.0 < volume < math.inf:  # seen from behind, without area, or not finite
             continue
-        first, last = 0, height
-        if min(p[2], q[2], r[2]) >= NEAR:
-            v, w, x = points[a, 3], points[b, 3], points[c, 3]
-            first, last = _from(min(v, w, x), above, height), _from(max(v, w, x), above, height)
-            if first >= last:
-                continue
         one, two, three = _times(one, side), _times(two, side), _times(three, side)
         plane, share = planes[f], 1.0 / volume
         for k in range(3):
