@@ -9,7 +9,7 @@ __all__ = ["Renderer", "Rendering", "default_renderer"]
 
 @functools.cache
 def default_renderer() -> Renderer:
-    """Give the process's one TinyRenderer, made on first use: a PyBullet client costs 30 MB."""
+    """Give the process's one `Rasteriser`, made on first use: its kernels are loaded then."""
     from sada_gym.envs.detection.renderers.rasteriser import Rasteriser
 
     return Rasteriser()

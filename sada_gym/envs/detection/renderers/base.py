@@ -15,7 +15,7 @@ from sada_gym.arrays import refuse_masked
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
 
-DEFAULT = "TinyRenderer"
+DEFAULT = "Rasteriser"
 """The key of the default renderer."""
 
 

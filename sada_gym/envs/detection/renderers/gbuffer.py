@@ -11,8 +11,8 @@ from sada_gym.envs.pixels import Triple
 
 Array = npt.NDArray[Any]
 
-# Albedo (3), reflectance at normal incidence, metal share, log2 of the gloss exponent, brightness of
-# the gloss. Rows follow shapes.Material; PAINT's albedo is replaced by the scene's colour.
+# Albedo (3), reflectance at normal incidence, metal share, log2 of the gloss exponent e, and
+# (e + 8) / 8. Rows follow shapes.Material; PAINT's albedo is replaced by the scene's colour.
 MATERIALS = np.array(
     [
         [0.0, 0.0, 0.0, 0.16, 0.5, 6, 9],  # PAINT, semi-metallic
@@ -44,11 +44,10 @@ class KernelCamera(NamedTuple):
 class Lamp(NamedTuple):
     """The main light and what it sees of the object, from afar.
 
-    `nearest` (l, l) is the inverse depth of the surface nearest to the light, 0 beside the object;
-    `tangent` is half its width at depth 1.
+    It shines along `-back`. `nearest` (l, l) is the inverse depth of the surface nearest to the
+    light, 0 beside the object; `tangent` is half the view's width at depth 1.
     """
 
-    toward: Triple
     right: Triple
     up: Triple
     back: Triple

@@ -1,12 +1,17 @@
-"""The default renderer: our z-buffer rasterises the object, our kernels light it."""
+"""The default renderer: a z-buffer finds the object's faces in sight, pixel kernels light them.
+
+A scene is a few calls of compiled kernels, which hold no state.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.detection.backdrop import Backdrop
 from sada_gym.envs.detection.renderers.base import DEFAULT, Renderer, Rendering
 from sada_gym.envs.detection.renderers.gbuffer import (
     GBuffer,
@@ -17,7 +22,14 @@ from sada_gym.envs.detection.renderers.gbuffer import (
     painted,
 )
 from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, TONE_STEPS, compose
-from sada_gym.envs.detection.renderers.zbuffer import PLANES, project, rasterise, window
+from sada_gym.envs.detection.renderers.zbuffer import (
+    COORDINATES,
+    PLANES,
+    bounds,
+    extent,
+    project,
+    rasterise,
+)
 from sada_gym.envs.detection.scene import (
     Pinhole,
     Scene,
@@ -26,78 +38,106 @@ from sada_gym.envs.detection.scene import (
     centre_of,
     light_of,
 )
+from sada_gym.envs.detection.shapes.model import NOTHING, Shape
 from sada_gym.envs.pixels import Triple, tone_table
+
 AMBIENT = 0.2
 LIGHT_SIZE = 64
+"""Samples a side of the light's view, for shadows."""
 LIGHT_HALF = 2.7
 LIGHT_DISTANCE = 30.0
 
 Matrix = npt.NDArray[np.float64]
-NO_VECTORS = np.empty((0, 3), np.float32)
-NO_FACES = np.empty((0, 3), np.int32)
-NO_MATERIALS = np.empty(0, np.uint8)
 
 
 class Rasteriser(Renderer):
+    """Renders scenes by kernels of our own."""
+
     def __init__(self) -> None:
         self._noise = noise_tile()
         self._tone = tone_table(TONE_STEPS, exposure=1.5)
 
     @property
     def identity(self) -> str:
+        """The renderer's name; its version is that of the environment."""
         return DEFAULT
 
     @property
     def key(self) -> str:
+        """The plain name; subclasses have keys like any other renderer."""
         return DEFAULT if type(self) is Rasteriser else super().key
 
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
-        return [self._render(scene, image_size) for scene in scenes]
+        """Make a square picture of `image_size` pixels a side of each scene, in the same order."""
+        images = np.empty((len(scenes), image_size, image_size, 3), np.uint8)
+        return [self._render(*pair) for pair in zip(scenes, images, strict=True)]
 
-    def _render(self, scene: Scene, image_size: int) -> Rendering:
-        pinhole, centre, toward = camera_of(scene), centre_of(scene), light_of(scene)
-        light_axes = axes_facing(toward)
-        shape = scene.shape
-        v, n, f, m = (NO_VECTORS, NO_VECTORS, NO_FACES, NO_MATERIALS) if shape is None else (shape.vertices, shape.normals, shape.faces, shape.materials)
-        double = shape is not None and shape.double_sided
-        samples = SUPERSAMPLING * image_size
-        camera = _kernel_camera(pinhole, samples)
-        points, planes = np.empty((len(v), 5)), np.empty((len(f), PLANES))
-        project(v, camera, points)
-        left, top, right, bottom = window(points, samples)
-        left, top = left // SUPERSAMPLING * SUPERSAMPLING, top // SUPERSAMPLING * SUPERSAMPLING
-        right, bottom = -(-right // SUPERSAMPLING) * SUPERSAMPLING, -(-bottom // SUPERSAMPLING) * SUPERSAMPLING
-        shown = np.full((max(bottom - top, 0), max(right - left, 0)), -1, np.int32)
-        nearest = np.zeros(shown.shape)
-        # light first: it uses the same planes
-        lamp_nearest = np.zeros((LIGHT_SIZE, LIGHT_SIZE))
-        lamp_shown = np.empty((LIGHT_SIZE, LIGHT_SIZE), np.int32)
-        right_, up, back = map(_triple, light_axes)
-        lstep = 2 * LIGHT_HALF / LIGHT_DISTANCE / LIGHT_SIZE
-        eye = _triple(centre + LIGHT_DISTANCE * light_axes[2])
-        lcam = KernelCamera(eye, right_, up, back, lstep, (LIGHT_SIZE / 2, LIGHT_SIZE / 2))
-        lpoints = np.empty((len(v), 5))
-        project(v, lcam, lpoints)
-        rasterise(lpoints, f, double, (0, 0), planes, lamp_nearest, lamp_shown)
-        rasterise(points, f, double, (left, top), planes, nearest, shown)
-        image = np.empty((image_size, image_size, 3), dtype=np.uint8)
-        coverage = np.empty((image_size, image_size), dtype=np.uint8)
-        lamp = Lamp(_triple(toward), right_, up, back, _triple(centre), LIGHT_DISTANCE, LIGHT_HALF/LIGHT_DISTANCE, lamp_nearest)
-        compose(image, coverage, camera, lamp, self._place(scene.backdrop, pinhole), GBuffer(left, top, shown, planes, n, f, m), painted(scene.colour), self._tone, np.empty((3, image_size)))
-        return Rendering(image, coverage > SUPERSAMPLING, _box(left, top, shown >= 0))
+    def _render(self, scene: Scene, image: npt.NDArray[np.uint8]) -> Rendering:
+        size, shape = len(image), scene.shape or NOTHING
+        pinhole = camera_of(scene)
+        camera = _kernel_camera(pinhole, SUPERSAMPLING * size)
+        points = _projected(shape, camera)
+        left, top, right, bottom = (SUPERSAMPLING * n for n in bounds(points, SUPERSAMPLING, size))
+        planes, shown, _ = _rasterised(shape, points, (left, top), (bottom - top, right - left))
+        coverage = np.empty((size, size), np.uint8)
+        compose(
+            image,
+            coverage,
+            camera,
+            _lamp(scene, shape),
+            self._place(scene.backdrop, pinhole),
+            GBuffer(left, top, shown, planes, shape.normals, shape.faces, shape.materials),
+            painted(scene.colour),
+            self._tone,
+            np.empty((3, size)),
+        )
+        x0, y0, x1, y1 = extent(shown)
+        box = np.array([left + x0, top + y0, left + x1, top + y1]) / SUPERSAMPLING
+        return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
-    def _place(self, backdrop, camera: Pinhole) -> Place:
-        ambient = AMBIENT * (np.array(backdrop.horizon) + np.array(backdrop.zenith))
+    def _place(self, backdrop: Backdrop, camera: Pinhole) -> Place:
+        ambient = [
+            AMBIENT * sum(pair) for pair in zip(backdrop.horizon, backdrop.zenith, strict=True)
+        ]
         buildings = _buildings_in_sight(backdrop.buildings, camera)
-        ours = {"buildings": buildings, "ambient": _triple(ambient), "noise": self._noise}
+        ours = {"buildings": buildings, "ambient": tuple(ambient), "noise": self._noise}
         return Place(**vars(backdrop) | ours)
 
 
 def _kernel_camera(camera: Pinhole, samples: int) -> KernelCamera:
     right, up, back = map(_triple, camera.axes)
-    step = 2 * camera.tangent / samples
     x, y = camera.offset
-    return KernelCamera(_triple(camera.eye), right, up, back, step, ((1 - x) / 2 * samples, (1 + y) / 2 * samples))
+    middle = (0.5 * samples * (1 - x), 0.5 * samples * (1 + y))
+    return KernelCamera(_triple(camera.eye), right, up, back, 2 * camera.tangent / samples, middle)
+
+
+def _lamp(scene: Scene, shape: Shape) -> Lamp:
+    """Place the light of a scene far away, and draw what it sees of the object."""
+    centre, axes = centre_of(scene), axes_facing(light_of(scene))
+    eye = centre + LIGHT_DISTANCE * axes[2]
+    tangent = LIGHT_HALF / LIGHT_DISTANCE
+    camera = _kernel_camera(Pinhole(eye, axes, tangent, (0.0, 0.0)), LIGHT_SIZE)
+    points = _projected(shape, camera)
+    _, _, nearest = _rasterised(shape, points, (0, 0), (LIGHT_SIZE, LIGHT_SIZE))
+    return Lamp(
+        camera.right, camera.up, camera.back, _triple(centre), LIGHT_DISTANCE, tangent, nearest
+    )
+
+
+def _projected(shape: Shape, camera: KernelCamera) -> Matrix:
+    points = np.empty((len(shape.vertices), COORDINATES))
+    project(shape.vertices, camera, points)
+    return points
+
+
+def _rasterised(
+    shape: Shape, points: Matrix, corner: tuple[int, int], size: tuple[int, int]
+) -> tuple[Matrix, npt.NDArray[np.int32], Matrix]:
+    """Draw a shape in a window; give `planes`, `shown` and `nearest` of `zbuffer.rasterise`."""
+    planes, nearest = np.empty((len(shape.faces), PLANES)), np.zeros(size)
+    shown = np.full(size, -1, np.int32)
+    rasterise(points, shape.faces, shape.double_sided, corner, planes, nearest, shown)
+    return planes, shown, nearest
 
 
 def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:
@@ -115,18 +155,6 @@ def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:
     return in_sight
 
 
-def _box(left: int, top: int, seen) -> npt.NDArray[np.float64] | None:
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    if not len(rows):
-        return None
-    corners = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], dtype=np.float64)
-    corner = np.array([left, top, left, top])
-    box: npt.NDArray[np.float64] = (corners + corner) / SUPERSAMPLING
-    return box
-
-
-def _triple(vector: npt.NDArray[np.float64]) -> Triple:
+def _triple(vector: npt.NDArray[Any]) -> Triple:
     x, y, z = vector.tolist()
     return x, y, z
-
-

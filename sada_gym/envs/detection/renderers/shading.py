@@ -1,23 +1,22 @@
 """Pixel kernels of the default renderer: the place by ray casting, the object from a G-buffer.
 
-TinyRenderer says which part of the object a sub-pixel shows (normal, material, depth); these
-kernels light it, cast its shadow, and draw ground, buildings and sky behind it. Scalar loops
-compiled by numba without fast-math, so that equal scenes give equal bytes. Vectors are tuples of
-three floats, which the compiler keeps in registers. Light is linear RGB.
+The z-buffer says which face of the object a sample shows; these kernels light it, cast its shadow,
+and draw ground, buildings and sky behind it. They are compiled by numba without fast-math, and call
+no function of the machine's mathematics library, so that equal scenes give equal bytes on all
+processors. Vectors are tuples of three floats, which the compiler keeps in registers. Light is
+linear RGB.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import Array, GBuffer, KernelCamera, Lamp, Place
 from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic
 
 SUPERSAMPLING = 2
-"""Sub-pixels per pixel and axis on the object."""
+"""Samples per pixel and axis, of the object."""
 
 SUN = (1.3, 1.22, 1.08)
 FAR_AWAY = 120.0
@@ -192,16 +191,14 @@ def _building(
 
 
 @inlined
-def _ground(
-    ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: Place
-) -> Triple:
+def _ground(ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: Place) -> Triple:
     """Light the ground at (x, y), where a ray meets it: pattern, shadow, wet mirror and glint.
 
     `width` is a pixel's there, seen along the ray.
     """
     albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / width)
     sun = _sunlit((x, y, 0.0), 0.03, lamp)
-    toward = lamp.toward
+    toward = lamp.back
     glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
     glint = 1.5 * place.gloss * sun * _square(max(0.0, glint), 5)
     mirror = place.gloss * (0.04 + 0.96 * _square(1 + ray[2], 2))
@@ -221,7 +218,7 @@ def _background(
     distance, colour = reach, (0.0, 0.0, 0.0)
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
     if x * x + y * y > 280.0:  # the plaza's radius squared
-        distance, colour = _building(eye, ray, reach, lamp.toward, place)
+        distance, colour = _building(eye, ray, reach, lamp.back, place)
     if distance == reach:
         if reach == FAR_AWAY:
             return _sky(ray[2], place)
@@ -303,8 +300,8 @@ def _object(
     ray = _unit(ray)
     sun = _sunlit(_moved(point, normal, 0.06), 0.05, lamp)
     row = materials[min(g.materials[face], materials.shape[0] - 1)]
-    colour = _surface(normal, ray, sun, row, lamp.toward, place)
-    return _moved(colour, SUN, _glare(dot(ray, lamp.toward)))
+    colour = _surface(normal, ray, sun, row, lamp.back, place)
+    return _moved(colour, SUN, _glare(dot(ray, lamp.back)))
 
 
 @uncounted
@@ -332,6 +329,7 @@ def compose(
         g: The object.
         materials: (7, 7), see `painted`.
         tone: (TONE_STEPS,), of `tone_table`.
+        rows: (3, size), for what is computed of a row of pixels at a time.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     across_step = SUPERSAMPLING * camera.step
@@ -352,7 +350,7 @@ def compose(
         for i in range(size):
             reach = -camera.eye[2] / (inverses[i] * (start[2] + i * across[2]))
             reaches[i] = reach if 0.0 < reach < FAR_AWAY else FAR_AWAY
-        facing, turn = dot(start, lamp.toward), dot(across, lamp.toward)
+        facing, turn = dot(start, lamp.back), dot(across, lamp.back)
         for i in range(size):
             glares[i] = _glare(inverses[i] * (facing + i * turn))
         for i in range(size):

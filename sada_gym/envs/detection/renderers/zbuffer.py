@@ -15,13 +15,15 @@ import numpy.typing as npt
 
 from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import KernelCamera
-from sada_gym.envs.pixels import dot
+from sada_gym.envs.pixels import Triple, dot, scaled
 
 NEAR = 0.05
 """What is nearer to the eye than this, along the viewing axis, is not drawn."""
+COORDINATES = 5
+"""The numbers kept of a projected point: u d, v d, d, u, v."""
 PLANES = 10
 """The numbers kept of a face: coefficients of u, v and 1 for its first two barycentric coordinates,
-each over the depth, and for the inverse depth; then 1, or -1 if it is seen from behind."""
+each over the depth, and for the inverse depth; then 1, or -1 where it is seen from behind."""
 
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -30,13 +32,7 @@ Indices = npt.NDArray[np.int32]
 
 @uncounted
 def project(vertices: Singles, camera: KernelCamera, points: Floats) -> None:
-    """Fill points (v, 3) with the sample coordinates of vertices (v, 3).
-
-    Args:
-        vertices: In the scene.
-        camera: Whose picture it is.
-        points: (u d, v d, d) of each.
-    """
+    """Fill points (v, COORDINATES) with where a camera sees vertices (v, 3)."""
     scale = 1.0 / camera.step
     for i in range(vertices.shape[0]):
         p = (
@@ -52,20 +48,27 @@ def project(vertices: Singles, camera: KernelCamera, points: Floats) -> None:
 
 
 @uncounted
-def window(points: Floats, samples: int) -> tuple[int, int, int, int]:
-    """Find the samples that points (v, 3) can touch: first column and row, last ones + 1."""
+def bounds(points: Floats, per_pixel: int, size: int) -> tuple[int, int, int, int]:
+    """Find the pixels that points can touch: first column and row, and last ones + 1.
+
+    Args:
+        points: (v, COORDINATES), see `project`.
+        per_pixel: Samples of a pixel, along each axis.
+        size: Pixels a side of the picture.
+    """
     left, top, right, bottom = math.inf, math.inf, -math.inf, -math.inf
     for i in range(points.shape[0]):
-        depth = points[i, 2]
-        if depth < NEAR:  # where it is in the picture says nothing
-            return 0, 0, samples, samples
-        u, v = points[i, 0] / depth, points[i, 1] / depth
-        left, top, right, bottom = min(left, u), min(top, v), max(right, u), max(bottom, v)
+        if points[i, 2] < NEAR:  # its place in the picture says nothing
+            return 0, 0, size, size
+        left, right = min(left, points[i, 3]), max(right, points[i, 3])
+        top, bottom = min(top, points[i, 4]), max(bottom, points[i, 4])
+    if not (left <= right and top <= bottom):
+        return 0, 0, 0, 0
     return (
-        _from(left, 0, samples),
-        _from(top, 0, samples),
-        _from(right, 0, samples),
-        _from(bottom, 0, samples),
+        math.floor(min(max(left / per_pixel, 0.0), float(size))),
+        math.floor(min(max(top / per_pixel, 0.0), float(size))),
+        math.ceil(min(max(right / per_pixel, 0.0), float(size))),
+        math.ceil(min(max(bottom / per_pixel, 0.0), float(size))),
     )
 
 
@@ -82,10 +85,10 @@ def rasterise(
     """Draw faces into a window of a picture.
 
     Args:
-        points: (v, 3), see `project`.
+        points: (v, COORDINATES), see `project`.
         faces: (f, 3), counter-clockwise seen from outside.
         double_sided: Whether faces show from behind too.
-        corner: The window's first column and row.
+        corner: The window's first column and row, in samples.
         planes: (f, PLANES), filled for the faces that are drawn.
         nearest: (h, w) inverse depth of the nearest surface, 0 at first.
         shown: (h, w) the face that is seen, filled where `nearest` grows.
@@ -100,52 +103,57 @@ def rasterise(
         first, last = 0, height
         if min(p[2], q[2], r[2]) >= NEAR:
             u, v, w = points[a, 3], points[b, 3], points[c, 3]
-            if _from(min(u, v, w), left, width) >= _from(max(u, v, w), left, width):
+            if _first(min(u, v, w), left, width) >= _first(max(u, v, w), left, width):
                 continue
             u, v, w = points[a, 4], points[b, 4], points[c, 4]
-            first, last = _from(min(u, v, w), above, height), _from(max(u, v, w), above, height)
+            first, last = _first(min(u, v, w), above, height), _first(max(u, v, w), above, height)
             if first >= last:
                 continue
         one, two, three = _cross(q, r), _cross(r, p), _cross(p, q)
-        # positive for faces seen from outside, since rows run downwards
-        volume = -dot(p, one)
-        side = -1.0
+        # rows run downwards, which mirrors the order of the corners
+        volume, side = -dot(p, one), 1.0
         if double_sided and volume < 0.0:
-            volume, side = -volume, 1.0
+            volume, side = -volume, -1.0
         if not 0.0 < volume < math.inf:  # seen from behind, without area, or not finite
             continue
-        one, two, three = _times(one, side), _times(two, side), _times(three, side)
+        one, two, three = scaled(one, -side), scaled(two, -side), scaled(three, -side)
         plane, share = planes[f], 1.0 / volume
         for k in range(3):
             plane[k], plane[3 + k] = one[k] * share, two[k] * share
             plane[6 + k] = (one[k] + two[k] + three[k]) * share
-        plane[9] = -side
+        plane[9] = side
         for j in range(first, last):
             v = above + j + 0.5
             low, high = _cut(one, v, -math.inf, math.inf)
             low, high = _cut(two, v, low, high)
             low, high = _cut(three, v, low, high)
-            begin, end = _from(low, left, width), _from(high, left, width)
             rest = plane[7] * v + plane[8]
-            for i in range(begin, end):
+            for i in range(_first(low, left, width), _first(high, left, width)):
                 inverse = plane[6] * (left + i + 0.5) + rest
                 if nearest[j, i] < inverse <= 1.0 / NEAR:
                     nearest[j, i], shown[j, i] = inverse, f
 
 
+@uncounted
+def extent(shown: Indices) -> tuple[int, int, int, int]:
+    """Find the samples that show a face: first column and row, and last ones + 1; 0 for none."""
+    left, top, right, bottom = shown.shape[1], shown.shape[0], 0, 0
+    for j in range(shown.shape[0]):
+        for i in range(shown.shape[1]):
+            if shown[j, i] >= 0:
+                left, right = min(left, i), max(right, i + 1)
+                top, bottom = min(top, j), j + 1
+    return (left, top, right, bottom) if right > 0 else (0, 0, 0, 0)
+
+
 @inlined
-def _cross(a, b):
+def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def _times(a, share):
-    return a[0] * share, a[1] * share, a[2] * share
-
-
-@inlined
-def _cut(edge, v, low, high):
-    """Keep of a row's stretch low..high what lies inside an edge; a sample at low is inside."""
+def _cut(edge: Triple, v: float, low: float, high: float) -> tuple[float, float]:
+    """Keep of the stretch low <= u < high of a row what lies inside an edge."""
     rest = edge[1] * v + edge[2]
     if edge[0] > 0.0:
         return max(low, -rest / edge[0]), high
@@ -157,6 +165,6 @@ def _cut(edge, v, low, high):
 
 
 @inlined
-def _from(place, start, count):
-    """Give the first of `count` samples, of which one begins at `start`, that lies at or behind a place."""
-    return int(math.ceil(min(max(place - start, 0.0), float(count)) - 0.5))
+def _first(place: float, start: int, count: int) -> int:
+    """Give the first of `count` samples from `start` whose middle is at a place or behind it."""
+    return math.ceil(min(max(place - start, 0.0), float(count)) - 0.5)

@@ -59,13 +59,11 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
         shape = Shape(
             name=name,
             object_class=object_class,
-            vertices=arrays["vertices"][vertex:vertices].copy(),
-            normals=arrays["normals"][vertex:vertices].copy(),
-            faces=arrays["faces"][face:faces].astype(np.int32),
-            materials=arrays["materials"][face:faces].copy(),
+            vertices=arrays["vertices"][vertex:vertices],
+            normals=arrays["normals"][vertex:vertices],
+            faces=arrays["faces"][face:faces],
+            materials=arrays["materials"][face:faces],
         )
-        for array in (shape.vertices, shape.normals, shape.faces, shape.materials):
-            array.flags.writeable = False
         shapes.append(shape)
     return tuple(shapes)
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.plain import check_keys
+from sada_gym.errors import UserError
 
 DIAGONAL = 5.0
 """Length of every shape's bounding-box diagonal in scene units."""
@@ -44,6 +45,11 @@ class Shape:
         faces: (f, 3) int32, counter-clockwise seen from outside.
         materials: (f,) uint8, values of `Material`.
         double_sided: Whether faces show from behind too; a user's files may hold open surfaces.
+
+    The arrays are kept as read-only views; what is of another type is copied.
+
+    Raises:
+        UserError: If an array has another shape, or a face names a vertex that there is not.
     """
 
     name: str
@@ -53,6 +59,28 @@ class Shape:
     faces: npt.NDArray[np.int32]
     materials: npt.NDArray[np.uint8]
     double_sided: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the mesh: kernels read it without looking."""
+        vertices, faces = len(self.vertices), len(self.faces)
+        for name, (dtype, shape) in {
+            "vertices": (np.float32, (vertices, 3)),
+            "normals": (np.float32, (vertices, 3)),
+            "faces": (np.int32, (faces, 3)),
+            "materials": (np.uint8, (faces,)),
+        }.items():
+            array = np.ascontiguousarray(getattr(self, name), dtype).view()
+            if array.shape != shape:
+                raise UserError(
+                    f"Expected {name} of shape {shape} in {self.name}, got {array.shape}."
+                )
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if faces and not (self.faces.min() >= 0 and self.faces.max() < vertices):
+            raise UserError(
+                f"Expected faces of {self.name} to name vertices 0 to {vertices - 1}, got "
+                f"{self.faces.min()} to {self.faces.max()}."
+            )
 
     @cached_property
     def height(self) -> float:
@@ -86,9 +114,14 @@ class Shape:
         return cls(
             name=str(plain["name"]),
             object_class=str(plain["object_class"]),
-            vertices=np.ascontiguousarray(plain["vertices"], np.float32),
-            normals=np.ascontiguousarray(plain["normals"], np.float32),
-            faces=np.ascontiguousarray(plain["faces"], np.int32),
-            materials=np.ascontiguousarray(plain["materials"], np.uint8),
+            **{
+                name: np.asarray(plain[name])
+                for name in ("vertices", "normals", "faces", "materials")
+            },
             double_sided=bool(plain["double_sided"]),
         )
+
+
+_NO_VECTORS = np.empty((0, 3), np.float32)
+NOTHING = Shape("", "", _NO_VECTORS, _NO_VECTORS, np.empty((0, 3), np.int32), np.empty(0, np.uint8))
+"""No object: a place that is empty."""
