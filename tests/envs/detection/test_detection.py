@@ -230,7 +230,7 @@ def test_the_shipped_architecture_keeps_its_tile(tmp_path):
             "object_class": "car",
             "label": 7,
             "image_size": 128,
-            "renderer": "TinyRenderer",
+            "renderer": "Rasteriser",
             "tile": 14,
         }
         assert application.fingerprint == CAR.fingerprint

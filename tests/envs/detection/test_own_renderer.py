@@ -9,7 +9,6 @@ import pytest
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
-from sada_gym.envs.detection.renderers.tinyrenderer import TinyRenderer
 from sada_gym.evaluation.store import Context
 from sada_gym.oracle import Oracle
 
@@ -61,13 +60,13 @@ def test_settings_hold_the_identity_hashed():
 def test_the_default_renderers_name_is_that_of_published_results():
     for renderer in (None, default_renderer()):
         application = DetectionApplication("car", renderer=renderer)
-        assert application.settings["renderer"] == "TinyRenderer"
+        assert application.settings["renderer"] == "Rasteriser"
 
-    class TinyRenderer(Grey):
+    class Rasteriser(Grey):
         pass
 
-    mine = DetectionApplication("car", renderer=TinyRenderer(identity="TinyRenderer"))
-    assert mine.settings["renderer"] != "TinyRenderer"
+    mine = DetectionApplication("car", renderer=Rasteriser(identity="Rasteriser"))
+    assert mine.settings["renderer"] != "Rasteriser"
 
 
 def test_a_store_tells_a_renderers_settings_apart(tmp_path):
@@ -131,9 +130,3 @@ def test_whoever_makes_a_renderer_closes_it():
     renderer = grey(1)
     AdversaryEnv(DetectionApplication("car", renderer=renderer)).close()
     assert renderer.closed == 0
-    own = TinyRenderer()
-    DetectionApplication("car", renderer=own).evaluate(MU[:1], [0])
-    own.close()
-    own.close()
-    with pytest.raises(ValueError, match="Expected an open renderer"):
-        DetectionApplication("car", renderer=own).evaluate(MU[:1], [0])

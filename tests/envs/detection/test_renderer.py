@@ -8,11 +8,12 @@ import trimesh
 from families import family
 
 from sada_gym.envs.detection.backdrop import random_backdrop
-from sada_gym.envs.detection.renderers import default_renderer, tinyrenderer
-from sada_gym.envs.detection.renderers.tinyrenderer import VISUALS, TinyRenderer
+from sada_gym.envs.detection.renderers import default_renderer
+from sada_gym.envs.detection.renderers.rasteriser import Rasteriser
 from sada_gym.envs.detection.scene import Scene, camera_of, centre_of
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes
 from sada_gym.envs.detection.shapes.assembly import Part, assemble
+from sada_gym.errors import UserError
 
 
 def scene(shape, seed=3, **changes):
@@ -130,21 +131,11 @@ def test_paint_takes_the_colour_and_other_materials_do_not():
 
 
 def test_the_same_scene_gives_the_same_bytes_whatever_was_drawn_before():
-    other = TinyRenderer()
+    other = Rasteriser()
     first = render(CAR).image
     for name in ("chair", "boat"):
         other.render(scene(benchmark_shapes(name)[1]), 64)
     np.testing.assert_array_equal(other.render(scene(CAR), 128).image, first)
-
-
-def test_many_shapes_do_not_pile_up():
-    renderer = TinyRenderer()
-    before = renderer.render(scene(CAR), 32).image
-    bottle = benchmark_shapes("bottle")[0]
-    for number in range(VISUALS + 3):
-        vertices = bottle.vertices * np.float32(1 - 0.001 * number)
-        renderer.render(scene(dataclasses.replace(bottle, vertices=vertices)), 32)
-    np.testing.assert_array_equal(renderer.render(scene(CAR), 32).image, before)
 
 
 def test_a_batch_equals_its_scenes_one_by_one():
@@ -156,35 +147,122 @@ def test_a_batch_equals_its_scenes_one_by_one():
     assert default_renderer().render_batch([], 64) == []
 
 
-def test_a_shape_in_pieces_gives_the_same_bytes(monkeypatch):
-    """PyBullet takes 123,361 corners at a time: larger shapes become several bodies."""
-    most = max(len(shape.faces) for name in CLASSES for shape in benchmark_shapes(name))
-    assert 3 * most <= tinyrenderer.CORNERS < 123_362  # the benchmark's are whole
-    whole = [render(shape) for shape in benchmark_shapes("bicycle")[:3]]
-    monkeypatch.setattr(tinyrenderer, "CORNERS", 3 * 100)
-    renderer = TinyRenderer()
-    for shape, expected in zip(benchmark_shapes("bicycle"), whole, strict=False):
-        assert len(shape.faces) > 200
-        found = renderer.render(scene(shape), 128)
-        np.testing.assert_array_equal(found.image, expected.image)
-        np.testing.assert_array_equal(found.box, expected.box)
-    renderer.close()
-
-
-def test_a_large_shape_is_rendered_and_freed(monkeypatch):
-    """82,000 faces raised SystemError; some 42,000 gave other bytes each time, or crashed."""
-    monkeypatch.setattr(tinyrenderer, "FACES", 50_000)
+def test_a_large_shape_is_drawn_where_it_is():
     ball = trimesh.creation.icosphere(6)
     assert len(ball.faces) == 81_920
-    large = assemble("test/ball", "ball", [Part(ball)])
-    renderer = TinyRenderer()
-    first = renderer.render(scene(CAR), 64)
-    found = renderer.render(scene(large), 64)
+    found = render(assemble("test/ball", "ball", [Part(ball)]), size=64)
     side = 5 / np.sqrt(3) / 2 / (9 * np.tan(np.radians(21))) * 32
     np.testing.assert_allclose(found.box, [32 - side, 32 - side, 32 + side, 32 + side], atol=1.5)
-    np.testing.assert_array_equal(renderer.render(scene(CAR), 64).image, first.image)
-    np.testing.assert_array_equal(renderer.render(scene(large), 64).image, found.image)
-    renderer.close()
+    np.testing.assert_allclose(found.mask.sum(), np.pi * side**2, rtol=0.05)
+
+
+def test_triangles_without_area_or_numbers_are_left_out():
+    cuboid = box_shape((2.0, 2.0, 2.0))
+    flawed = dataclasses.replace(
+        cuboid,
+        vertices=np.vstack(
+            [cuboid.vertices, [[np.nan, 0, 0], [np.inf, 1, 1], [1e30, -1e30, 1e30]]]
+        ),
+        normals=np.vstack([cuboid.normals, np.zeros((3, 3))]),
+        faces=np.vstack(
+            [cuboid.faces, [[0, 0, 0], [0, 1, 1], [0, 1, 24], [25, 2, 3], [25, 24, 26]]]
+        ),
+        materials=np.append(cuboid.materials, [0, 0, 0, 0, 0]),
+    )
+    flawed.__dict__.update(height=cuboid.height)  # of NaN there is none
+    for found, expected in (
+        (render(flawed, camera_pitch_deg=p), render(cuboid, camera_pitch_deg=p))
+        for p in (0.0, 50.0)
+    ):
+        np.testing.assert_array_equal(found.image, expected.image)
+
+
+def test_no_faces_are_an_empty_place():
+    cuboid = box_shape((2.0, 2.0, 2.0))
+    empty = dataclasses.replace(cuboid, faces=cuboid.faces[:0], materials=cuboid.materials[:0])
+    found = render(empty)
+    assert found.box is None
+    assert not found.mask.any()
+    assert found.image.std() > 0
+
+
+def test_what_is_behind_the_camera_is_not_seen():
+    """The camera stands in the middle of a row of boxes and looks along it."""
+    cuboid = box_shape((1.0, 1.0, 1.0))
+
+    def at(*places):
+        return Shape(
+            "test/row",
+            "box",
+            np.vstack([np.add(cuboid.vertices, [x, 0, 0]) for x in places]),
+            np.vstack([cuboid.normals] * len(places)),
+            np.vstack([cuboid.faces + 24 * k for k in range(len(places))]),
+            np.zeros(12 * len(places), np.uint8),
+        )
+
+    level = {"camera_azimuth_deg": 0.0, "camera_pitch_deg": 0.0, "light_pitch_deg": 89.0}
+    ahead, both = (render(at(*places), **level) for places in ((0,), (0, 14, 300)))
+    np.testing.assert_array_equal(both.mask, ahead.mask)
+    assert ahead.mask.sum() > 100
+    assert render(at(14), **level).box is None
+
+
+def test_a_face_that_reaches_behind_the_camera_is_cut_off_at_it():
+    """A floor below the camera fills the picture's lower half, whatever lies behind the eye."""
+    floor = Shape(
+        "test/floor",
+        "floor",
+        np.array([[-50, -50, 0], [50, -50, 0], [50, 50, 0], [-50, 50, 0]]),
+        np.array([[0, 0, 1]] * 4),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.zeros(2),
+        double_sided=True,
+    )
+    floor.__dict__.update(height=2.0)  # the camera's height is half of it
+    found = render(floor, camera_pitch_deg=0.0, camera_azimuth_deg=0.0)
+    assert found.mask[70:].all()
+    assert not found.mask[:62].any()
+
+
+def test_open_surfaces_show_from_behind_only_if_they_are_double_sided():
+    sheet = Shape(
+        "test/sheet",
+        "sheet",
+        np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2], [0, -1, 2]]),
+        np.array([[1, 0, 0]] * 4),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.zeros(2),
+    )
+    both = dataclasses.replace(sheet, double_sided=True)
+    light = {"light_azimuth_deg": 0.0, "light_pitch_deg": 20.0, "camera_pitch_deg": 0.0}
+    fronts = [render(shape, camera_azimuth_deg=0.0, **light) for shape in (sheet, both)]
+    np.testing.assert_array_equal(fronts[0].image, fronts[1].image)
+    assert render(sheet, camera_azimuth_deg=180.0, **light).box is None
+    behind = render(both, camera_azimuth_deg=180.0, **light)
+    np.testing.assert_array_equal(behind.mask, fronts[1].mask)
+    middle = (slice(56, 72), slice(56, 72))  # lit from the camera's side both times
+    levels = [picture.image[middle].astype(int) for picture in (behind, fronts[1])]
+    assert abs(levels[0].mean() - levels[1].mean()) < 12
+
+
+@pytest.mark.parametrize("size", [8, 33, 101, 130])
+def test_pictures_of_any_size(size):
+    found = render(CAR, size=size)
+    assert found.image.shape == (size, size, 3)
+    np.testing.assert_allclose(found.box / size, render(CAR).box / 128, atol=1.5 / size)
+
+
+def test_meshes_that_are_none_are_refused():
+    cuboid = box_shape((1.0, 1.0, 1.0))
+    for wrong, message in (
+        ({"faces": cuboid.faces + 20}, "name vertices 0 to 23, got 20 to 43"),
+        ({"faces": cuboid.faces - 1}, "got -1 to 22"),
+        ({"normals": cuboid.normals[:5]}, r"normals of shape \(24, 3\) in test/box, got \(5, 3\)"),
+        ({"materials": cuboid.materials[:5]}, r"materials of shape \(12,\)"),
+        ({"vertices": cuboid.vertices.ravel()}, r"vertices of shape \(72, 3\)"),
+    ):
+        with pytest.raises(UserError, match=message):
+            dataclasses.replace(cuboid, **wrong)
 
 
 @pytest.mark.parametrize("size", [32, 96, 256])
