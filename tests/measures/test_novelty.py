@@ -127,11 +127,14 @@ def test_bad_requests_are_refused(changes, message):
 
 
 def test_the_view_is_what_the_detector_sees():
-    application = DetectionApplication("car")
-    mu = np.zeros(8, np.float32)
     seen = []
-    detector = application._detector.network
-    application._detector.network = lambda images: seen.extend(images) or detector(images)
+    detector = DetectionApplication("car").agent
+    application = DetectionApplication(
+        "car",
+        agent=lambda images: seen.extend(images) or detector(images),
+        labels=detector.labels,
+    )
+    mu = np.zeros(8, np.float32)
     application.evaluate(mu[None], [3])
     shown = (255 * seen[0].permute(1, 2, 0)).round().numpy()
     np.testing.assert_array_equal(application.observation(mu, 3), shown)

@@ -74,9 +74,9 @@ class DetectionApplication(Application):
       weights.
     - `shapes=None`: a folder of a user's CAD files, one folder a class, instead of the 100 shapes;
       `skip_unreadable=False`.
-    - `image_size=128`: pixels a side.
-    - `renderer=None`: a `Renderer` of your own; by default the process's TinyRenderer.
-    - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 14
+    - `image_size=128`: pixels a side, a multiple of 16 for the shipped detectors.
+    - `renderer=None`: a `Renderer` of your own; by default the process's `Rasteriser`.
+    - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 4
       for the shipped architecture.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 
@@ -119,7 +119,7 @@ class DetectionApplication(Application):
         self._own_shapes = shapes is not None
         self._renderer = None if renderer is None else checked_renderer(renderer)
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
-        self._detector = DetectorAgent(self.agent, tile)
+        self._detector = DetectorAgent(self.agent, tile, image_size)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
 

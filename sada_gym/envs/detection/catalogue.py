@@ -51,7 +51,7 @@ CARD = ApplicationCard(
     case=RegistryCase(
         quick_kwargs={"tile": 1},  # one image a call instead of a tile of them
         shipped_on="Car",
-        # tiles of 14 images: 17 worlds are a full tile and a padded one, 13 to 15 are at its border
-        purity=PurityCase(17, (2, 13, 14, 15)),
+        # tiles of 4 images: 6 worlds are a full tile and a padded one, 3 to 5 are at its border
+        purity=PurityCase(6, (2, 3, 4, 5)),
     ),
 )

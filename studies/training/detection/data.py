@@ -59,7 +59,7 @@ def training_frames(
         empty_share: Empty places, as a share of all frames with an object.
         image_size: Pixels a side.
         seed: Fixes the set.
-        renderer: What draws the frames, by default the process's TinyRenderer.
+        renderer: What draws the frames, by default the process's `Rasteriser`.
     """
 
     def mixed(shape: Shape | None, rng: np.random.Generator) -> Scene:

@@ -231,7 +231,7 @@ def test_the_shipped_architecture_keeps_its_tile(tmp_path):
             "label": 7,
             "image_size": 128,
             "renderer": "Rasteriser",
-            "tile": 14,
+            "tile": 4,
         }
         assert application.fingerprint == CAR.fingerprint
 
