@@ -155,8 +155,8 @@ def fresh_seeds(entry: str, identity_sha256: str, nonce: str, run: int, count: i
     """Give the evaluation seeds of a run's samples: a hash of all that names them, and the nonce.
 
     They belong to the stream `test`, as the claimed ones do. Seeds of one stream have their lowest
-    bits in common, and a world may depend on these: digits take the image at seed modulo n. Seeds
-    of another stream would not be exchangeable with the claimed ones.
+    bits in common: should a world depend on these, seeds of another stream would not be
+    exchangeable with the claimed ones.
     """
     texts = (json.dumps([entry, identity_sha256, nonce, run, row]) for row in range(count))
     return [seed_of(hashlib.sha256(t.encode()).digest()[:4], "test") for t in texts]

@@ -8,6 +8,7 @@ from families import family
 from numpy.lib.introspect import opt_func_info
 
 from sada_gym import agents
+from sada_gym.envs.catalogue import find_card
 from sada_gym.errors import FileError
 from sada_gym.measures.reference import (
     INDEX,
@@ -140,7 +141,10 @@ def test_every_class_and_digit_has_a_set_for_each_shipped_agent():
     assert len(wanted) == 34
     sets = {(e.track, e.agent): e for e in SHIPPED}
     assert wanted <= set(sets)
-    assert {(sets[key].points, sets[key].seeds) for key in wanted} == {(20_000, 8)}
+    for track, agent in wanted:
+        card = find_card(make_application(track, agent=agent).name)
+        entry = sets[track, agent]
+        assert (entry.points, entry.seeds) == (card.reference_points, card.reference_seeds)
 
 
 def rounds_as_the_sets_processor():

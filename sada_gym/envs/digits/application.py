@@ -71,8 +71,8 @@ class DigitsApplication(ClassifierApplication):
     A Python float, exactly `-info["score"]`: minus the softmax probability of the true class.
 
     ## Starting State
-    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s. Of n images, seed s
-    picks the one at s modulo n.
+    No proposal yet. The first evaluation after `reset(seed=s)` has the seed s, whose hash
+    picks the image.
 
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,

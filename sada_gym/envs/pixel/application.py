@@ -46,8 +46,8 @@ class PixelApplication(ClassifierApplication):
     A Python float, exactly `-info["score"]`.
 
     ## Starting State
-    No proposal yet. The seed changes nothing, unless `digit=` is given: then seed s picks, of the n
-    images that the classifier gets right unchanged, the one at s modulo n.
+    No proposal yet. The seed changes nothing, unless `digit=` is given: then a hash of the seed
+    picks one of the images that the classifier gets right unchanged.
 
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from scipy.stats import chi2_contingency, chisquare
 
 from sada_gym import agents
 from sada_gym.envs.checks import MAX_TILE
@@ -15,6 +16,7 @@ from sada_gym.envs.digits.application import NAMES
 from sada_gym.envs.digits.classifier import CLASSIFIER_TILE, ClassifierAgent
 from sada_gym.envs.digits.images import test_images as shipped_images
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
+from sada_gym.evaluation.oracle import evaluation_seeds
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.oracle import Oracle
 
@@ -106,11 +108,35 @@ def test_score_is_the_true_class_softmax():
 
 
 def test_seeds_pick_among_the_images_that_are_classified_rightly():
-    infos = ANY.evaluate(np.zeros((440, 6)), range(440)).infos
-    assert [info["image"] for info in infos] == ANY.indices.tolist()
+    infos = ANY.evaluate(np.zeros((5_000, 6)), range(5_000)).infos
+    assert {info["image"] for info in infos} == {*ANY.indices.tolist()}
     assert all(info["predicted"] == info["label"] for info in infos)
     three = DigitsApplication(3)
     assert {info["label"] for info in three.evaluate(MU, range(20)).infos} == {3}
+
+
+STREAMS = ("train", "test", "validation")
+
+
+@pytest.mark.parametrize("digit", range(10))
+def test_every_stream_sees_all_images_equally_often(digit):
+    application = DigitsApplication(digit)
+    images = len(application.indices)
+    for stream in STREAMS:
+        seeds = evaluation_seeds(0, stream, 0, 100 * images)
+        drawn = np.bincount(application._positions(seeds), minlength=images)
+        assert chisquare(drawn).pvalue > 1e-4
+
+
+def test_every_stream_has_the_same_uniform_rate():
+    application, size = DigitsApplication(0), 4_000
+    mu = np.random.default_rng(0).uniform(-1, 1, (size, 6)).astype(np.float32)
+    fooled = [
+        application.evaluate(mu, evaluation_seeds(0, stream, 0, size)).fooled.sum()
+        for stream in STREAMS
+    ]
+    table = np.array([[count, size - count] for count in fooled])
+    assert chi2_contingency(table).pvalue > 1e-3
 
 
 def test_a_fixed_image_is_deterministic():
@@ -138,7 +164,7 @@ def test_golden_scores():
     np.testing.assert_allclose(score, GOLDEN, atol=1e-5)
 
 
-GOLDEN = [0.66501, 0.706413, 0.999625, 0.283047, 0.006904, 0.999803, 0.973233, 0.015494]
+GOLDEN = [0.99751, 0.243653, 1.0, 1.0, 0.022531, 0.94205, 0.999952, 0.997067]
 
 
 def test_uniform_mu_fool_sometimes():
@@ -174,8 +200,8 @@ def test_a_users_classifier_and_images():
     application = DigitsApplication(agent=model, **OWN)
     assert application.tile == 1
     assert model.shown == {(1, 1, 5, 4)}
-    infos = application.evaluate(np.zeros((4, 6)), range(4)).infos
-    assert [info["label"] for info in infos] == [0, 1, 2, 1]
+    infos = application.evaluate(np.zeros((40, 6)), range(40)).infos
+    assert {(info["image"], info["label"]) for info in infos} == {(0, 0), (1, 1), (2, 2), (3, 1)}
     assert application.render(np.zeros(6), 1).ndim == 3
     model.shown.clear()
     DigitsApplication(1, agent=model, tile=3, **OWN)
