@@ -40,9 +40,9 @@ CARD = ApplicationCard(
     ),
     agent_kind="detector",
     agent_loader="sada_gym.envs.detection.agent.weights:load",
-    packages=("torch", "pybullet", "trimesh", "numba", "pillow"),
+    packages=("torch", "trimesh", "numba", "pillow"),
     reference_points=20_000,
-    reference_seeds=8,
+    reference_seeds=5,
     suite=SuiteCard(
         name="paper",
         tables=("paper-budgets", "equal-queries"),
