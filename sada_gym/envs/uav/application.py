@@ -144,7 +144,6 @@ class UAVApplication(EpisodesApplication[Races]):
                     {
                         "gates_passed": int((ended == Ending.PASSED).sum()),
                         "endings": [Ending(code).name.lower() for code in ended],
-                        "touched": races.touched[i].tolist(),
                         "time_s": float(races.time_s[i]),
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(sharpest[i]),
