@@ -15,7 +15,8 @@ from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.course import benchmark_starts
-from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.episodes import REPLAY_HZ, Races, Start
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.parameters import Mu
@@ -31,12 +32,12 @@ class UAVApplication(EpisodesApplication[Races]):
     Three, four or five anchor points control a closed quadratic B-spline; eight gates stand on it
     at equal arc length and face along it. The adversary moves the anchor points: turns become
     sharper, and on a short track gates stand close together. The score Q is the share of the gates
-    that the drone passes on one lap. Where it touches a frame or the ground, does not pass a gate in
-    10 s, or leaves the world, the gate is missed: the drone is set back at rest into the last gate
-    that it passed, and the race goes on to the gate after the missed one. The drone is a rigid body
-    in PyBullet; templates, ranges and spacing are our own, since the paper's were never published.
-    The seed fixes light and background, and moves the start by up to 0.3 m along x and y, and 5
-    degrees.
+    that the drone passes on one lap. A gate is missed where the drone touches a frame or the
+    ground, does not pass the gate in 10 s, or leaves the world: it is set back at rest into the
+    last gate that it passed, and the race goes on to the gate after the missed one. The drone is a
+    rigid body in PyBullet; templates, ranges and spacing are our own, since the paper's were never
+    published. The seed fixes light and background, and moves the start by up to 0.3 m along x and
+    y, and 5 degrees.
 
     ## Action Space
     `Box(-1, 1, (2 anchors,), float32)`: the displacements of the anchor points along x and y, the

@@ -12,7 +12,8 @@ from gymnasium.vector import AutoresetMode
 from sada_gym.envs.episodes.base import Array, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.uav.course import Course
-from sada_gym.envs.uav.episodes import POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, Races, Start
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import GATES
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0

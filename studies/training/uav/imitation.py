@@ -18,8 +18,9 @@ from sada_gym.envs.uav.agent.drone_frame import motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import Ending, Races
+from sada_gym.envs.uav.episodes import Races
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from sada_gym.envs.uav.world.referee import Ending
 from studies.training.common import Imitation
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters

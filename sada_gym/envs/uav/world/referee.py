@@ -101,6 +101,7 @@ def orders(
         if is_lost(s) or not np.isfinite(action).all():
             endings[i, next_gate[i]] = Ending.LOST
             ended_at[i, next_gate[i]] = s[:3]
+            commands[i] = 0.0
             continue
         heading = heading_of(s[3], s[4], s[5], s[6])
         forward, left, up, turn = np.minimum(np.maximum(action, -1.0), 1.0)
@@ -175,15 +176,15 @@ def _passes(before: Array, after: Array, gate: Array) -> bool:
     y = before[1] + share * (after[1] - before[1]) - gate[1]
     z = before[2] + share * (after[2] - before[2]) - gate[2]
     left = y * cosine - x * sine
-    return abs(left) <= OPENING_WIDTH_M / 2 and abs(z) <= OPENING_HEIGHT_M / 2
+    inside: bool = abs(left) <= OPENING_WIDTH_M / 2 and abs(z) <= OPENING_HEIGHT_M / 2
+    return inside
 
 
 @kernel
 def is_lost(state: Array) -> bool:
     """Say whether a drone (13,) is out of the world, or not in any possible state."""
-    if not (abs(state[0]) < WORLD_M and abs(state[1]) < WORLD_M and -1.0 < state[2] < CEILING_M):
-        return True
+    x, y, z = state[:3]
+    inside = abs(x) < WORLD_M and abs(y) < WORLD_M and -1.0 < z < CEILING_M
     for k in range(3, 13):
-        if not abs(state[k]) < _MOST:
-            return True
-    return False
+        inside = inside and abs(state[k]) < _MOST
+    return not inside
