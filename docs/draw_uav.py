@@ -109,7 +109,7 @@ def rollouts(
 def main() -> None:
     """Draw all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pilot", default="waypoint-pid")
+    parser.add_argument("--pilot", default="ppo")
     parser.add_argument("--attacks", type=Path, nargs=3, help="of 3, 4 and 5 anchors")
     parser.add_argument("--out", type=Path, default=IMAGES)
     arguments = parser.parse_args()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.course import benchmark_starts
-from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.episodes import REPLAY_HZ, Races, Start
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.parameters import Mu
@@ -32,12 +32,12 @@ class UAVApplication(EpisodesApplication[Races]):
     Three, four or five anchor points control a closed quadratic B-spline; eight gates stand on it
     at equal arc length and face along it. The adversary moves the anchor points: turns become
     sharper, and on a short track gates stand close together. The score Q is the share of the gates
-    that the drone passes on one lap. Where it does not pass a gate in 10 s, or is lost, the gate is
-    missed: the drone is set back at rest into the last gate that it passed, and the race goes on to
-    the gate after the missed one. Hitting a frame is not a miss. The drone is a rigid body in
-    PyBullet; templates, ranges and spacing are our own, since the paper's were never published. The
-    seed fixes light and background, and moves the start by up to 0.3 m along x and y, and 5
-    degrees.
+    that the drone passes on one lap. A gate is missed where the drone touches a frame or the
+    ground, does not pass the gate in 10 s, or leaves the world: it is set back at rest into the
+    last gate that it passed, and the race goes on to the gate after the missed one. The drone is a
+    rigid body in PyBullet; templates, ranges and spacing are our own, since the paper's were never
+    published. The seed fixes light and background, and moves the start by up to 0.3 m along x and
+    y, and 5 degrees.
 
     ## Action Space
     `Box(-1, 1, (2 anchors,), float32)`: the displacements of the anchor points along x and y, the
@@ -66,15 +66,15 @@ class UAVApplication(EpisodesApplication[Races]):
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
     `fooled` (score <= 0.7), `seed`, `parameters`, `gates_passed`, `endings` (for each gate
-    `passed`, `late` or `lost`), `touched` (whether the drone hit anything on its way to each gate),
-    `time_s` (the time for the course), and of the track `length_m`, `sharpest_turn_deg` (the
+    `passed`, `hit`, `late` or `lost`), `time_s` (the time for the course), and of the track
+    `length_m`, `sharpest_turn_deg` (the
     greatest turn from the start or a gate to the next, of more than 180 where the track loops),
     `closest_m` (the smallest distance between two frames) and `kept` (how much of the displacements
     was kept, 1 but for one uniform mu in twenty).
 
     ## Arguments
     - `anchors=3`: 3, 4 or 5; each has an id of its own, such as `SADA-UAV-4Anchors-v0`.
-    - `agent="waypoint-pid"`: a shipped pilot (`waypoint-pid`, `ppo`), a file of weights that our
+    - `agent="ppo"`: a shipped pilot (`ppo`, `waypoint-pid`), a file of weights that our
       training scripts wrote, a perception network (`WaypointNetwork`), or an SB3 model trained on
       `SADA-RacingTask-v0`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
@@ -94,7 +94,7 @@ class UAVApplication(EpisodesApplication[Races]):
         self,
         anchors: int = 3,
         *,
-        agent: str | Path | PilotLike = "waypoint-pid",
+        agent: str | Path | PilotLike = "ppo",
         agent_id: str | None = None,
     ) -> None:
         self.template, self.anchors = template(anchors), int(anchors)
@@ -144,7 +144,6 @@ class UAVApplication(EpisodesApplication[Races]):
                     {
                         "gates_passed": int((ended == Ending.PASSED).sum()),
                         "endings": [Ending(code).name.lower() for code in ended],
-                        "touched": races.touched[i].tolist(),
                         "time_s": float(races.time_s[i]),
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(sharpest[i]),
@@ -159,9 +158,9 @@ class UAVApplication(EpisodesApplication[Races]):
         for start in range(0, len(mu), LOCKSTEP):
             rows = slice(start, start + LOCKSTEP)
             tracks = self.template.tracks(mu[rows])
-            with closing(Races(benchmark_starts(tracks, seeds[rows]))) as races:
-                play(pilot, races)
-                yield tracks, races
+            races = Races(benchmark_starts(tracks, seeds[rows]))
+            play(pilot, races)
+            yield tracks, races
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image where the pilot first misses, beside a map of the race."""

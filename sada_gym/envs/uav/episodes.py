@@ -1,17 +1,16 @@
 """Races in lockstep, the episodes of UAV racing: drones, the gates they pass, those they miss.
 
 A gate is passed when the drone crosses its opening, in the gate's direction and in the gates'
-order. A gate is missed when that takes longer than `GATE_LIMIT_S`, or when the drone is lost: on
-its back on the ground, out of the world, or with an action that is not a finite number. Then the
-drone is set back at rest into the last gate that it passed, and the race goes on to the gate after
-the missed one.
+order. A gate is missed when the drone touches a frame or the ground on the way there, when that
+takes longer than `GATE_LIMIT_S`, or when the drone is lost: out of the world, or with an action
+that is not a finite number. Then the drone is set back at rest into the last gate that it passed,
+and the race goes on to the gate after the missed one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -30,11 +29,10 @@ from sada_gym.envs.uav.world.drone import (
     upright,
 )
 from sada_gym.envs.uav.world.guidance import waypoints
-from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
+from sada_gym.envs.uav.world.physics import free_bodies
 from sada_gym.envs.uav.world.referee import (
-    frames_near,
+    Ending,
     judge,
-    lost_ones,
     observed_gates,
     observed_motion,
     orders,
@@ -57,15 +55,6 @@ ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (4,), np.float32)
 
 _SUBSTEPS = SIMULATION_HZ // POLICY_HZ
 _GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
-
-
-class Ending(IntEnum):
-    """What became of a gate."""
-
-    AHEAD = 0
-    PASSED = 1
-    LATE = 2
-    LOST = 3
 
 
 @dataclass(frozen=True)
@@ -107,7 +96,7 @@ class Races(Episodes[Start]):
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
         endings: (n, g) int8, of `Ending`.
-        touched: (n, g) bool, where a drone touched anything on its way to a gate.
+        ended_at: (n, g, 3) where the drone was when a gate was passed or missed; NaN before.
         time_s: (n,) the time flown.
     """
 
@@ -123,12 +112,12 @@ class Races(Episodes[Start]):
         self.states = np.empty((count, 13))
         self.next_gate = np.zeros(count, np.intp)
         self.endings = np.zeros((count, gates), np.int8)
-        self.touched = np.zeros((count, gates), np.bool_)
+        self.ended_at = np.empty((count, gates, 3))
         self.time_s = np.zeros(count)
         self._since = np.zeros(count, np.int64)
         self._headings = np.empty(count)
         self._rotors = np.empty((count, 4))
-        self._worlds = [BulletWorld() for _ in range(-(-count // SLOTS))]
+        self._commands = np.empty((count, 4))
         for i, start in enumerate(starts):
             self.begin(i, start)
 
@@ -145,10 +134,8 @@ class Races(Episodes[Start]):
         self.next_gate[i] = start.first
         self.endings[i] = Ending.AHEAD
         self.endings[i, : start.first] = Ending.PASSED
-        self.touched[i] = False
+        self.ended_at[i] = np.nan
         self.steps[i], self.time_s[i], self._since[i] = 0, 0.0, 0
-        world, slot = divmod(i, SLOTS)
-        self._worlds[world].fill(slot, start.state)
         self.place(i, start.state)
 
     def place(self, i: int, state: Array) -> None:
@@ -156,16 +143,15 @@ class Races(Episodes[Start]):
         self.states[i] = state
         self._headings[i] = heading_of(*state[3:7])
         self._rotors[i] = MASS_KG * GRAVITY_M_S2 / 4
-        world, slot = divmod(i, SLOTS)
-        self._worlds[world].place(slot, state)
 
     def under_way(self) -> Indices:
         """Give the races that are not over."""
         return np.flatnonzero(self.next_gate < self.gates.shape[1])
 
     def moment(self) -> Batch:
-        """Give states, what became of each gate, and the time flown."""
-        return {"states": self.states, "endings": self.endings, "time_s": self.time_s}
+        """Give states, what became of each gate and where, and the time flown."""
+        names = ("states", "endings", "ended_at", "time_s")
+        return {name: getattr(self, name) for name in names}
 
     def waypoints(self, which: Indices, ahead: int = 0) -> Array:
         """Give the true waypoints of some drones, (n, 4): see `guidance`.
@@ -202,63 +188,28 @@ class Races(Episodes[Start]):
             UserError: If the actions are of another shape.
         """
         actions = self._checked(which, actions)
-        # no such number may reach PyBullet, where the others are
-        lost = ~np.isfinite(actions).all(axis=1) | lost_ones(self.states[which])
         self.steps[which] += 1
-        for i in which[lost].tolist():
-            self._miss(i, Ending.LOST)
-        actions[lost] = 0.0
-        actions = np.clip(actions, -1.0, 1.0)
-        flying = self.next_gate[which] < self.gates.shape[1]
-        for number, world in enumerate(self._worlds):
-            here = flying & (which // SLOTS == number)
-            if here.any():
-                self._fly(world, which[here], actions[here])
-        self._miss_lost_and_late(which[flying])
-        for i in which[self.next_gate[which] == self.gates.shape[1]].tolist():
-            # it would fall to the ground, and cost the others time there
-            self._worlds[i // SLOTS].clear(i % SLOTS)
-
-    def close(self) -> None:
-        """Free the worlds; doing it again is fine."""
-        for world in self._worlds:
-            world.close()
-
-    def _fly(self, world: BulletWorld, which: Indices, actions: Array) -> None:
-        slots = (which % SLOTS).tolist()
-        states, gates = self.states[which], self.gates[which]
-        near = frames_near(gates, states)
-        for row, slot in enumerate(slots):
-            world.surround(slot, gates[row], near[row].tolist())
-        commands, headings = orders(actions, states, self._headings[which])
-        rotors, wrenches = self._rotors[which], np.empty((len(which), 6))
-        next_gate, endings = self.next_gate[which], self.endings[which]
-        touched, time_s = self.touched[which], self.time_s[which]
-        since = self._since[which]
+        flight = self.states, self.next_gate, self.endings, self.ended_at
+        # no number that is none may reach PyBullet, where the others are
+        orders(which, actions, *flight, self._headings, self._commands)
+        self._set_back(which)
+        which = which[self.next_gate[which] < self.gates.shape[1]]
+        bodies = free_bodies()
+        bodies.place(self.states[which, :7])
+        clock = self.time_s, self._since, _GATE_LIMIT
         for _ in range(_SUBSTEPS):
-            control(states, commands, headings, rotors, wrenches)
-            after = world.push(slots, states, wrenches)
-            judge(states, after, wrenches, gates, next_gate, endings, touched, time_s, since)
-            states = after
-        self.states[which], self._headings[which] = states, headings
-        self._rotors[which] = rotors
-        self.next_gate[which], self.endings[which] = next_gate, endings
-        self.touched[which], self.time_s[which] = touched, time_s
-        self._since[which] = since
+            before = self.states[:, :3].copy()
+            control(which, self.states, self._commands, self._headings, self._rotors)
+            self.states[which, :7] = bodies.step(self.states[which, 7:])
+            judge(which, before, self.gates, *flight, *clock)
+        self._set_back(which)
 
-    def _miss_lost_and_late(self, which: Indices) -> None:
-        """Set back the drones that are lost or late."""
-        lost = lost_ones(self.states[which])
-        late = self._since[which] >= _GATE_LIMIT
-        for i, is_lost in zip(which[lost | late].tolist(), lost[lost | late], strict=True):
-            if self.next_gate[i] < self.gates.shape[1]:
-                self._miss(i, Ending.LOST if is_lost else Ending.LATE)
-
-    def _miss(self, i: int, how: Ending) -> None:
-        """Set a drone back where it came from; the race goes on without the gate it missed."""
-        self.endings[i, self.next_gate[i]] = how
-        self.next_gate[i] += 1
-        self._since[i] = 0
-        passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
-        last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
-        self.place(i, upright(last[:3], last[3]))
+    def _set_back(self, which: Indices) -> None:
+        """Set drones that miss a gate back where they came from; the race goes on without it."""
+        next_gate = np.minimum(self.next_gate[which], self.gates.shape[1] - 1)
+        for i in which[self.endings[which, next_gate] > Ending.PASSED].tolist():
+            self.next_gate[i] += 1
+            self._since[i] = 0
+            passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
+            last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
+            self.place(i, upright(last[:3], last[3]))

@@ -12,15 +12,18 @@ from sada_gym.application import Frame
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Ending, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Start
 from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import line
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0
 _FINER = 2
-_SEEN_FROM_M, _IN_VIEW_DEG = 4.0, 30.0
+_CROSS = 9
+"""Half the size of the cross where a drone hit something, in the finer picture's pixels."""
+_SEEN_FROM_M, _IN_VIEW_DEG = 6.0, 30.0
 """A drone's picture is best taken at this distance from a gate, and with the gate within this angle
 from the camera's axis."""
 
@@ -39,7 +42,7 @@ def summary(rollout: Rollout[Start]) -> Frame:
     """Draw the camera's picture where the first gate is missed (or half-way), beside the track."""
     step, moment = summary_moment(rollout)
     passed = int((rollout["endings"][-1] == Ending.PASSED).sum())
-    pair = _pair(rollout, step, rollout["endings"][-1], flown_ways(rollout, len(rollout["states"])))
+    pair = _pair(rollout, step, len(rollout["states"]))
     text = (
         f"{_track(rollout)}: {passed} of {len(rollout.start.gates)} gates passed in "
         f"{rollout['time_s'][-1]:.1f} s   {moment}"
@@ -61,7 +64,7 @@ def frames(rollout: Rollout[Start]) -> list[Frame]:
             f"{_track(rollout)}   {rollout['time_s'][step]:4.1f} s   "
             f"{np.linalg.norm(state[7:10]):4.1f} m/s   {passed} passed   {missed} missed   {goal}"
         )
-        pair = _pair(rollout, step, endings, flown_ways(rollout, step + 1))
+        pair = _pair(rollout, step, step + 1)
         drawn.append(stacked([pair, caption(text, pair.width)]))
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
@@ -85,22 +88,30 @@ def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
     off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
     in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
     step = since + int(np.lexsort((far, ~in_view, ~before))[0])
-    return step, f"seen: on the way to gate {gate + 1}"
+    how = Ending(int(rollout["endings"][late, gate])).name.lower()
+    return step, f"seen: on the way to gate {gate + 1} ({how})"
 
 
 def flown_ways(rollout: Rollout[Start], until: int) -> tuple[Array, ...]:
-    """Give the ways flown, cut where the drone was set back."""
-    missed = (rollout["endings"][:until] > Ending.PASSED).sum(axis=1)
-    cuts = np.flatnonzero(np.diff(missed)) + 1
-    return tuple(np.split(rollout["states"][:until, :2], cuts))
+    """Give the ways flown, each to the place where a gate was missed and the drone set back."""
+    missed = rollout["endings"][:until] > Ending.PASSED
+    cuts = np.flatnonzero(np.diff(missed.sum(axis=1))) + 1
+    ways = np.split(rollout["states"][:until, :2], cuts)
+    for way, cut in enumerate(cuts.tolist()):
+        gate = int((missed[cut] & ~missed[cut - 1]).argmax())
+        ways[way] = np.vstack([ways[way], rollout["ended_at"][cut, gate, :2]])
+    return tuple(ways)
 
 
-def _pair(
-    rollout: Rollout[Start], step: int, endings: npt.NDArray[np.int8], ways: tuple[Array, ...]
-) -> Image.Image:
-    state = rollout["states"][step]
-    drone = np.array([*state[:2], heading_of(*state[3:7])])
-    plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(endings, ways, drone)
+def _pair(rollout: Rollout[Start], step: int, until: int) -> Image.Image:
+    """Draw what the camera sees at a step, beside the race up to another."""
+    state, endings = rollout["states"][step], rollout["endings"][until - 1]
+    plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
+        endings,
+        flown_ways(rollout, until),
+        np.array([*state[:2], heading_of(*state[3:7])]),
+        rollout["ended_at"][until - 1, endings == Ending.HIT, :2],
+    )
     return beside(Image.fromarray(observation(rollout.start, state)), plan)
 
 
@@ -135,6 +146,7 @@ class Plan:
         endings: npt.ArrayLike | None = None,
         flown: tuple[Array, ...] = (),
         drone: Array | None = None,
+        hits: Array | None = None,
     ) -> Image.Image:
         """Draw the track.
 
@@ -142,6 +154,7 @@ class Plan:
             endings: (g,) of `Ending`; by default all gates are ahead.
             flown: The ways flown, (k, 2) each.
             drone: The drone's x, y and heading.
+            hits: (k, 2) where it hit something; each is marked by a cross.
         """
         side = self.size * _FINER
         picture = Image.new("RGB", (side, side), _FIELD)
@@ -158,6 +171,12 @@ class Plan:
             aside = gate[:2] + 2.9 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
             (place,) = self._pixels(aside[None])
             draw.text(place, str(number), fill=colour, font=font, anchor="mm")
+        for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
+            for ink, width in (((255, 255, 255), 14), (INK, 6)):
+                for up in (-_CROSS, _CROSS):
+                    draw.line(
+                        [(x - _CROSS, y - up), (x + _CROSS, y + up)], fill=colour, width=width
+                    )
         if drone is not None:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)

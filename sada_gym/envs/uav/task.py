@@ -12,10 +12,11 @@ from gymnasium.vector import AutoresetMode
 from sada_gym.envs.episodes.base import Array, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.uav.course import Course
-from sada_gym.envs.uav.episodes import POLICY_HZ, Ending, Races, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, Races, Start
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import GATES
 
-PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD, TOUCH_REWARD = 0.5, 2.0, -5.0, -0.5
+PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0
 
 
 class RacingTask(Task[Races]):
@@ -29,7 +30,6 @@ class RacingTask(Task[Races]):
     def _step(self, episodes: Races, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         everyone = np.arange(len(episodes))
         gate = episodes.next_gate.copy()
-        touched = episodes.touched.copy()
         before = _distances(episodes, gate)
         episodes.step(everyone, actions)
         ended = episodes.endings[everyone, gate]
@@ -39,7 +39,6 @@ class RacingTask(Task[Races]):
             PROGRESS_REWARD_PER_M * np.where(missed, 0.0, nearer)
             + GATE_REWARD * passed
             + MISS_REWARD * missed
-            + TOUCH_REWARD * (episodes.touched & ~touched).any(axis=1)
         )
         return reward
 
@@ -47,7 +46,8 @@ class RacingTask(Task[Races]):
         """Say which races are terminated, and which are truncated: out of time."""
         endings = self.episodes.endings
         late = (endings == Ending.LATE).any(axis=1)
-        done = (endings == Ending.LOST).any(axis=1) | (endings[:, -1] == Ending.PASSED)
+        done = np.isin(endings, (Ending.HIT, Ending.LOST)).any(axis=1)
+        done |= endings[:, -1] == Ending.PASSED
         return done, late
 
     def info(self, i: int) -> dict[str, Any]:
@@ -73,7 +73,8 @@ class RacingTaskEnv(TaskEnv):
     ## Description
     The drone is a rigid body in PyBullet with a flight controller at 240 Hz; the pilot decides at
     20 Hz. It gets the places of the next two gates, and no image. A gate is passed when the drone
-    crosses its opening, in its direction and in the gates' order. Frames are solid.
+    crosses its opening, in its direction and in the gates' order. Who touches a frame or the ground
+    misses it.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`: wanted velocity to where the drone heads, to its left and up, 1 is
@@ -88,16 +89,15 @@ class RacingTaskEnv(TaskEnv):
     | `motion` | `Box(-1, 1, (9,), float32)` | velocity in the level frame, in 16 m/s; the world's up in the drone's frame; turning rates about the drone's axes, in 10 rad/s |
 
     ## Rewards
-    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, -5 for a
-    gate missed, and -0.5 where, for the first time on the way to a gate, a frame or the ground is
-    touched.
+    A step: 0.5 for every metre nearer to the next gate's opening, 2 for a gate passed, and -5 for a
+    gate missed.
 
     ## Starting State
     Between two gates of a random track of the course, flying.
 
     ## Episode End
-    Terminated after the last gate, or where the drone is lost: on its back on the ground, or out of
-    the world. Truncated when a gate was not passed in 10 s: the last observation is then of the
+    Terminated after the last gate, or where the drone touches a frame or the ground, or leaves the
+    world. Truncated when a gate was not passed in 10 s. After a miss the last observation is of the
     drone set back at the last gate, where the race would go on to the gate after the missed one.
     `info` holds `gates_passed`, `time_s`, `is_success`.
 

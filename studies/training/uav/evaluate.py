@@ -22,6 +22,9 @@ from studies.training.uav.recipe import MILD
 if TYPE_CHECKING:
     from sada_gym.envs.uav.agent.pilot import PilotLike
 
+NEAR = 0.05
+"""The standard deviation by which a mu that fooled is moved, to see whether it fools near by."""
+
 
 @dataclass(frozen=True)
 class TrackFigures:
@@ -35,8 +38,9 @@ class TrackFigures:
         samples: Uniform mu.
         fooled: How many of them fooled the pilot.
         mean_score: Their mean Q.
-        reference_passed: Share of those tracks' gates that the privileged pilot passes.
-        feasible: On how many of those tracks it is not fooled.
+        again: How many of these fooled it again with another seed.
+        near: How many did, moved by `NEAR`, with another seed.
+        feasible: On how many of those tracks the privileged pilot is not fooled.
     """
 
     template_gates: int
@@ -46,12 +50,13 @@ class TrackFigures:
     samples: int
     fooled: int
     mean_score: float
-    reference_passed: float
+    again: int
+    near: int
     feasible: int
 
 
 def measure(
-    pilot: PilotLike, *, seed: int, starts: int = 32, mild: int = 100, samples: int = 400
+    pilot: PilotLike, *, seed: int, starts: int = 32, mild: int = 100, samples: int = 500
 ) -> dict[int, TrackFigures]:
     """Measure a pilot on the tracks of every number of anchor points.
 
@@ -71,6 +76,12 @@ def measure(
         _, _, on_mild = evaluate_uniform(application, mild, rng, spread=MILD.spread)
         mu, seeds, outcomes = evaluate_uniform(application, samples, rng)
         reference = application.reference_score(mu, seeds)
+        fooling = mu[outcomes.fooled]
+        moved = np.clip(fooling + rng.normal(0, NEAR, fooling.shape), -1, 1)
+        again, near = (
+            int(application.evaluate(at, rng.integers(2**31, size=len(at)).tolist()).fooled.sum())
+            for at in (fooling, moved)
+        )
         figures[anchors] = TrackFigures(
             template_gates=starts * GATES,
             template_passed=_passed(template),
@@ -79,7 +90,8 @@ def measure(
             samples=samples,
             fooled=int(outcomes.fooled.sum()),
             mean_score=float(outcomes.score.mean()),
-            reference_passed=float(reference.mean()),
+            again=again,
+            near=near,
             feasible=int((reference > application.fooling_threshold).sum()),
         )
     return figures
@@ -89,15 +101,17 @@ def table(figures: dict[int, TrackFigures]) -> str:
     """Write the figures as a Markdown table."""
     lines = [
         "| anchors | gates passed, template | gates passed, mild tracks | mean Q, uniform mu "
-        "| fooled by uniform mu (95 % interval) | privileged pilot: gates passed | not fooled |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| fooled by uniform mu (95 % interval) | of these again | near "
+        "| privileged pilot: not fooled |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for anchors, f in figures.items():
         lines.append(
             f"| {anchors} | {_share(f.template_passed, f.template_gates)} "
             f"| {_share(f.mild_passed, f.mild_gates)} | {f.mean_score:.2f} "
             f"| {rate(f.fooled, f.samples)} "
-            f"| {100 * f.reference_passed:.1f} % | {100 * f.feasible / f.samples:.1f} % |"
+            f"| {_share(f.again, f.fooled)} | {_share(f.near, f.fooled)} "
+            f"| {100 * f.feasible / f.samples:.1f} % |"
         )
     return "\n".join(lines)
 
@@ -107,7 +121,7 @@ def _passed(outcomes: Outcomes) -> int:
 
 
 def _share(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.1f} % of {whole:,}"
+    return f"{100 * part / whole:.1f} % of {whole:,}" if whole else "none"
 
 
 def main() -> None:

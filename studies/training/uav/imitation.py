@@ -18,7 +18,9 @@ from sada_gym.envs.uav.agent.drone_frame import motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import Ending, Races
+from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.world.guidance import SPEED_M_S
+from sada_gym.envs.uav.world.referee import Ending
 from studies.training.common import Imitation
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters
@@ -55,7 +57,7 @@ def gather(
     rng: np.random.Generator,
 ) -> int:
     """Fly for a round, the expert a share of the races; give how many drones went astray."""
-    pilot, expert, drones = WaypointPilot(network), PrivilegedPilot(), settings.lockstep
+    pilot, expert, drones = WaypointPilot(network), PrivilegedPilot(SPEED_M_S), settings.lockstep
     races = Races([settings.course.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
     by_expert = rng.random(drones) < expert_share
@@ -79,7 +81,6 @@ def gather(
             races.begin(i, settings.course.draw(rng))
             by_expert[i] = rng.random() < expert_share
             push[i] = 0.0
-    races.close()
     return astray
 
 

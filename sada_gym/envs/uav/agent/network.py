@@ -41,9 +41,9 @@ class WaypointNetwork(nn.Module):
         )
         with torch.no_grad():
             flat = self.convolutions(torch.zeros(1, 3, ROWS, COLUMNS)).shape[1]
-        # attributes are the weights' names in files: `seen` is of the image, `felt` of the motion
+        # attributes name the weights in files: `seen` reads the image, `motion` the drone's motion
         self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
-        self.felt = nn.Sequential(nn.Linear(MOTIONS, 32), nn.ReLU())
+        self.motion = nn.Sequential(nn.Linear(MOTIONS, 32), nn.ReLU())
         self.head = nn.Sequential(nn.Linear(160, 64), nn.ReLU(), nn.Linear(64, 6))
 
     def forward(self, light: Tensor, motion: Tensor) -> Tensor:
@@ -57,7 +57,7 @@ class WaypointNetwork(nn.Module):
             (n, 6): the opening's centre in 10 m, and the direction in which to pass it.
         """
         image = self.seen(self.convolutions(light - 0.5))
-        joint = torch.cat([image, self.felt(motion)], dim=1)
+        joint = torch.cat([image, self.motion(motion)], dim=1)
         answer: Tensor = self.head(joint)
         return answer
 

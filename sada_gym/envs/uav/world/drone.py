@@ -124,19 +124,20 @@ def _rotors(thrust: float, torque: Array) -> Array:
 
 @kernel
 def control(
-    states: Array, commands: Array, headings: Array, rotors: Array, wrenches: Array
+    which: npt.NDArray[np.intp], states: Array, commands: Array, headings: Array, rotors: Array
 ) -> None:
-    """Take one step of the flight controller and the rotors of n drones.
+    """Take one step of the flight controller, the rotors and the velocities of some of n drones.
 
     Args:
-        states: (n, 13) position, quaternion xyzw, velocity and angular velocity, in the world.
+        which: The indices of these drones.
+        states: (n, 13) position, quaternion xyzw, velocity and angular velocity, in the world;
+            velocities are changed in place.
         commands: (n, 4) wanted velocity in the world in m/s, and turning rate in rad/s.
         headings: (n,) wanted heading; changed in place.
         rotors: (n, 4) thrust in N; changed in place.
-        wrenches: (n, 6) filled with force and torque on the body, in the world.
     """
     error, torque = np.empty(3), np.empty(3)
-    for i in range(states.shape[0]):
+    for i in which:
         s = states[i]
         r = rotation(s[3], s[4], s[5], s[6])
         headings[i] += commands[i, 3] / SIMULATION_HZ
@@ -163,8 +164,11 @@ def control(
             torque[1] -= _SIGNS[k, 0] * ARM_X_M * rotors[i, k]
             torque[2] += _SIGNS[k, 2] * TORQUE_PER_THRUST_M * rotors[i, k]
         for k in range(3):
-            wrenches[i, k] = r[k, 2] * thrust - MASS_KG * DRAG_PER_S * s[7 + k]
-            wrenches[i, 3 + k] = r[k, 0] * torque[0] + r[k, 1] * torque[1] + r[k, 2] * torque[2]
+            pull = r[k, 2] * thrust / MASS_KG - DRAG_PER_S * s[7 + k]
+            pull -= GRAVITY_M_S2 if k == 2 else 0.0
+            turn = r[k, 0] * torque[0] + r[k, 1] * torque[1] + r[k, 2] * torque[2]
+            s[7 + k] += pull / SIMULATION_HZ
+            s[10 + k] += turn / INERTIA_KG_M2 / SIMULATION_HZ
 
 
 def upright(place: Sequence[float], heading: float) -> Array:

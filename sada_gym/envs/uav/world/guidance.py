@@ -20,7 +20,7 @@ TOP_SPEED_M_S = 16.0
 TOP_TURN_RAD_S = 4.0
 """The turning rate that a command of 1 means, to the left."""
 SPEED_M_S = 11.5
-"""The one speed of the guidance, chosen by `studies/racing_speeds.py`."""
+"""The speed at which a pilot with a camera is guided."""
 LEAD = 0.25
 """A drone aims before the gate by this share of the distance, so as to come in along its axis."""
 TURN_GAIN_PER_S = 4.0

@@ -6,28 +6,39 @@ Scalar loops compiled by numba: what becomes of a drone never depends on the oth
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel
-from sada_gym.envs.uav.world.drone import GRAVITY_M_S2, MASS_KG, SIMULATION_HZ, heading_of, rotation
+from sada_gym.envs.uav.world.contact import touches
+from sada_gym.envs.uav.world.drone import SIMULATION_HZ, heading_of, rotation
 from sada_gym.envs.uav.world.gates import OPENING_HEIGHT_M, OPENING_WIDTH_M
 from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S, TOP_TURN_RAD_S
-from sada_gym.envs.uav.world.physics import FRAMES, REACH_M
-from sada_gym.envs.uav.world.track import to_frame
 
 UNIT_M, UNIT_RAD_S = 20.0, 10.0
 """The distance and the turning rate that are observed as 1."""
 WORLD_M, CEILING_M = 80.0, 15.0
 """A drone further from the middle, or higher, is lost."""
-FALLEN_M = 0.5
-"""A drone that is lower and upside down is lost."""
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Endings = npt.NDArray[np.int8]
 
 _MOST_WINDUP_RAD = 0.3
-_TOUCH_M_S = 1e-6
+_MOST = 1_000.0
+"""No velocity of a drone is as great."""
+
+
+class Ending(IntEnum):
+    """What became of a gate: passed, or missed in one of three ways."""
+
+    AHEAD = 0
+    PASSED = 1
+    HIT = 2
+    LATE = 3
+    LOST = 4
 
 
 @kernel
@@ -62,94 +73,118 @@ def observed_motion(states: Array) -> npt.NDArray[np.float32]:
 
 
 @kernel
-def frames_near(gates: Array, states: Array) -> npt.NDArray[np.int64]:
-    """Give the frames that a drone could touch soon, nearest first: (n, FRAMES), -1 for none."""
-    near = np.full((len(states), FRAMES), -1)
-    least = np.empty(FRAMES)
-    for i in range(len(states)):
-        least[:] = REACH_M
-        for k in range(gates.shape[1]):
-            away = to_frame(gates[i, k], states[i, 0], states[i, 1])
-            at = FRAMES
-            while at > 0 and away < least[at - 1]:
-                at -= 1
-            if at < FRAMES:
-                for m in range(FRAMES - 1, at, -1):
-                    near[i, m], least[m] = near[i, m - 1], least[m - 1]
-                near[i, at], least[at] = k, away
-    return near
+def orders(
+    which: Indices,
+    actions: Array,
+    states: Array,
+    next_gate: Indices,
+    endings: Endings,
+    ended_at: Array,
+    headings: Array,
+    commands: Array,
+) -> None:
+    """Turn the actions of some of n drones into commands, or end their gates as lost.
 
-
-@kernel
-def orders(actions: Array, states: Array, headings: Array) -> tuple[Array, Array]:
-    """Turn actions into the flight controller's commands and the headings that it starts from."""
-    commands, begun = np.empty((len(actions), 4)), np.empty(len(actions))
-    for i in range(len(actions)):
-        s = states[i]
+    Args:
+        which: (m,) the indices of these drones.
+        actions: (m, 4).
+        states: (n, 13).
+        next_gate: (n,).
+        endings: (n, g), changed in place where an action or a state is not possible.
+        ended_at: (n, g, 3), changed in place there.
+        headings: (n,) from which the flight controller starts; changed in place.
+        commands: (n, 4) to the flight controller, changed in place.
+    """
+    for row in range(len(which)):
+        i = which[row]
+        s, action = states[i], actions[row]
+        if is_lost(s) or not np.isfinite(action).all():
+            endings[i, next_gate[i]] = Ending.LOST
+            ended_at[i, next_gate[i]] = s[:3]
+            commands[i] = 0.0
+            continue
         heading = heading_of(s[3], s[4], s[5], s[6])
-        forward, left = actions[i, 0], actions[i, 1]
+        forward, left, up, turn = np.minimum(np.maximum(action, -1.0), 1.0)
         over = max(math.hypot(forward, left), 1.0)
         forward, left = forward / over * TOP_SPEED_M_S, left / over * TOP_SPEED_M_S
         cosine, sine = math.cos(heading), math.sin(heading)
         commands[i, 0] = forward * cosine - left * sine
         commands[i, 1] = forward * sine + left * cosine
-        commands[i, 2] = actions[i, 2] * TOP_SPEED_M_S
-        commands[i, 3] = actions[i, 3] * TOP_TURN_RAD_S
+        commands[i, 2] = up * TOP_SPEED_M_S
+        commands[i, 3] = turn * TOP_TURN_RAD_S
         behind = (headings[i] - heading + math.pi) % (2 * math.pi) - math.pi
-        begun[i] = heading + min(max(behind, -_MOST_WINDUP_RAD), _MOST_WINDUP_RAD)
-    return commands, begun
+        headings[i] = heading + min(max(behind, -_MOST_WINDUP_RAD), _MOST_WINDUP_RAD)
 
 
 @kernel
 def judge(
+    which: Indices,
     before: Array,
-    after: Array,
-    wrenches: Array,
     gates: Array,
-    next_gate: npt.NDArray[np.intp],
-    endings: npt.NDArray[np.int8],
-    touched: npt.NDArray[np.bool_],
+    states: Array,
+    next_gate: Indices,
+    endings: Endings,
+    ended_at: Array,
     time_s: Array,
     since: npt.NDArray[np.int64],
+    limit: int,
 ) -> None:
-    """See which gates were passed in one step of the simulation, and what was touched."""
-    for i in range(len(before)):
+    """See what became of the next gates of some of n drones in one step of the simulation.
+
+    Args:
+        which: The indices of these drones.
+        before: (n, 3) where they were.
+        gates: (n, g, 4).
+        states: (n, 13) as they are now.
+        next_gate: (n,), changed in place where a gate was passed. A gate that was missed stays the
+            next one, and nothing happens to its drone any more, until `Races` sets that back.
+        endings: (n, g), changed in place.
+        ended_at: (n, g, 3) where the drone was when a gate ended; changed in place.
+        time_s: (n,), changed in place.
+        since: (n,) steps since the last gate ended; changed in place.
+        limit: The steps in which a gate has to be passed.
+    """
+    for i in which:
         k = next_gate[i]
-        if k == gates.shape[1]:
+        if k == gates.shape[1] or endings[i, k] != Ending.AHEAD:
             continue
         time_s[i] += 1 / SIMULATION_HZ
         since[i] += 1
-        for axis in range(3):
-            pull = wrenches[i, axis] / MASS_KG - (GRAVITY_M_S2 if axis == 2 else 0.0)
-            free = before[i, 7 + axis] + pull / SIMULATION_HZ
-            if abs(after[i, 7 + axis] - free) > _TOUCH_M_S:
-                touched[i, k] = True
-        g = gates[i, k]
-        cosine, sine = math.cos(g[3]), math.sin(g[3])
-        was = (before[i, 0] - g[0]) * cosine + (before[i, 1] - g[1]) * sine
-        now = (after[i, 0] - g[0]) * cosine + (after[i, 1] - g[1]) * sine
-        if not was < 0.0 <= now:
-            continue
-        share = was / (was - now)
-        x = before[i, 0] + share * (after[i, 0] - before[i, 0]) - g[0]
-        y = before[i, 1] + share * (after[i, 1] - before[i, 1]) - g[1]
-        z = before[i, 2] + share * (after[i, 2] - before[i, 2]) - g[2]
-        if abs(y * cosine - x * sine) <= OPENING_WIDTH_M / 2 and abs(z) <= OPENING_HEIGHT_M / 2:
-            endings[i, k] = 1
-            next_gate[i] = k + 1
-            since[i] = 0
+        if is_lost(states[i]):
+            endings[i, k] = Ending.LOST
+        elif touches(states[i], gates[i]):
+            endings[i, k] = Ending.HIT
+        elif _passes(before[i], states[i], gates[i, k]):
+            endings[i, k] = Ending.PASSED
+            next_gate[i], since[i] = k + 1, 0
+        elif since[i] >= limit:
+            endings[i, k] = Ending.LATE
+        if endings[i, k] != Ending.AHEAD:
+            ended_at[i, k] = states[i, :3]
 
 
 @kernel
-def lost_ones(states: Array) -> npt.NDArray[np.bool_]:
-    """Say which drones are on their backs, out of the world or no finite numbers."""
-    lost = np.empty(len(states), np.bool_)
-    for i in range(len(states)):
-        s = states[i]
-        at_home = abs(s[0]) < WORLD_M and abs(s[1]) < WORLD_M and -1.0 < s[2] < CEILING_M
-        fallen = s[2] < FALLEN_M and rotation(s[3], s[4], s[5], s[6])[2, 2] < 0.0
-        sane = True
-        for k in range(7, 13):
-            sane = sane and math.isfinite(s[k])
-        lost[i] = fallen or not (at_home and sane)
-    return lost
+def _passes(before: Array, after: Array, gate: Array) -> bool:
+    """Say whether a drone crosses a gate's opening on the way from one place to another."""
+    cosine, sine = math.cos(gate[3]), math.sin(gate[3])
+    was = (before[0] - gate[0]) * cosine + (before[1] - gate[1]) * sine
+    now = (after[0] - gate[0]) * cosine + (after[1] - gate[1]) * sine
+    if not was < 0.0 <= now:
+        return False
+    share = was / (was - now)
+    x = before[0] + share * (after[0] - before[0]) - gate[0]
+    y = before[1] + share * (after[1] - before[1]) - gate[1]
+    z = before[2] + share * (after[2] - before[2]) - gate[2]
+    left = y * cosine - x * sine
+    inside: bool = abs(left) <= OPENING_WIDTH_M / 2 and abs(z) <= OPENING_HEIGHT_M / 2
+    return inside
+
+
+@kernel
+def is_lost(state: Array) -> bool:
+    """Say whether a drone (13,) is out of the world, or not in any possible state."""
+    x, y, z = state[:3]
+    inside = abs(x) < WORLD_M and abs(y) < WORLD_M and -1.0 < z < CEILING_M
+    for k in range(3, 13):
+        inside = inside and abs(state[k]) < _MOST
+    return not inside
