@@ -26,14 +26,14 @@ CARD = ApplicationCard(
         AgentCard(
             "photographer",
             "detection/agent/photographer.safetensors",
-            "9a7ec7022a5388f2692c60a08b404d9f20f2cc67a08f4a652b61f2cf6648b016",
+            "026277a23ae6b1f26f9cf7e2f7e0c3851653adf93a48ee622041249cb31d4e0a",
             "detector trained on the views that people photograph; the default",
             "AP50 98.6 % on the views that people photograph",
         ),
         AgentCard(
             "surveyor",
             "detection/agent/surveyor.safetensors",
-            "6c62a41b9911d7ba3f836d0a52c1a5f6ff2d3049dff255e66ce8c0b410624c3f",
+            "7806ad6c00e2bad10f5d43f287a995b34024205095702575d0cfc09d0e986ab7",
             "the same with one training view in ten from everywhere",
             "AP50 98.7 % on the views that people photograph",
         ),
