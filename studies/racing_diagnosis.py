@@ -57,9 +57,8 @@ def lengths(endings: Sequence[str]) -> list[int]:
 
 def print_misses(agent: str, samples: int) -> None:
     """Fly uniform mu, and tell what a miss costs and how it came."""
-    print(
-        "\n| anchors | laps without a miss | misses of one gate | of more | most | hit | late | lost |"
-    )
+    kinds = "misses of one gate | of more | most | hit | late | lost"
+    print(f"\n| anchors | laps without a miss | {kinds} |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for anchors in TEMPLATES:
         application = UAVApplication(anchors, agent=agent)
