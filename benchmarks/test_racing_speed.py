@@ -7,7 +7,6 @@ import statistics
 import time
 
 import numpy as np
-import pybullet
 import pytest
 
 from sada_gym.envs.uav.agent.network import WaypointNetwork
@@ -15,7 +14,7 @@ from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
-from sada_gym.envs.uav.world.physics import SLOTS, BulletWorld
+from sada_gym.envs.uav.world.physics import FreeBodies
 
 RNG = np.random.default_rng(0)
 MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)
@@ -45,6 +44,8 @@ def flown(application, count):
 @pytest.mark.parametrize(
     ("name", "agent", "count"),
     [
+        ("a batch, ppo", "ppo", LOCKSTEP),
+        ("one race, ppo", "ppo", 1),
         ("a batch, told the truth", PrivilegedPilot(), LOCKSTEP),
         ("a batch, seeing", Looking(WaypointNetwork()), LOCKSTEP),
         ("one race, seeing", Looking(WaypointNetwork()), 1),
@@ -58,19 +59,15 @@ def test_evaluations(benchmark, name, agent, count):
 
 
 def test_bare_stepping(benchmark):
-    world = BulletWorld()
-
-    def start():
-        for slot in range(SLOTS):  # so high that no round ends on the ground
-            world.fill(slot, upright((0, 0, 200), 0))
+    bodies, velocities = FreeBodies(), RNG.normal(0, 5, (LOCKSTEP, 6))
+    bodies.place(np.tile(upright((0, 0, 200), 0)[:7], (LOCKSTEP, 1)))
 
     def step():
         for _ in range(STEPS):
-            pybullet.stepSimulation(world._client)
+            bodies.step(velocities)
 
-    benchmark.pedantic(step, setup=start, rounds=5)
-    record(benchmark, "bare stepping", SLOTS * STEPS / SIMULATION_HZ)
-    world.close()
+    benchmark.pedantic(step, rounds=5)
+    record(benchmark, "bare stepping", LOCKSTEP * STEPS / SIMULATION_HZ)
 
 
 def test_the_ratios(capsys):

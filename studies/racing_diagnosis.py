@@ -57,8 +57,9 @@ def lengths(endings: Sequence[str]) -> list[int]:
 
 def print_misses(agent: str, samples: int) -> None:
     """Fly uniform mu, and tell what a miss costs and how it came."""
-    print("\n| anchors | laps without a miss | misses of one gate | of more | most | late | lost |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    kinds = "misses of one gate | of more | most | hit | late | lost"
+    print(f"\n| anchors | laps without a miss | {kinds} |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for anchors in TEMPLATES:
         application = UAVApplication(anchors, agent=agent)
         rng = np.random.default_rng(0)
@@ -69,15 +70,15 @@ def print_misses(agent: str, samples: int) -> None:
         alone = runs.count(1)
         print(
             f"| {anchors} | {100 * (outcomes.score == 1).mean():.0f} % | {alone} "
-            f"| {len(runs) - alone} | {max(runs, default=0)} | {endings.count('late')} "
-            f"| {endings.count('lost')} |",
+            f"| {len(runs) - alone} | {max(runs, default=0)} | {endings.count('hit')} "
+            f"| {endings.count('late')} | {endings.count('lost')} |",
             flush=True,
         )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--agent", default="waypoint-pid")
+    parser.add_argument("--agent", default="ppo")
     parser.add_argument("--samples", type=int, default=500, help="flown to see what a miss costs")
     arguments = parser.parse_args()
     print_turns(1_000)

@@ -31,8 +31,8 @@ PUBLISHED = {
     ("SADA-Driving-Straight-v0", "cil"): "c7b2afedd804c31a",
     ("SADA-Driving-Straight-v0", "cil-augmented"): "5cf5a7e585c112f5",
     ("SADA-Driving-Straight-v0", "ppo"): "041a26fb9608de26",
-    ("SADA-UAV-3Anchors-v0", "waypoint-pid"): "ed0dba64ff75a370",
-    ("SADA-UAV-3Anchors-v0", "ppo"): "469f256bee6685b8",
+    ("SADA-UAV-3Anchors-v0", "waypoint-pid"): "daaec9758aed2f1a",
+    ("SADA-UAV-3Anchors-v0", "ppo"): "19524a301fb174d0",
 }
 
 

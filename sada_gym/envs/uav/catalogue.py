@@ -18,7 +18,7 @@ CARD = ApplicationCard(
         AgentCard(
             "waypoint-pid",
             "uav/agent/waypoint-pid.safetensors",
-            "c26fa779414358f7d365e858cde0633fc1df652e4b02c98b33df3c214379c9e6",
+            "ee7c8c5cb21ce57d9c8f03f0f3d51ecabf61891e3a770006925e0042e6df0b57",
             "sees where the next gate is and flies there; trained on mild tracks",
             "passes 99.6 to 100 % of the gates",
         ),

@@ -87,6 +87,8 @@ def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
     places = np.concatenate([of.project(state, centre[None]) for state in flown])
     off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
     in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
+    if not (in_view & before).any():  # a drone that leans far may never have it in view
+        far = np.nan_to_num(off, nan=np.inf)
     step = since + int(np.lexsort((far, ~in_view, ~before))[0])
     how = Ending(int(rollout["endings"][late, gate])).name.lower()
     return step, f"seen: on the way to gate {gate + 1} ({how})"
@@ -174,9 +176,7 @@ class Plan:
         for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
             for ink, width in (((255, 255, 255), 14), (INK, 6)):
                 for up in (-_CROSS, _CROSS):
-                    draw.line(
-                        [(x - _CROSS, y - up), (x + _CROSS, y + up)], fill=colour, width=width
-                    )
+                    draw.line([(x - _CROSS, y - up), (x + _CROSS, y + up)], fill=ink, width=width)
         if drone is not None:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)

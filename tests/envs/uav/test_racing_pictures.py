@@ -5,7 +5,7 @@ import pytest
 
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
-from sada_gym.envs.uav.episodes import REPLAY_HZ, Ending
+from sada_gym.envs.uav.episodes import REPLAY_HZ
 from sada_gym.envs.uav.pictures import (
     VIEW_COLUMNS,
     VIEW_ROWS,
@@ -14,10 +14,13 @@ from sada_gym.envs.uav.pictures import (
     summary,
     summary_moment,
 )
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import GATES, line
 
 GREEN, RED = (22, 163, 74), (220, 38, 38)
 BLIND = (3, 6)
+MISSED = (3, 4, 6)
+"""Where it is blind, and where it hits the frame of the gate that it missed."""
 MU = np.zeros(8)
 
 
@@ -59,7 +62,7 @@ def replay(application):
 
 def test_a_rollout_scores_as_the_evaluation_does(application, failed):
     outcome = application.evaluate(MU[None], [5])
-    assert failed.score == outcome.score[0] == 1 - len(BLIND) / GATES
+    assert failed.score == outcome.score[0] == 1 - len(MISSED) / GATES
     assert failed["time_s"][-1] == outcome.infos[0]["time_s"]
 
 
@@ -75,7 +78,7 @@ def test_a_replay_shows_every_decision(failed, replay):
     assert len(frames) == -(-(len(failed["states"]) - 1) // 2) + REPLAY_HZ  # the end stays a second
     assert UAVApplication.render_fps == REPLAY_HZ
     assert painted(frames[0], GREEN) == painted(frames[0], RED) == 0
-    assert painted(frames[-1], GREEN) > 50 * (GATES - len(BLIND))
+    assert painted(frames[-1], GREEN) > 50 * (GATES - len(MISSED))
     assert painted(frames[-1], RED) > 50
 
 
@@ -87,7 +90,7 @@ def test_frames_have_one_even_shape(flown, failed, replay):
 
 def test_the_summary_looks_before_the_first_gate_missed(application, failed):
     step, text = summary_moment(failed)
-    assert text == f"seen: on the way to gate {BLIND[0] + 1}"
+    assert text == f"seen: on the way to gate {BLIND[0] + 1} (lost)"
     assert failed["endings"][step, BLIND[0]] == Ending.AHEAD
     assert failed["endings"][step, BLIND[0] - 1] == Ending.PASSED
     assert painted(summary(failed), RED) > 50
@@ -117,13 +120,15 @@ def test_two_gates_may_end_between_two_decisions(failed):
     endings[2, :2] = Ending.PASSED, Ending.LOST
     moments = {key: value[:3] for key, value in failed.moments.items()}
     rollout = replace(failed, moments={**moments, "endings": endings})
-    assert summary_moment(rollout) == (1, "seen: on the way to gate 2")
+    assert summary_moment(rollout) == (1, "seen: on the way to gate 2 (lost)")
 
 
 def test_the_way_is_cut_where_the_drone_was_set_back(failed):
     ways = flown_ways(failed, len(failed["states"]))
-    assert len(ways) == 1 + len(BLIND)
-    assert sum(len(way) for way in ways) == len(failed["states"])
+    assert len(ways) == 1 + len(MISSED)
+    assert sum(len(way) for way in ways) == len(failed["states"]) + len(MISSED)
+    for way, gate in zip(ways, MISSED, strict=False):
+        np.testing.assert_array_equal(way[-1], failed["ended_at"][-1, gate, :2])
     for way in ways:
         assert np.hypot(*np.diff(way, axis=0).T).max() < 1
 

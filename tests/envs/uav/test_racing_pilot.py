@@ -39,20 +39,11 @@ def said(outcome):
     ]
 
 
-BRIEF = [3, 4, 7, 8, 9, 10, 12, 13, 17, 19]
-"""Races of `waypoint-pid` that are over soon; in the ninth it touches two frames."""
-TOUCHING = [0, 2, 5, 9, 10, 13, 14, 15, 17, 18, 19, 20, 22, 23, 28, 29, 31, 45]
-"""Races of `ppo` that touch frames, more than fly in one world.
-
-When a frame was one body of four bars, number 13 depended on number 22.
-"""
-
-
 @pytest.mark.parametrize(
     ("agent", "numbers"),
     [
-        ("waypoint-pid", BRIEF),
-        ("ppo", TOUCHING),
+        ("waypoint-pid", range(10)),
+        ("ppo", range(20)),
         pytest.param("waypoint-pid", range(256), marks=pytest.mark.slow),
         pytest.param("ppo", range(256), marks=pytest.mark.slow),
     ],
@@ -63,7 +54,7 @@ def test_a_race_does_not_depend_on_the_others_in_the_batch(agent, numbers):
     mu = np.random.default_rng(1).uniform(-1, 1, (256, 10)).astype(np.float32)[seeds]
     turned = np.random.default_rng(3).permutation(len(seeds))
     together = said(application.evaluate(mu, seeds.tolist()))
-    assert any(any(info["touched"]) for info in together)
+    assert any("hit" in info["endings"] for info in together)
     shuffled = said(application.evaluate(mu[turned], seeds[turned].tolist()))
     assert shuffled == [together[i] for i in turned]
     for i in (0, 4, 5):

@@ -3,8 +3,8 @@ import pytest
 
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.course import Course
-from sada_gym.envs.uav.episodes import Ending
 from sada_gym.envs.uav.task import RacingTaskEnv
+from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import GATES
 
 
@@ -40,6 +40,19 @@ def test_who_flies_out_of_the_world_is_lost():
         assert not truncated
     assert reward < -4
     assert Ending.LOST in env.task.episodes.endings[0]
+
+
+def test_the_task_ends_where_the_drone_touches_the_ground():
+    env = RacingTaskEnv()
+    env.reset(seed=2)
+    terminated = False
+    while not terminated:
+        action = np.array([0.0, 0.0, -0.3, 0.0], np.float32)
+        _, reward, terminated, truncated, info = env.step(action)
+        assert not truncated
+    assert reward == -5
+    assert not info["is_success"]
+    assert env.task.episodes.endings[0, 0] == Ending.HIT
 
 
 @pytest.mark.parametrize(
