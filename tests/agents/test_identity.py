@@ -26,8 +26,8 @@ from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
 
 PUBLISHED = {
-    ("SADA-Detection-Car-v0", "photographer"): "9b6f2142377702c1",
-    ("SADA-Detection-Car-v0", "surveyor"): "ede9c03cfa8b820c",
+    ("SADA-Detection-Car-v0", "photographer"): "710dee85db84a4c1",
+    ("SADA-Detection-Car-v0", "surveyor"): "dde3d92be527df0e",
     ("SADA-Driving-Straight-v0", "cil"): "c7b2afedd804c31a",
     ("SADA-Driving-Straight-v0", "cil-augmented"): "5cf5a7e585c112f5",
     ("SADA-Driving-Straight-v0", "ppo"): "041a26fb9608de26",
