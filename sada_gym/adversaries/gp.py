@@ -19,7 +19,7 @@ from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
 
 MOST_POINTS = 20_000
-"""The most points that the process is fitted to: the paper's N. Time grows with its third power."""
+"""The most points that the process is fitted to: the paper's N. Memory grows with its square."""
 
 CONSTANT = "all scores of Omega are equal: samples are uniform"
 

@@ -2,7 +2,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
@@ -78,9 +78,50 @@ def test_hyper_parameters_tell_the_dimension_that_matters():
     assert log_marginal_likelihood(kernel, x, y)[0] > start
 
 
-def test_the_factorisation_copies_no_matrix():
-    """LAPACK would silently copy an array in the other order."""
+def by_gradients(monkeypatch, inducing=200):
+    monkeypatch.setattr(exact_gp, "_MOST_FACTORISED", 0)
+    monkeypatch.setattr(exact_gp, "_INDUCING", inducing)
+
+
+@pytest.mark.parametrize("dimension", [1, 3, 8])
+@pytest.mark.parametrize("noise", [1e-3, 0.05, 10.0])
+@pytest.mark.parametrize("copies", [1, 2])
+def test_conjugate_gradients_give_the_factorisations_mean(dimension, noise, copies, monkeypatch):
+    kernel, x, y, at = case(dimension, n=600)
+    kernel = Kernel(kernel.length_scales, kernel.signal, noise)
+    x, y = np.repeat(x, copies, axis=0), np.repeat(y, copies)
+    expected = predict_mean(kernel, x, fit_weights(kernel, x, y), at)
+    by_gradients(monkeypatch)
+    monkeypatch.setattr(exact_gp, "_factorise", None)  # it must not be needed
+    assert_allclose(predict_mean(kernel, x, fit_weights(kernel, x, y), at), expected, atol=1e-8)
+
+
+def test_what_too_few_steps_do_not_solve_is_factorised(monkeypatch):
+    kernel, x, y, _ = case(3, n=300)
+    expected = fit_weights(kernel, x, y)
+    by_gradients(monkeypatch)
+    monkeypatch.setattr(exact_gp, "_MOST_STEPS", 1)
+    assert (fit_weights(kernel, x, y) == expected).all()
+
+
+@pytest.mark.parametrize("dimension", [2, 8])
+def test_conjugate_gradients_choose_the_same_samples(dimension, monkeypatch):
+    def samples(seed):
+        adversary = GP(dimension, seed=seed, subset=100)
+        adversary.train(FunctionOracle(lambda mu: np.abs(mu).max(axis=1), 500))
+        return adversary.sample(100)
+
+    factorised = [samples(seed) for seed in range(3)]
+    by_gradients(monkeypatch)
+    assert_array_equal([samples(seed) for seed in range(3)], factorised)
+
+
+@pytest.mark.parametrize("gradients", [False, True])
+def test_no_solver_copies_the_matrix(gradients, monkeypatch):
+    """LAPACK and BLAS would silently copy an array in the other order."""
     kernel, x, y, _ = case(2, n=3000)
+    if gradients:
+        by_gradients(monkeypatch, inducing=100)
     tracemalloc.start()
     fit_weights(kernel, x, y)
     _, peak = tracemalloc.get_traced_memory()

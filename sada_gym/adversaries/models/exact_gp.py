@@ -2,7 +2,8 @@
 
 scikit-learn's regressor computes the same, but holds three (n, n) matrices at once, which are 10 GB
 at n = 20,000, and thirty where it differentiates the marginal likelihood in 8 dimensions (measured
-with its version 1.9 at n = 3,000 and 6,000). This module holds one, and six.
+with its version 1.9 at n = 3,000 and 6,000). This module holds one, and five. Beyond 4,000 points
+it solves by conjugate gradients, which take n^2 operations a step, a factorisation n^3.
 """
 
 from __future__ import annotations
@@ -11,13 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
+from scipy.linalg import blas, cho_factor, cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize
+from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.distance import cdist
 
 Array = npt.NDArray[np.float64]
 
-_BLOCK = 1_000
+_BLOCK = 200  # larger arrays would be mapped, and their pages cleared, anew for each block
+_MOST_FACTORISED = 4_000
+_INDUCING, _JITTER = 1_000, 1e-8
+_TOLERANCE, _MOST_STEPS = 1e-11, 300
 _START = (2.0, 1.0, 0.1)
 _LENGTH_SCALE_BOUNDS, _SIGNAL_BOUNDS, _NOISE_BOUNDS = (0.02, 200.0), (0.01, 100.0), (1e-4, 10.0)
 _ITERATIONS = 50
@@ -61,14 +66,22 @@ def log_marginal_likelihood(kernel: Kernel, x: Array, y: Array) -> tuple[float, 
     """
     z = x / kernel.length_scales
     distance = cdist(z, z)
-    signal = kernel.signal * np.exp(-distance)
+    signal = np.negative(distance)
+    np.exp(signal, out=signal)
+    signal *= kernel.signal
     factor = _factorise(kernel, signal.copy())
     weights = _solve(factor, y)
     value = -0.5 * y @ weights - np.log(factor.diagonal()).sum() - 0.5 * len(y) * np.log(2 * np.pi)
 
     inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    slope = 0.5 * (np.outer(weights, weights) - inverse)
+    slope = np.outer(weights, weights)
+    for start in range(0, len(y), _BLOCK):  # dpotri writes the lower triangle alone
+        stop = start + _BLOCK
+        slope[start:stop, :start] -= inverse[start:stop, :start]
+        slope[:start, start:stop] -= inverse[start:stop, :start].T
+        corner = np.tril(inverse[start:stop, start:stop])
+        slope[start:stop, start:stop] -= corner + np.tril(corner, -1).T
+    slope *= 0.5
     by_noise = kernel.noise * np.trace(slope)
     slope *= signal
     by_signal = slope.sum()
@@ -104,9 +117,12 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
 
 
 def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
-    """Solve (K + noise I) w = y for all n points by one Cholesky factorisation in place.
+    """Solve (K + noise I) w = y for all n points.
 
-    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000, of which one half is written.
+    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000, of which one half is written. Up to
+    4,000 points it factorises the matrix in place. Beyond, it takes conjugate gradients down to a
+    residual of 1e-11 of y, and factorises only where 300 steps do not reach that: in up to three
+    dimensions where the noise is hardly above 0 and y is rough all the same.
 
     Returns:
         (n,) the weights: the posterior mean at a is k(a, x) w (Rasmussen & Williams 2006, 2.27).
@@ -116,13 +132,45 @@ def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
     for start in range(0, n, _BLOCK):
         upper[start : start + _BLOCK, start:] = kernel(x[start : start + _BLOCK], x[start:])
     # the transpose is LAPACK's own order, so that nothing is copied
-    return _solve(_factorise(kernel, upper.T), y)
+    covariance = upper.T
+    if n > _MOST_FACTORISED:
+        np.fill_diagonal(covariance, kernel.signal + kernel.noise)
+        product = LinearOperator(
+            (n, n), lambda v: blas.dsymv(1.0, covariance, v, lower=1), dtype=y.dtype
+        )
+        rough = _rough_inverse(kernel, x)
+        weights, left = cg(product, y, rtol=_TOLERANCE, maxiter=_MOST_STEPS, M=rough)
+        if not left:
+            return np.asarray(weights)
+    return _solve(_factorise(kernel, covariance), y)
 
 
 def predict_mean(kernel: Kernel, x: Array, weights: Array, at: Array) -> Array:
     """Give the posterior mean at (m, d): (m,)."""
     blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
     return np.concatenate([kernel(block, x) @ weights for block in blocks])
+
+
+def _rough_inverse(kernel: Kernel, x: Array) -> LinearOperator:
+    """Give the inverse of an approximation of K + noise I, which makes conjugate gradients short.
+
+    The approximation is exact on the diagonal and of rank 1,000 elsewhere: FITC (Snelson &
+    Ghahramani 2006, "Sparse Gaussian processes using pseudo-inputs"), inverted by Woodbury's
+    identity.
+    """
+    points = x[:_INDUCING]
+    root = kernel(points, points)
+    root[np.diag_indices_from(root)] += _JITTER * kernel.signal
+    features = solve_triangular(np.linalg.cholesky(root), kernel(points, x), lower=True)
+    rest = kernel.noise + np.maximum(kernel.signal - (features**2).sum(axis=0), 0.0)
+    inner = np.eye(len(points)) + (features / rest) @ features.T
+    factor = cho_factor(inner, lower=True)
+
+    def solve(v: Array) -> Array:
+        solved: Array = (v - features.T @ cho_solve(factor, features @ (v / rest))) / rest
+        return solved
+
+    return LinearOperator((len(x), len(x)), solve, dtype=x.dtype)
 
 
 def _kernel(logs: Array) -> Kernel:

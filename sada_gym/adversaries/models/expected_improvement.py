@@ -37,6 +37,15 @@ def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Arr
     return improvement
 
 
+def lowest(values: Array, count: int) -> npt.NDArray[np.intp]:
+    """Give the indices of the lowest values, lowest first, earlier ones first among equals."""
+    if count < len(values):
+        among = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
+    else:
+        among = np.arange(len(values))
+    return among[np.argsort(values[among], kind="stable")[:count]]
+
+
 class Search:
     """Chooses points one after another under one fit of the kernel.
 
@@ -127,11 +136,10 @@ class Search:
         """
         improvement = self._improvement()
         evaluated = np.flatnonzero(self._evaluated)
-        lowest = np.argsort(self._posterior.mean[evaluated], kind="stable")[:_WATCHED]
         worth = improvement.copy()
-        worth[evaluated[lowest]] = np.inf
-        slots = np.argsort(worth, kind="stable")[: _CENTRES * _NEIGHBOURS]
-        best = np.argsort(-improvement, kind="stable")[:_CENTRES]
+        worth[evaluated[lowest(self._posterior.mean[evaluated], _WATCHED)]] = np.inf
+        slots = lowest(worth, _CENTRES * _NEIGHBOURS)
+        best = lowest(-improvement, _CENTRES)
         centres = np.repeat(self._posterior.pool[best], _NEIGHBOURS, axis=0)
         radius = 10.0 ** self._rng.uniform(_NEAREST, _FARTHEST, (len(centres), 1))
         # beyond 1 a longer scale only means that the dimension does not matter

@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.floating[Any]]
 LEAST_NOISE = 1e-3
 """Least noise variance of a fit as a share of the signal's: float32 factors stay exact enough."""
 
-_BLOCK = 256
+_BLOCK, _PADDING = 256, 32
 _LENGTHS, _SIGNALS, _NOISES = (0.02, 200.0), (0.05, 20.0), (LEAST_NOISE, 10.0)
 _FIT_STEPS = 60
 
@@ -30,7 +30,10 @@ class Matern(Kernel):
     def __call__(self, a: Floats, b: Floats) -> Array:
         """Give the covariances of the function at a (n, d) and b (m, d): (n, m)."""
         r = _scaled_distances(a / self.length_scales, b / self.length_scales)
-        covariance: Array = self.signal * (1.0 + r + r * r / 3.0) * np.exp(-r)
+        covariance: Array = 1.0 + r
+        covariance += r * r / 3.0
+        covariance *= self.signal
+        covariance *= np.exp(np.negative(r, out=r), out=r)
         return covariance
 
 
@@ -104,7 +107,8 @@ class PoolPosterior:
         self._x = np.empty((capacity, pool.shape[1]))
         self._y, self._z = np.empty(capacity), np.zeros(capacity)
         self._l: Floats = np.zeros((capacity, capacity), dtype)
-        self._v: Floats = np.empty((capacity, len(pool)), dtype)
+        # columns a power of two apart would share their places in the processor's caches
+        self._v: Floats = np.empty((capacity, len(pool) + _PADDING), dtype)[:, : len(pool)]
         self._rows = self._valued = 0
         for i in range(0, len(x), _BLOCK):
             self._append(x[i : i + _BLOCK], y[i : i + _BLOCK])
@@ -164,7 +168,7 @@ class PoolPosterior:
         for i in range(0, self._rows, _BLOCK):
             j = min(i + _BLOCK, self._rows)
             rest = self._kernel(self._x[i:j], points) - self._l[i:j, :i] @ columns[:i]
-            solved = solve_triangular(self._l[i:j, i:j], rest, lower=True)
+            solved = solve_triangular(self._l[i:j, i:j], rest, lower=True, check_finite=False)
             columns[i:j] = solved
             mean += self._z[i:j] @ solved
             variance -= (solved**2).sum(axis=0)
@@ -174,9 +178,11 @@ class PoolPosterior:
 def _scaled_distances(a: Floats, b: Floats) -> Array:
     """Give sqrt(5) |a - b|, pairwise: (n, m)."""
     a, b = a.astype(np.float64), b.astype(np.float64)
-    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T)
-    distances: Array = np.sqrt(5.0 * np.maximum(squares, 0.0))
-    return distances
+    squares: Array = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
+    squares -= 2.0 * (a @ b.T)
+    np.maximum(squares, 0.0, out=squares)
+    squares *= 5.0
+    return np.sqrt(squares, out=squares)
 
 
 def _loss(theta: Array, x: Array, y: Array, mode: float) -> tuple[float, Array]:
