@@ -44,7 +44,7 @@ class Cost:
 
 
 COSTS: dict[str, Cost] = {}
-GP_RATIO = 2.5
+GP_RATIO = 2.0
 """How many times as long as `gp`'s solver a factorisation should take, at least."""
 
 
