@@ -47,7 +47,6 @@ def test_drones_stray_past_their_gate():
     state[:2] = x + 3 * np.cos(heading), y + 3 * np.sin(heading)
     races.place(1, state)
     assert strayed(races).tolist() == [False, True, False]
-    races.close()
 
 
 def test_a_round_gathers_what_it_should(network):
@@ -150,10 +149,13 @@ def test_a_measurement_counts_gates(network):
         assert (f.template_gates, f.mild_gates, f.samples) == (GATES, 2 * GATES, 3)
         assert 0 <= f.template_passed <= GATES
         assert 0 <= f.mean_score <= 1
+        assert 0 <= f.again <= f.fooled
+        assert 0 <= f.near <= f.fooled
 
 
-def test_the_recipes_train_on_mild_tracks_alone():
+def test_the_recipes_train_on_tracks_milder_than_uniform_ones():
     assert set(RECIPES) == {"waypoint-pid", "ppo"}
+    assert RECIPES["waypoint-pid"].course.spread == 0.25
+    assert RECIPES["ppo"].course.spread == 0.5
     for recipe in RECIPES.values():
-        assert recipe.course.spread == 0.25
         assert recipe.course.anchors == tuple(TEMPLATES)

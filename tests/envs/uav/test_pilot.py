@@ -99,7 +99,7 @@ def test_a_missing_or_foreign_file_is_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", [str, Path])
 def test_sb3s_files_are_refused_with_the_reason(kind):
-    message = r"among waypoint-pid, ppo, or a \.safetensors file, got the file mine\.zip\. SB3's"
+    message = r"among ppo, waypoint-pid, or a \.safetensors file, got the file mine\.zip\. SB3's"
     with pytest.raises(ValueError, match=rf"{message}.*pickles.*agent=PPO\.load\(file\)"):
         agents.load(kind("mine.zip"), "SADA-UAV")
 

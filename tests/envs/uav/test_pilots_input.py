@@ -79,7 +79,7 @@ def test_a_drone_that_is_told_nothing_costs_the_others_nothing():
             self.model = agents.load("ppo", "SADA-UAV")
 
         def predict(self, observation, *, deterministic):
-            if (observation["motion"][:, 1] > 0.2).any():
+            if (observation["motion"][:, 1] > 0.6).any():
                 torch.distributions.Normal(torch.full((3,), torch.nan), 1.0)
             return self.model.predict(observation, deterministic=deterministic)
 
