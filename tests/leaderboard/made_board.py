@@ -59,7 +59,7 @@ ENTRIES = (
     Made("boaster", 0.99, verified_rate=0.3, flags=(("claims", "It claims more than we found."),)),
     Made("ideal", 0.8, adversary="ideal"),
     Made("newcomer", 0.95, verified=False, paper="javascript:alert(1)"),
-    Made("racer", 0.5, tracks=RACING, agent="waypoint-pid", verified=False),
+    Made("racer", 0.5, tracks=RACING, agent="ppo", verified=False),
     Made("old", 0.97, changes=(("version", 99),)),
 )
 

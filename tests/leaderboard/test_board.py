@@ -125,13 +125,13 @@ def test_the_strongest_attack_is_verified_and_has_the_highest_lower_bound(board)
     assert lines[DIGITS[0]]["afr"].text == "89.0"  # of 90 % and 88 %
     assert lines[DIGITS[0]]["uniform_rate"].text == "34.6"
     assert lines[DIGITS[0]]["nominal"].text == "reads 98.9 % of the test images"
-    waypoint = next(
+    racing = next(
         line.cells
         for line in board.strongest.lines
-        if (line.cells["track"].text, line.cells["agent"].text) == (RACING[0], "waypoint-pid")
+        if (line.cells["track"].text, line.cells["agent"].text) == (RACING[0], "ppo")
     )
-    assert "entry" not in waypoint  # only claimed
-    assert waypoint["uniform_rate"].text == "3.7"
+    assert "entry" not in racing  # only claimed
+    assert racing["uniform_rate"].text == "3.7"
 
 
 def test_a_flagged_attack_is_not_the_strongest(tmp_path):

@@ -293,6 +293,8 @@ def test_unknown_classes_and_labels_are_refused(cad_folder):
         DetectionApplication("bus", shapes=cad_folder)
     with pytest.raises(ValueError, match=r"image_size of at least 32.*16"):
         DetectionApplication("car", image_size=16)
+    with pytest.raises(ValueError, match=r"sides are multiples of 16 pixels .* got 100 x 100"):
+        DetectionApplication("car", image_size=100)
 
 
 @pytest.mark.parametrize(
