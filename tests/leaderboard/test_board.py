@@ -131,7 +131,7 @@ def test_the_strongest_attack_is_verified_and_has_the_highest_lower_bound(board)
         if (line.cells["track"].text, line.cells["agent"].text) == (RACING[0], "ppo")
     )
     assert "entry" not in racing  # only claimed
-    assert racing["uniform_rate"].text == "3.7"
+    assert racing["uniform_rate"].text == "18.4"
 
 
 def test_a_flagged_attack_is_not_the_strongest(tmp_path):
