@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined
+from sada_gym.envs import hashing
 
 Triple = tuple[float, float, float]
 
@@ -45,13 +46,8 @@ def pixel_size(field_of_view_deg: float, columns: int) -> float:
     return 2 * float(np.tan(np.deg2rad(field_of_view_deg) / 2)) / columns
 
 
-@inlined
-def splitmix(state: np.uint64) -> np.uint64:
-    """Take one step of SplitMix64 (Steele, Lea, Flood 2014)."""
-    state = state + np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return state ^ (state >> np.uint64(31))
+splitmix = inlined(hashing.splitmix)
+"""`hashing.splitmix` in kernels, of one number."""
 
 
 @inlined

@@ -17,6 +17,7 @@ from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.images import checked_images, test_images
 from sada_gym.envs.digits.picture import beside, enlarged
+from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
 from sada_gym.parameters import Mu
 
@@ -147,7 +148,8 @@ class ClassifierApplication(Application):
 
     def _positions(self, seeds: Sequence[int]) -> npt.NDArray[np.intp]:
         # `seed % n` alone would show each stream its own images: its seeds share their lowest bits
-        return (_mixed(seeds) % np.uint64(len(self.indices))).astype(np.intp)
+        mixed = splitmix(np.array(seeds, np.uint64))
+        return (mixed % np.uint64(len(self.indices))).astype(np.intp)
 
     def _classified(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
         """Classify the changed images: probabilities (n, K)."""
@@ -180,17 +182,6 @@ class ClassifierApplication(Application):
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the changed image, which the classifier sees, enlarged."""
         return enlarged(self.attacked_image(mu, seed)[1])
-
-
-def _mixed(seeds: Sequence[int]) -> npt.NDArray[np.uint64]:
-    """Mix the bits of seeds: the output of SplitMix64 (Steele, Lea, Flood 2014) for each, (n,).
-
-    A generator a seed would take a tenth of an evaluation.
-    """
-    state = np.array(seeds, np.uint64) + np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return state ^ (state >> np.uint64(31))
 
 
 def _is_whole(given: Any) -> bool:

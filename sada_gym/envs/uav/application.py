@@ -67,10 +67,9 @@ class UAVApplication(EpisodesApplication[Races]):
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
     `fooled` (score <= 0.7), `seed`, `parameters`, `gates_passed`, `endings` (for each gate
     `passed`, `hit`, `late` or `lost`), `time_s` (the time for the course), and of the track
-    `length_m`, `sharpest_turn_deg` (the
-    greatest turn from the start or a gate to the next, of more than 180 where the track loops),
-    `closest_m` (the smallest distance between two frames) and `kept` (how much of the displacements
-    was kept, 1 but for one uniform mu in twenty).
+    `length_m`, `sharpest_turn_deg` (the greatest turn from the start or a gate to the next, of more
+    than 180 where the track loops), `closest_m` (the smallest distance between two frames) and
+    `kept` (how much of the displacements was kept, 1 but for one uniform mu in twenty).
 
     ## Arguments
     - `anchors=3`: 3, 4 or 5; each has an id of its own, such as `SADA-UAV-4Anchors-v0`.

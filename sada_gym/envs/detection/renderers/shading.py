@@ -13,7 +13,7 @@ import math
 
 from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import Array, GBuffer, KernelCamera, Lamp, Place
-from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic
+from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled
 
 SUPERSAMPLING = 2
 """Samples per pixel and axis, of the object."""
@@ -45,15 +45,6 @@ def _ray(camera: KernelCamera, u: float, v: float) -> Triple:
 def _unit(a: Triple) -> Triple:
     scale = 1 / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
     return (a[0] * scale, a[1] * scale, a[2] * scale)
-
-
-@inlined
-def _moved(point: Triple, direction: Triple, by: float) -> Triple:
-    return (
-        point[0] + by * direction[0],
-        point[1] + by * direction[1],
-        point[2] + by * direction[2],
-    )
 
 
 @inlined
@@ -252,7 +243,7 @@ def _surface(
         plain + metal * 0.6 * min(1.0, 0.15 + row[2]),
     )
     matt = 1 - 0.5 * metal
-    light = _moved(_light(slope, upward, place), floor, 0.35 * (1 - upward))
+    light = plus(_light(slope, upward, place), floor, 0.35 * (1 - upward))
     mirror = mix(tint, (1.0, 1.0, 1.0), fresnel)
     return (
         row[0] * matt * light[0] + 0.7 * mirror[0] * around[0] + tint[0] * peak * SUN[0],
@@ -286,22 +277,16 @@ def _object(
     b = (plane[3] * u + plane[4] * v + plane[5]) * depth
     c = 1.0 - a - b
     n0, n1, n2 = g.normals[corners[0]], g.normals[corners[1]], g.normals[corners[2]]
-    normal = _unit(
-        (
-            a * n0[0] + b * n1[0] + c * n2[0],
-            a * n0[1] + b * n1[1] + c * n2[1],
-            a * n0[2] + b * n1[2] + c * n2[2],
-        )
-    )
+    normal = _unit(plus(plus(scaled(n0, a), n1, b), n2, c))
     if plane[9] < 0.0:  # an open surface from behind
-        normal = (-normal[0], -normal[1], -normal[2])
+        normal = scaled(normal, -1.0)
     ray = _ray(camera, u, v)
-    point = _moved(camera.eye, ray, depth)
+    point = plus(camera.eye, ray, depth)
     ray = _unit(ray)
-    sun = _sunlit(_moved(point, normal, 0.06), 0.05, lamp)
+    sun = _sunlit(plus(point, normal, 0.06), 0.05, lamp)
     row = materials[min(g.materials[face], materials.shape[0] - 1)]
     colour = _surface(normal, ray, sun, row, lamp.back, place)
-    return _moved(colour, SUN, _glare(dot(ray, lamp.back)))
+    return plus(colour, SUN, _glare(dot(ray, lamp.back)))
 
 
 @uncounted
@@ -333,11 +318,7 @@ def compose(
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     across_step = SUPERSAMPLING * camera.step
-    across = (
-        across_step * camera.right[0],
-        across_step * camera.right[1],
-        across_step * camera.right[2],
-    )
+    across = scaled(camera.right, across_step)
     inverses, reaches, glares = rows[0], rows[1], rows[2]
     height, width = g.shown.shape
     scale = (TONE_STEPS - 1) / TONE_WHITE / samples
@@ -345,8 +326,8 @@ def compose(
         top = SUPERSAMPLING * j - g.row
         start = _ray(camera, 0.5 * SUPERSAMPLING, SUPERSAMPLING * (j + 0.5))
         for i in range(size):
-            x, y, z = start[0] + i * across[0], start[1] + i * across[1], start[2] + i * across[2]
-            inverses[i] = 1.0 / math.sqrt(x * x + y * y + z * z)
+            ray = plus(start, across, i)
+            inverses[i] = 1.0 / math.sqrt(dot(ray, ray))
         for i in range(size):
             reach = -camera.eye[2] / (inverses[i] * (start[2] + i * across[2]))
             reaches[i] = reach if 0.0 < reach < FAR_AWAY else FAR_AWAY
@@ -381,16 +362,12 @@ def compose(
                         place,
                         materials,
                     )
-                    red, green, blue = _moved((red, green, blue), light, count)
+                    red, green, blue = plus((red, green, blue), light, count)
             if covered < samples:
-                ray = (
-                    inverses[i] * (start[0] + i * across[0]),
-                    inverses[i] * (start[1] + i * across[1]),
-                    inverses[i] * (start[2] + i * across[2]),
-                )
+                ray = scaled(plus(start, across, i), inverses[i])
                 light = _background(camera.eye, ray, reaches[i], across_step, lamp, place)
-                light = _moved(light, SUN, glares[i])
-                red, green, blue = _moved((red, green, blue), light, samples - covered)
+                light = plus(light, SUN, glares[i])
+                red, green, blue = plus((red, green, blue), light, samples - covered)
             coverage[j, i] = covered
             image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]
             image[j, i, 1] = tone[min(int(green * scale + 0.5), TONE_STEPS - 1)]

@@ -82,9 +82,9 @@ def _shape(
     return Shape(
         name=name,
         object_class=object_class,
-        vertices=np.ascontiguousarray(vertices[:, :3]),
-        normals=np.ascontiguousarray(vertices[:, 3:] / length),
-        faces=np.ascontiguousarray(inverse.reshape(-1, 3), np.int32),
+        vertices=vertices[:, :3],
+        normals=vertices[:, 3:] / length,
+        faces=inverse.reshape(-1, 3).astype(np.int32),
         materials=material,
     )
 
