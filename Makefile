@@ -3,8 +3,10 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 OUT ?= runs/attack
+WORKERS ?= 2
+RESULTS = digits robot driving racing detection table-1 table-1-columns agents
 
-.PHONY: attack test test-all package lint docs bench clean
+.PHONY: attack test test-all package lint docs bench results clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -33,6 +35,14 @@ docs: $(VENV)/.installed  ## the documentation, warnings as errors
 
 bench: $(VENV)/.installed  ## speed, as ratios within one run
 	$(BIN)/pytest benchmarks -s
+
+# PLAN=--plan says what is missing and what it will cost; a stopped run goes on, on any machine
+results: $(VENV)/.installed  ## measure what the leaderboard's entries lack, and write the tables
+	for suite in $(RESULTS); do \
+	  $(BIN)/sada-gym benchmark --suite $$suite --out docs/results/$$suite \
+	    --entries leaderboard/entries --workers $(WORKERS) $(PLAN) || exit 1; \
+	done
+	$(BIN)/python -m leaderboard.tables
 
 clean:  ## the environment and what was built
 	rm -rf $(VENV) build docs/_build

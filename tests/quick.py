@@ -5,7 +5,6 @@ QUICK = {
     "bbgan-boost": {"steps": 5, "batch": 16, "generator": (16,), "discriminator": (16,)},
     "bayesian": {"candidates": 512, "components": (1, 2)},
     "cross-entropy": {"stages": 1},
-    "sada": {"rounds": 1, "models": ["trees"]},
     "trees": {"trees": 20},
     "level-set": {"rounds": 1, "models": ["trees"]},
     "ppo": {"hidden": (16,)},

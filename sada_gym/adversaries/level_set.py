@@ -1,7 +1,4 @@
-"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own).
-
-`sada` is `level-set` as it was when the published results were made.
-"""
+"""`level-set`: learn where the agent fails from all queries; sample that set evenly (our own)."""
 
 from __future__ import annotations
 
@@ -77,13 +74,11 @@ class LevelSet(Learner):
     See `LevelSetOptions`.
 
     Attributes:
-        ranks: Whether the surrogate predicts ranks of scores.
         level: Samples are drawn where p >= level.
     """
 
     name: ClassVar[str] = "level-set"
     packages = ("scikit-learn",)
-    ranks: ClassVar[bool] = True
     options_class = LevelSetOptions
     options: LevelSetOptions
     level: float = 0.5
@@ -106,9 +101,7 @@ class LevelSet(Learner):
         return omega
 
     def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
-        return Surrogate(
-            omega.mu, omega.score, self.threshold, rng, self.options.models, ranks=self.ranks
-        )
+        return Surrogate(omega.mu, omega.score, self.threshold, rng, self.options.models)
 
     def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
         """Choose the next queries from the pool: (count, d)."""
@@ -198,17 +191,6 @@ class LevelSet(Learner):
             accepted = self._surrogate(proposed) >= self.level
             mu[accepted] = proposed[accepted]
         return mu
-
-
-class SADA(LevelSet):
-    """Learns from the scores themselves, not from their ranks; all else is as in `level-set`.
-
-    The published results hold rows of this adversary. It will be removed when they hold those of
-    `level-set`.
-    """
-
-    name: ClassVar[str] = "sada"
-    ranks: ClassVar[bool] = False
 
 
 def _pool_size(queries: int) -> int:

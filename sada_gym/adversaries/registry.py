@@ -29,7 +29,6 @@ _TABLE: dict[str, str] = {
     "ppo": "sada_gym.adversaries.ppo:PPO",
     "sac": "sada_gym.adversaries.off_policy:SAC",
     "td3": "sada_gym.adversaries.off_policy:TD3",
-    "sada": "sada_gym.adversaries.level_set:SADA",
     "trees": "sada_gym.adversaries.trees:Trees",
     "level-set": "sada_gym.adversaries.level_set:LevelSet",
 }

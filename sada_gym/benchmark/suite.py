@@ -10,7 +10,7 @@ from pydantic import Field
 
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.paper import CLASS_COLUMNS, TABLE_1_COLUMNS
+from sada_gym.benchmark.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
 from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
@@ -153,9 +153,6 @@ class Suite(Strict):
         return range(self.seeds_of.get(track, self.seeds))
 
 
-_RL = ("reinforce", "ppo", "sac", "td3")
-
-
 def _by_name(*names: str) -> list[Contender]:
     """Give contenders that are called as their adversaries are."""
     return [Contender(label=name, adversary=name) for name in names]
@@ -170,19 +167,12 @@ CONTENDERS: tuple[Contender, ...] = (
     Contender(label="bbgan-boost (paper)", adversary="bbgan-boost", preset="paper"),
     *_by_name("bbgan", "bbgan-boost", "cross-entropy", "smc"),
     Contender(label="cma-mae", adversary="cma-mae", requires="ribs"),
-    *_by_name("sada", "trees", "level-set", *_RL),
+    *_by_name("trees", "level-set", "reinforce", "ppo", "sac", "td3"),
 )
 """All rows: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
 
-_NOT_YET = ("trees", "level-set")
-_IN_SUITES = tuple(c for c in CONTENDERS if c.label not in (*_RL, *_NOT_YET))
-"""The rows of most suites, as docs/results has them; the others are chosen by name.
-
-RL asks in small rollouts, which makes it slow where there are worlds to simulate.
-"""
-
-_WITH_RL = tuple(c for c in CONTENDERS if c.label != "sada")
-"""The rows of a suite whose worlds take next to no time."""
+_PAPER_ROWS = tuple(c for c in CONTENDERS if c.label in {IDEAL, *ROWS})
+"""The rows that the paper's tables have, and the ideal."""
 
 CONTROLS = frozenset(contender.adversary for contender in CONTENDERS if not contender.ranked)
 """The adversaries that have no rank, by name."""
@@ -209,16 +199,23 @@ _EQUAL_QUERIES = Table(
 _OTHER_AGENTS = Table(
     name="other-agents",
     title="Other agents",
-    note="The paper's budgets, one adversary or two of each kind, against the agents beside the "
-    "default.",
-    budget=_PAPER_BUDGETS.budget,
-    budget_of=_PAPER_BUDGETS.budget_of,
+    note="One adversary or two of each kind against the agents beside the default: 1,000 queries, "
+    "and 2,000 on detection, for every adversary.",
+    budget=Budget(queries=1_000),
+    budget_of={"SADA-Detection": Budget(queries=2_000)},
     agents="others",
-    rule=_PAPER_BUDGETS.rule,
-    contenders=(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "sada"),
+    contenders=(
+        *(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "smc"),
+        *("trees", "level-set", "sac"),
+    ),
 )
 TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
 """All tables of the suites, by name."""
+
+
+def _against_the_default(table: Table) -> Table:
+    """Give a table that attacks the default agent alone."""
+    return table.model_copy(update={"agents": "default"})
 
 
 def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
@@ -226,8 +223,8 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
     return Suite(
         name=suite.name,
         tracks=card.track_ids,
-        tables=tuple(TABLES[name] for name in suite.tables),
-        contenders=_WITH_RL if suite.with_rl else _IN_SUITES,
+        tables=tuple(_against_the_default(TABLES[name]) for name in suite.tables),
+        contenders=CONTENDERS,
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
         images=suite.images,
@@ -241,17 +238,39 @@ SUITES: tuple[Suite, ...] = (
     Suite(
         name="quick",
         tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
-        tables=(_EQUAL_QUERIES.model_copy(update={"agents": "default"}),),
-        contenders=_IN_SUITES,
+        tables=(_against_the_default(_EQUAL_QUERIES),),
+        contenders=CONTENDERS,
     ),
     Suite(
         name="table-1",
         tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
         tables=(_PAPER_BUDGETS,),
-        contenders=_IN_SUITES,
-        seeds_of=dict.fromkeys(_TABLE_1, 3),
+        contenders=_PAPER_ROWS,
+    ),
+    Suite(
+        name="table-1-columns",
+        tracks=_TABLE_1,
+        tables=(_PAPER_BUDGETS,),
+        contenders=CONTENDERS,
+    ),
+    Suite(
+        name="agents",
+        tracks=tuple(
+            track
+            for card in cards()
+            if card.suite is not None and len(card.agents) > 1
+            for track in card.track_ids
+        ),
+        tables=(_OTHER_AGENTS,),
+        contenders=CONTENDERS,
+        images=0,
     ),
 )
+"""All suites: one an application, and those that go across.
+
+`table-1` has the paper's rows in all of its columns. `table-1-columns` has all rows in the columns
+that are single tracks, for the budget of detection, 20,000 queries, is dear.
+"""
 
 
 def find_suite(name: str) -> Suite:

@@ -47,11 +47,10 @@ class SuiteCard:
 
     Attributes:
         name: What the command line calls it.
-        tables: The names of its tables: `paper-budgets`, `equal-queries`, `other-agents`.
+        tables: The names of its tables: `paper-budgets`, `equal-queries`.
         seeds: Number of seeds on each track.
         seeds_of: Another number for some tracks, by suffix.
         images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
-        with_rl: Whether the RL adversaries take part, for which worlds must take next to no time.
     """
 
     name: str
@@ -59,7 +58,6 @@ class SuiteCard:
     seeds: int = 1
     seeds_of: Mapping[str, int] = field(default_factory=dict)
     images: int = 4
-    with_rl: bool = False
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ def test_names_and_descriptions():
     assert adversaries.names() == [
         *("random", "archive", "gaussian", "gmm10", "gmm50", "svm", "gp", "bayesian"),
         *("bbgan", "bbgan-boost", "cross-entropy", "smc", "cma-mae"),
-        *("reinforce", "ppo", "sac", "td3", "sada"),
-        *("trees", "level-set"),
+        *("reinforce", "ppo", "sac", "td3", "trees", "level-set"),
     ]
     rows = {row.name: row for row in adversaries.describe()}
     assert list(rows) == adversaries.names()

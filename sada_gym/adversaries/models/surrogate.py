@@ -82,7 +82,6 @@ class Surrogate:
         threshold: The fooling threshold.
         rng: All randomness.
         models: The names of the `MODELS` to use.
-        ranks: Whether they predict the score's rank among all evaluated points, not the score.
 
     Attributes:
         raised: Whether the threshold was raised.
@@ -96,8 +95,6 @@ class Surrogate:
         threshold: float,
         rng: np.random.Generator,
         models: Sequence[str] = tuple(MODELS),
-        *,
-        ranks: bool = True,
     ) -> None:
         x = mu.astype(np.float64)
         least = min(_LEAST_FOOLING, len(score))
@@ -107,7 +104,7 @@ class Surrogate:
         self._stack: LogisticRegression | None = None
         if fooled.all():
             return
-        y = rankdata(score) / len(score) if ranks else score
+        y = rankdata(score) / len(score)
         # more threads would give other last bits
         with threadpool_limits(1):
             self.regressions = [MODELS[name](x, y, rng) for name in models]

@@ -44,8 +44,8 @@ CARD = ApplicationCard(
     reference_points=10_000,
     reference_seeds=5,
     suite=SuiteCard(
-        name="paper",
-        tables=("paper-budgets", "equal-queries"),
+        name="detection",
+        tables=("equal-queries",),
         seeds_of={"Bicycle": 3, "Motorbike": 3, "Truck": 3},
     ),
     case=RegistryCase(

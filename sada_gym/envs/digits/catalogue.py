@@ -23,6 +23,6 @@ CARD = ApplicationCard(
     reference_seeds=8,
     # with the Sobol seed 0, `bayesian` with the seed 0 would begin its search at the same points
     sobol_seed=2020,
-    suite=SuiteCard(name="digits", seeds=3, images=0, with_rl=True),
+    suite=SuiteCard(name="digits", seeds=3, images=0),
     case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
 )
