@@ -43,7 +43,7 @@ CARD = ApplicationCard(
         )
     },
     packages=("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
-    suite=SuiteCard(name="driving", seeds=3),
+    suite=SuiteCard(name="driving", seeds=3, images=0),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.driving.agent.swerving:Swerving",

@@ -34,6 +34,6 @@ CARD = ApplicationCard(
     packages=("torch", "stable-baselines3", "pymunk", "numba"),
     reference_points=4_000,
     reference_seeds=4,
-    suite=SuiteCard(name="robot", seeds=3),
+    suite=SuiteCard(name="robot", seeds=3, images=0),
     case=RegistryCase(slow=True, purity=PurityCase(4, (3,))),
 )

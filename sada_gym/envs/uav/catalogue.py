@@ -34,7 +34,7 @@ CARD = ApplicationCard(
     packages=("torch", "stable-baselines3", "pybullet", "numba"),
     reference_points=5_000,
     reference_seeds=5,
-    suite=SuiteCard(name="racing", seeds=3),
+    suite=SuiteCard(name="racing", seeds=3, images=0),
     case=RegistryCase(
         slow=True,
         quick_agent="sada_gym.envs.uav.agent.speechless:Speechless",
