@@ -197,10 +197,16 @@ def test_runs_that_would_share_a_place_are_refused(tmp_path):
     with pytest.raises(UserError, match=r"got Mine on SADA.* and mine on SADA.*would share one"):
         make_plan(chosen, tmp_path)
     same = find_suite("driving")
-    one = choose(same, tracks=same.tracks[:1], agents=["cil"], contenders=["random"])
-    with pytest.raises(UserError, match=r"paper-budgets and .*other-agents.*\(--tables\)"):
+    [table] = same.tables
+    twin = table.model_copy(update={"name": "twin"})  # has the rule of the other
+    one = choose(
+        same.model_copy(update={"tables": (table, twin)}),
+        tracks=same.tracks[:1],
+        contenders=["random"],
+    )
+    with pytest.raises(UserError, match=r"paper-budgets and .*twin.*\(--tables\)"):
         make_plan(one, tmp_path)
-    assert make_plan(choose(one, tables=["other-agents"]), tmp_path)
+    assert make_plan(choose(one, tables=["twin"]), tmp_path)
 
 
 @pytest.mark.parametrize(

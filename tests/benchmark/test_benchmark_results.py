@@ -101,9 +101,10 @@ def rows(results, table="equal-queries", agent="cil", track=None):
 def test_tables_take_the_results_of_their_rule_and_agents():
     results = (
         result([10], rule="paper-budgets"),
-        result([20], rule="paper-budgets", agent="ppo"),
+        result([20], rule="other-agents", agent="ppo"),
         result([30]),
         result([40], agent="ppo"),
+        result([50], rule="paper-budgets", agent="ppo"),  # this table has the default agent alone
     )
     found = results_of([entry("gp", *results)], tuple(TABLES.values()))
     assert {(run.table, run.agent): run.measures.fooled for run in found.runs} == {
@@ -132,7 +133,7 @@ def test_a_user_s_own_agent_is_the_default_one_of_its_application():
 def test_the_tables_of_rules_are_ours_or_plain():
     assert [table.name for table in tables_of({"equal-queries"})] == ["equal-queries"]
     ours = tables_of({"paper-budgets", "mine"})
-    assert [table.name for table in ours] == ["paper-budgets", "other-agents", "mine"]
+    assert [table.name for table in ours] == ["paper-budgets", "mine"]
     assert ours[-1].shows("mine", "SADA-Driving", "ppo")
 
 

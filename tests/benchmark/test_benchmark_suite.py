@@ -39,59 +39,76 @@ def test_the_suites_name_what_there_is():
     assert {c.label for c in CONTENDERS if not c.ranked} == {"ideal", "archive"}
 
 
-def test_the_paper_suite():
-    one = find_suite("paper")
-    assert set(one.tracks) == {track for track in tracks() if "Detection" in track}
-    assert [table.name for table in one.tables] == ["paper-budgets", "equal-queries"]
-    seeds = {track: len(one.seeds_on(track)) for track in one.tracks}
-    assert seeds.pop("SADA-Detection-Bicycle-v0") == seeds.pop("SADA-Detection-Truck-v0") == 3
-    assert seeds.pop("SADA-Detection-Motorbike-v0") == 3
-    assert set(seeds.values()) == {1}
-    rule = one.tables[0].budget_of["SADA-Detection"]
-    budgets = {label: queries(rule, label, 8) for label in ("random", "bbgan", "bayesian")}
-    assert budgets == {"random": 20_000, "bbgan": 20_000, "bayesian": 10_000}
-    assert queries(one.tables[0].budget, "bayesian", 3) == 1_000
+SEEDS_OF_DETECTION = {f"SADA-Detection-{name}-v0": 3 for name in ("Bicycle", "Motorbike", "Truck")}
+
+
+@pytest.mark.parametrize(
+    ("name", "application", "table", "seeds", "seeds_of"),
+    [
+        ("detection", "Detection", "equal-queries", 1, SEEDS_OF_DETECTION),
+        ("driving", "Driving", "paper-budgets", 3, {}),
+        ("racing", "UAV", "paper-budgets", 3, {}),
+        ("robot", "Robot", "paper-budgets", 3, {}),
+        ("digits", "Digits", "paper-budgets", 3, {}),
+    ],
+)
+def test_an_application_s_suite(name, application, table, seeds, seeds_of):
+    one = find_suite(name)
+    assert set(one.tracks) == {track for track in tracks() if f"-{application}-" in track}
+    assert [(each.name, each.agents) for each in one.tables] == [(table, "default")]
+    assert one.contenders == CONTENDERS
+    for track in one.tracks:
+        assert one.seeds_on(track) == range(seeds_of.get(track, seeds)), track
 
 
 def test_the_quick_suite():
     one = find_suite("quick")
-    assert [table.name for table in one.tables] == ["equal-queries"]
-    assert one.tables[0].agents == "default"
-    assert len(one.tracks) == 3
+    assert set(one.tracks) == set(SEEDS_OF_DETECTION)
+    assert [(table.name, table.agents) for table in one.tables] == [("equal-queries", "default")]
+    assert one.contenders == CONTENDERS
     assert [len(one.seeds_on(track)) for track in one.tracks] == [1, 1, 1]
 
 
-@pytest.mark.parametrize(("suite", "application"), [("driving", "Driving"), ("racing", "UAV")])
-def test_the_suites_of_driving_and_racing(suite, application):
-    one = find_suite(suite)
-    assert set(one.tracks) == {track for track in tracks() if application in track}
-    assert [len(one.seeds_on(track)) for track in one.tracks] == [3, 3, 3]
-    first, second = one.tables
-    assert first.budget_of.get(f"SADA-{application}", first.budget).queries == 1_000
-    assert first.contenders is None
-    assert {find_contender(label).label for label in second.contenders} == set(second.contenders)
+def test_the_budgets_of_the_tables():
+    paper_budgets, equal, others = (
+        suites.TABLES[name] for name in ("paper-budgets", "equal-queries", "other-agents")
+    )
+    detection = paper_budgets.budget_of["SADA-Detection"]
+    asked = {label: queries(detection, label, 8) for label in ("random", "bbgan", "bayesian")}
+    assert asked == {"random": 20_000, "bbgan": 20_000, "bayesian": 10_000}
+    assert queries(paper_budgets.budget, "bayesian", 3) == 1_000
+    for label in ("random", "bayesian", "bbgan-boost", "bbgan-boost (paper)"):
+        assert queries(equal.budget, label, 8) == 2_000
+        assert queries(others.budget, label, 8) == 1_000
+        assert queries(others.budget_of["SADA-Detection"], label, 8) == 2_000
+    assert set(equal.budget_of) == set()
+    assert {table.rule for table in suites.TABLES.values()} == set(suites.TABLES)
 
 
-def test_the_suite_of_digits_has_all_adversaries_rl_included():
-    one = find_suite("digits")
-    assert set(one.tracks) == {track for track in tracks() if "Digits" in track}
-    assert {c.label for c in CONTENDERS} - {c.label for c in one.contenders} == {"sada"}
-    assert {table.budget.queries for table in one.tables} == {1_000}
-    assert sum(len(one.seeds_on(track)) for track in one.tracks) == 30
+def test_the_suites_of_table_1_share_their_rule_with_those_of_the_applications():
+    rows, columns = find_suite("table-1"), find_suite("table-1-columns")
+    tracks_of_columns = {track for track in paper.TABLE_1_COLUMNS.values() if track}
+    assert set(columns.tracks) == tracks_of_columns
+    assert set(rows.tracks) == tracks_of_columns | set(paper.CLASS_COLUMNS.values())
+    assert set(rows.tracks) <= set(tracks())
+    assert {c.label for c in rows.contenders} == {IDEAL, *paper.ROWS} - {paper.FULL_SET}
+    assert columns.contenders == CONTENDERS
+    # one folder of entries serves them all, because the rule is the same
+    for one in (rows, columns, find_suite("driving"), find_suite("racing")):
+        assert one.tables == (suites.TABLES["paper-budgets"],)
 
 
-def test_the_suite_of_table_1_fills_all_ten_columns():
-    one = find_suite("table-1")
-    columns = {track for track in paper.TABLE_1_COLUMNS.values() if track}
-    assert set(one.tracks) == columns | set(paper.CLASS_COLUMNS.values())
-    assert set(one.tracks) <= set(tracks())
-    assert [len(one.seeds_on(track)) for track in one.tracks if track in columns] == [3] * 9
-    # its cells are those of the other suites, so that one folder serves them all
-    for name in ("paper", "driving", "racing"):
-        other = find_suite(name)
-        assert one.tables[0] == other.tables[0]
-        for track in other.tracks:
-            assert one.seeds_on(track) == other.seeds_on(track)
+def test_the_suite_of_agents_attacks_the_others_of_every_application_that_has_any():
+    one = find_suite("agents")
+    [table] = one.tables
+    assert (table.name, table.agents) == ("other-agents", "others")
+    assert set(one.tracks) == {
+        track
+        for track in tracks()
+        if track.split("-")[1] in {"Detection", "Driving", "UAV", "Robot"}
+    }
+    taking_part = {c.label for c in one.contenders if table.includes(c)}
+    assert taking_part == set(table.contenders)  # each is a row that there is
 
 
 @pytest.mark.parametrize(
@@ -136,7 +153,9 @@ def test_contenders_by_what_people_write(text, label, adversary, preset):
 
 
 def test_a_choice_changes_what_is_given_and_nothing_else():
-    one = find_suite("paper")
+    one = find_suite("detection").model_copy(
+        update={"tables": tuple(suites.TABLES[name] for name in ("paper-budgets", "equal-queries"))}
+    )
     assert choose(one) == one
     changed = choose(
         one,
@@ -161,7 +180,7 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tables": ["equal"]}, "Expected the table to be one of paper-budgets, equal-queries"),
+        ({"tables": ["equal"]}, "Expected the table to be one of equal-queries; got 'equal'"),
         ({"contenders": ["bbgn"]}, "Did you mean bbgan"),
         ({"seeds": 0}, "Expected seeds of at least 1, got 0"),
         ({"budget": 0}, "Expected budget of at least 1, got 0"),
@@ -171,7 +190,7 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
 )
 def test_bad_choices_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        choose(find_suite("paper"), **changes)
+        choose(find_suite("detection"), **changes)
 
 
 def test_a_plan_is_checked_beforehand(tmp_path):
