@@ -1,15 +1,19 @@
 """Makes the tables in docs/ from the entries: `python -m leaderboard.tables`.
 
 A page marks the place of a table by a line `<!-- table: NAME -->`; what follows, up to
-`<!-- end of table -->`, is replaced. The pages under docs/results/ are written as a whole.
+`<!-- end of table -->`, is replaced. The pages `docs/results/SUITE/table.md` are written as a
+whole.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+from sada_gym import agents
 from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.report.tables import (
     percent,
@@ -19,18 +23,53 @@ from sada_gym.benchmark.report.tables import (
     with_interval,
     write_tables,
 )
-from sada_gym.benchmark.results import Results, results_of
-from sada_gym.benchmark.suite import find_suite
+from sada_gym.benchmark.results import Results, Row, results_of
+from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
+from sada_gym.envs.catalogue import cards
 from sada_gym.leaderboard.entry import Entry, Tier, read_entries
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-SUITES = ("digits",)
-"""The suites whose results are entries, each with a page `docs/results/SUITE/table.md`."""
+SUITES = ("detection", "driving", "racing", "robot", "digits", "table-1", "agents")
+"""The suites that have a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+_NONE = "No verified result yet."
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All adversaries against one agent.
+
+    Attributes:
+        title: What was attacked.
+        suite: The suite's name.
+        table: The table's name.
+        agent: The agent's name.
+    """
+
+    title: str
+    suite: str
+    table: str
+    agent: str
+
+    def rows(self, entries: Sequence[Entry], track: str | None = None) -> list[Row]:
+        """Give the verified rows, over all of the suite's tracks or on one."""
+        held = _on(find_suite(self.suite).tracks, entries)
+        results = results_of(held, [TABLES[self.table]], tier="verified")
+        return results.rows_of(self.table, self.agent, track)
+
+
+COMPARISONS = {
+    "detection": Comparison("Detection", "detection", "equal-queries", "photographer"),
+    "driving": Comparison("Driving", "driving", "paper-budgets", "cil"),
+    "racing": Comparison("Racing", "racing", "paper-budgets", "ppo"),
+    "robot": Comparison("Robot", "robot", "paper-budgets", "ppo"),
+    "digits": Comparison("Digits", "digits", "paper-budgets", "cnn"),
+}
+"""The comparisons that pages show, by the names of their tables."""
 
 
 def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed") -> Results:
@@ -42,40 +81,114 @@ def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed
         tier: Whether the figures are the submitters' or the verifier's.
     """
     chosen = find_suite(suite)
-    held = [
-        entry.keeping(lambda result: result.claimed.identity.track in chosen.tracks)
-        for entry in entries
-    ]
-    return results_of([entry for entry in held if entry.results], chosen.tables, tier=tier)
+    return results_of(_on(chosen.tracks, entries), chosen.tables, tier=tier)
 
 
-def digits(entries: Sequence[Entry]) -> Iterator[str]:
-    """Give AFR and coverage over the ten digits, and those of the digit that is hardest to fool."""
-    results, agent = results_of_suite(entries, "digits", "verified"), "cnn"
-    hardest = {
-        row.label: row for row in results.rows_of("paper-budgets", agent, "SADA-Digits-4-v0")
-    }
-    columns = "adversary", "AFR, %", "rank", "coverage", "rank", "AFR on digit 4", "coverage"
-    yield from table_head(columns)
-    for row in results.rows_of("paper-budgets", agent, None):
-        coverage, four = row.relative_coverage, hardest[row.label]
-        yield table_line(
-            row.label,
-            with_interval(row.afr, 0),
-            rank_of(row.afr),
-            _alone(coverage),
-            rank_of(coverage),
-            _alone(four.afr),
-            _alone(four.relative_coverage),
-        )
+def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
+    """Keep the results on some tracks."""
+    held = (
+        entry.keeping(lambda result: result.claimed.identity.track in tracks) for entry in entries
+    )
+    return [entry for entry in held if entry.results]
+
+
+def compared(comparison: Comparison, entries: Sequence[Entry]) -> Iterator[str]:
+    """Give each adversary's AFR and coverage, with intervals and ranks."""
+    rows = comparison.rows(entries)
+    if not rows:
+        yield _NONE
+        return
+    yield from table_head(("adversary", "AFR, %", "rank", "coverage", "rank"))
+    for row in rows:
+        cells = (with_interval(row.afr, 0), rank_of(row.afr))
+        coverage = row.relative_coverage
+        yield table_line(row.label, *cells, with_interval(coverage, 0), rank_of(coverage))
+
+
+def side_by_side(
+    labels: Sequence[str] | None, names: Sequence[str], entries: Sequence[Entry]
+) -> Iterator[str]:
+    """Give AFR / coverage of adversaries on several applications; rank 1 is bold.
+
+    Args:
+        labels: The adversaries; None for all.
+        names: The names of the comparisons.
+        entries: The entries.
+    """
+    found = {name: _by_label(COMPARISONS[name].rows(entries)) for name in names}
+    yield from table_head(("adversary", *(COMPARISONS[name].title for name in names)))
+    for label in labels or [contender.label for contender in CONTENDERS]:
+        cells = (_pair(rows.get(label)) for rows in found.values())
+        yield table_line(label, *cells)
+
+
+def on_track(
+    name: str, track: str, labels: Sequence[str], entries: Sequence[Entry]
+) -> Iterator[str]:
+    """Give AFR and coverage of some adversaries on one track of a comparison."""
+    rows = _by_label(COMPARISONS[name].rows(entries, track))
+    yield from table_head(("adversary", "AFR, %", "coverage"))
+    for label in labels:
+        if row := rows.get(label):
+            cells = (with_interval(row.afr, 0), with_interval(row.relative_coverage, 0))
+            yield table_line(label, *cells)
+
+
+_AGAINST = ("random", "gp", "smc", "bbgan", "trees", "level-set")
+
+
+def robustness(entries: Sequence[Entry]) -> Iterator[str]:
+    """Give how often uniform worlds, and those of some adversaries, fool each shipped agent."""
+    yield from table_head(("application", "agent", *_AGAINST))
+    for default in COMPARISONS.values():
+        for agent in agents.names(_application(default.suite)):
+            other = replace(default, table="other-agents", agent=agent)
+            rows = _by_label((default if agent == default.agent else other).rows(entries))
+            cells = (_alone(row.afr) if (row := rows.get(label)) else "-" for label in _AGAINST)
+            yield table_line(default.title, agent, *cells)
+
+
+def _application(suite: str) -> str:
+    return next(card.name for card in cards() if card.suite and card.suite.name == suite)
+
+
+def _by_label(rows: Sequence[Row]) -> dict[str, Row]:
+    return {row.label: row for row in rows}
 
 
 def _alone(figure: Figure | None) -> str:
     return percent(None if figure is None else figure.value, 0)
 
 
+def _pair(row: Row | None) -> str:
+    """Give AFR / coverage, each in bold where it has rank 1, shared or not."""
+    if row is None:
+        return "-"
+    found = (row.afr, row.relative_coverage)
+    return " / ".join(f"**{_alone(one)}**" if _first(one) else _alone(one) for one in found)
+
+
+def _first(figure: Figure | None) -> bool:
+    return figure is not None and figure.rank in ("1", "1=")
+
+
+_RL = ("reinforce", "ppo", "sac", "td3")
+_BESIDE_RL = ("random", "gmm50", "bbgan", "bbgan-boost", "level-set", *_RL)
+_HEADLINE = ("random", "bbgan (paper)", "gmm50", "bbgan-boost", "bayesian", "level-set")
+
 BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
-    "digits": ("results.md", digits),
+    "readme": ("../README.md", partial(side_by_side, _HEADLINE, tuple(COMPARISONS))),
+    "overview": ("results/index.md", partial(side_by_side, None, tuple(COMPARISONS))),
+    **{
+        name: ("results/adversaries.md", partial(compared, comparison))
+        for name, comparison in COMPARISONS.items()
+    },
+    "rl": ("results/rl.md", partial(side_by_side, _BESIDE_RL, tuple(COMPARISONS))),
+    "rl-rare": (
+        "results/rl.md",
+        partial(on_track, "digits", "SADA-Digits-4-v0", _BESIDE_RL),
+    ),
+    "robustness": ("results/agents.md", robustness),
 }
 """The tables within pages, by name: the page, and what makes the table's lines."""
 
@@ -104,8 +217,10 @@ def main() -> None:
     """Write all tables of the documentation."""
     entries = read_entries(ENTRIES)
     for suite in SUITES:
-        path = write_tables(DOCS / "results" / suite, results_of_suite(entries, suite))
-        print(f"{path.relative_to(ROOT)}")
+        results = results_of_suite(entries, suite)
+        if results.runs:
+            path = write_tables(DOCS / "results" / suite, results)
+            print(f"{path.relative_to(ROOT)}")
     for path, text in pages(entries).items():
         path.write_text(text, encoding="utf-8")
         print(f"{path.relative_to(ROOT)}")

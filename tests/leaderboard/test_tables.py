@@ -4,8 +4,18 @@ import re
 
 import pytest
 
-from leaderboard.tables import BLOCKS, DOCS, ENTRIES, SUITES, pages, results_of_suite
+from leaderboard.tables import (
+    BLOCKS,
+    COMPARISONS,
+    DOCS,
+    ENTRIES,
+    SUITES,
+    pages,
+    results_of_suite,
+)
 from sada_gym.benchmark.report.tables import TABLE_FILE, write_tables
+from sada_gym.benchmark.suite import CONTENDERS, find_suite
+from sada_gym.benchmark.suite import SUITES as SUITES_OF_ALL
 from sada_gym.leaderboard.checks import check_entry, is_outdated
 from sada_gym.leaderboard.entry import read_entries
 
@@ -15,10 +25,13 @@ def entries():
     return read_entries(ENTRIES)
 
 
-def test_there_are_verified_entries_of_all_adversaries_of_a_suite(entries):
-    results = results_of_suite(entries, "digits", "verified")
-    assert len(results.rows_of("paper-budgets", "cnn", None)) == 22
-    assert len(results.runs) == 22 * 10 * 3
+@pytest.mark.parametrize("comparison", COMPARISONS.values(), ids=COMPARISONS)
+def test_all_adversaries_are_verified_on_all_tracks(entries, comparison):
+    rows = comparison.rows(entries)
+    assert [row.label for row in rows] == [contender.label for contender in CONTENDERS]
+    tracks = find_suite(comparison.suite).tracks
+    assert {row.tracks for row in rows} == {len(tracks)}
+    assert all(row.failed == 0 for row in rows)
 
 
 def test_the_pages_say_what_the_entries_say(entries):
@@ -41,9 +54,67 @@ def test_the_whole_tables_say_what_the_entries_say(entries, suite, tmp_path):
 
 def test_an_entry_that_changes_changes_the_pages(entries):
     fewer = [entry for entry in entries if entry.about.name != "gp"]
-    (before,), (after,) = pages(entries).values(), pages(fewer).values()
+    page = DOCS / "results" / "adversaries.md"
+    before, after = pages(entries)[page], pages(fewer)[page]
     assert "| gp |" in before
-    assert "| gp |" not in after.partition("table: digits")[2].partition("end of table")[0]
+    assert "| gp |" not in after
+
+
+def sentences(text):
+    """A page's sentences, without its tables, code blocks, comments and links' targets."""
+    text = re.sub(r"^---\n.*?^---\n|```.*?```|<!--.*?-->", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    lines = (line for line in text.splitlines() if not line.startswith("|"))
+    return re.split(r"(?<=[.:;])\s|\n\n|\n- ", "\n".join(lines))
+
+
+def numbers(text):
+    return set(re.findall(r"(?<![\w-])\d+(?:[.,]\d+)*", text))
+
+
+def settings():
+    """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
+    found = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
+    for suite in SUITES_OF_ALL:
+        found |= {f"{len(suite.tracks)}"}
+        for table in suite.tables:
+            for rule in (table.budget, *table.budget_of.values()):
+                found |= {f"{one:,}" for one in (rule.queries, *rule.of_adversary.values())}
+    return found
+
+
+def rows(text):
+    """The numbers of each row of the tables, by its first cell; of all rows under ''."""
+    found = {}
+    for line in text.splitlines():
+        if line.startswith("|"):
+            label = line.split("|")[1].strip()
+            for name in (label, ""):
+                found.setdefault(name, set()).update(numbers(line))
+    return found
+
+
+@pytest.mark.parametrize("name", ["index", "adversaries", "paper", "rl", "agents"])
+def test_every_figure_of_a_sentence_stands_in_a_row_that_it_names(name):
+    page = DOCS / "results" / f"{name}.md"
+    text = page.read_text(encoding="utf-8")
+    included = re.findall(r"{include} (\S+)", text)
+    known = rows(text + "".join((page.parent / one).read_text("utf-8") for one in included))
+    for sentence in sentences(text):
+        named = [label for label in re.findall(r"`([^`]+)`", sentence) if label in known] or [""]
+        there = settings().union(*(known.get(label, set()) for label in named))
+        assert numbers(re.sub(r"`[^`]*`", "", sentence)) <= there, sentence
+
+
+def test_a_figure_of_another_row_is_noticed():
+    known = rows("| a | 12 |\n| b | 34.5 (30 to 40) |")
+    assert known == {"a": {"12"}, "b": {"34.5", "30", "40"}, "": {"12", "34.5", "30", "40"}}
+    assert sentences("One `a` has 12 %. Another\nsays 3.\n\n- Two [b](c9)\n| a | 5 |\n") == [
+        "One `a` has 12 %.",
+        "Another\nsays 3.",
+        "",
+        "Two [b]",
+    ]
 
 
 def test_the_entries_pass_the_checks_and_are_of_today(entries):

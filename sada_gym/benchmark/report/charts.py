@@ -33,17 +33,43 @@ MAX_PARAMETERS = 16
 _BINS = 18
 _CEILING = 4.0  # times uniform, where the marginals' colours end
 
-_CONTROL, _BASELINE, _GAN, _LATER = "#6b7785", "#2b6cb0", "#c2410c", "#0f766e"
 _DENSITY = ((0.0, "#4a7ab5"), (0.5, "#f7f7f7"), (0.75, "#d1622a"), (1.0, "#5c1a04"))
-_FAMILIES = {
-    _CONTROL: ("controls", {"ideal", "archive"}),
-    _BASELINE: (
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Contenders that charts draw alike.
+
+    Attributes:
+        name: What the legend calls them.
+        colour: Their colour; all are distinct for colour-blind readers too (Okabe and Ito 2008).
+        marker: Their mark, which tells them apart without any colour.
+        members: Their labels.
+    """
+
+    name: str
+    colour: str
+    marker: str
+    members: frozenset[str] = frozenset()
+
+
+_FAMILIES = (
+    _Family("controls", "#6b7785", "s", frozenset({"ideal", "archive"})),
+    _Family(
         "the paper's baselines",
-        {"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"},
+        "#0072b2",
+        "o",
+        frozenset({"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"}),
     ),
-    _GAN: ("BBGAN", {"bbgan", "bbgan (paper)", "bbgan-boost", "bbgan-boost (paper)"}),
-    _LATER: ("other methods", set[str]()),
-}
+    _Family(
+        "BBGAN",
+        "#b84a00",
+        "^",
+        frozenset({"bbgan", "bbgan (paper)", "bbgan-boost", "bbgan-boost (paper)"}),
+    ),
+    _Family("RL", "#a4447c", "D", frozenset({"reinforce", "ppo", "sac", "td3"})),
+    _Family("other methods", "#00795a", "v"),
+)
 
 
 @dataclass(frozen=True)
@@ -93,11 +119,18 @@ def tradeoff(rows: Sequence[Row], title: str) -> Figure:
     for row in rows:
         assert row.afr is not None
         assert row.relative_coverage is not None
-        x, y, colour = row.relative_coverage, row.afr, _colour(row.label)
+        x, y, family = row.relative_coverage, row.afr, _family(row.label)
+        colour = family.colour
         points.append((100 * x.value, 100 * y.value))
         axes.errorbar(*points[-1], xerr=_bars(x), yerr=_bars(y), fmt="none", ecolor=(colour, 0.28))
         axes.plot(
-            *points[-1], "o", color=colour, markersize=7, mec="white", zorder=4, clip_on=False
+            *points[-1],
+            marker=family.marker,
+            color=colour,
+            markersize=7.5,
+            mec="white",
+            zorder=4,
+            clip_on=False,
         )
     axes.set_xlim(*_limits([x for x, _ in points], 110))
     axes.set_ylim(*_limits([y for _, y in points], 104))
@@ -270,9 +303,12 @@ def _bars(figure: Estimated) -> list[list[float]] | None:
     return [[100 * (figure.value - low)], [100 * (high - figure.value)]]
 
 
+def _family(label: str) -> _Family:
+    return next((family for family in _FAMILIES if label in family.members), _FAMILIES[-1])
+
+
 def _colour(label: str) -> str:
-    known = (colour for colour, (_, members) in _FAMILIES.items() if label in members)
-    return next(known, _LATER)
+    return _family(label).colour
 
 
 def _styles(colours: Sequence[str]) -> list[object]:
@@ -303,16 +339,18 @@ def _is_shared(curve: Curve) -> bool:
 
 
 def _families(figure: Figure, labels: Sequence[str]) -> None:
-    """Explain the colours that occur."""
+    """Explain the colours and the marks that occur."""
     from matplotlib.lines import Line2D
 
-    there = {_colour(label) for label in labels}
+    there = {_family(label) for label in labels}
     handles = [
-        Line2D([], [], color=colour, marker="o", linestyle="", markersize=6, label=name)
-        for colour, (name, _) in _FAMILIES.items()
-        if colour in there
+        Line2D(
+            [], [], color=one.colour, marker=one.marker, linestyle="", markersize=6, label=one.name
+        )
+        for one in _FAMILIES
+        if one in there
     ]
-    figure.legend(handles=handles, loc="outside lower right", ncols=4, frameon=False, fontsize=8.5)
+    figure.legend(handles=handles, loc="outside lower right", ncols=5, frameon=False, fontsize=8.5)
 
 
 def _title(figure: Figure, title: str, below: str = "") -> None:
