@@ -1,4 +1,4 @@
-"""The paper's own attack fooling rates, of other agents in other worlds than ours.
+"""The attack fooling rates that the paper reports, of other agents in other worlds than ours.
 
 Hamdi, Mueller, Ghanem 2020, `sada.tex`: Table `tbl:all` (lines 269-281) and the appendix's
 Table `detector-table` (lines 671-683), as printed there, contradictions included.

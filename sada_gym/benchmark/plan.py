@@ -241,6 +241,6 @@ def _no_reference(target: RunTarget) -> str:
     agent = f" with the agent {name}" if name else ""
     what = "no reference set" if target.reference is None else "hardly any fooling reference point"
     return (
-        f"{target.track}{agent} has {what}: the ideal row, coverage, density and novelty beside "
-        "the ideal are blank there."
+        f"{target.track}{agent} has {what}: the row ideal, coverage, density and relative "
+        "novelty stay blank there."
     )

@@ -29,7 +29,7 @@ class Contender(Strict):
         preset: The named set of options it starts from.
         options: Its other options.
         ranked: Whether it takes part in the ranking; controls do not.
-        requires: A package that it cannot do without; where that is missing it is left out.
+        requires: A package that it needs; the benchmark leaves it out where that is missing.
     """
 
     label: str
@@ -75,7 +75,7 @@ class Table(Strict):
     Attributes:
         name: The table's name on the command line.
         title: The table's title in the report.
-        note: A sentence that says what is compared.
+        note: What the table compares, in a sentence.
         budget: The rule for the budget.
         budget_of: Another rule for some applications, by name.
         samples: M, the number of test samples; None takes each application's own.
@@ -106,7 +106,7 @@ class Table(Strict):
         return [default, *others] if self.agents == "all" else [default]
 
     def shows(self, rule: str, application: str, agent: str) -> bool:
-        """Say whether results belong into this table.
+        """Say whether this table shows results.
 
         Args:
             rule: The rule by which they were made.
@@ -199,8 +199,8 @@ _EQUAL_QUERIES = Table(
 _OTHER_AGENTS = Table(
     name="other-agents",
     title="Other agents",
-    note="One adversary or two of each kind against the agents beside the default: 1,000 queries, "
-    "and 2,000 on detection, for every adversary.",
+    note="One or two adversaries of each kind against all agents but the default. Every adversary "
+    "gets 1,000 queries, and 2,000 on detection.",
     budget=Budget(queries=1_000),
     budget_of={"SADA-Detection": Budget(queries=2_000)},
     agents="others",
@@ -266,10 +266,10 @@ SUITES: tuple[Suite, ...] = (
         images=0,
     ),
 )
-"""All suites: one an application, and those that go across.
+"""All suites: one for each application, and some that span several applications.
 
-`table-1` has the paper's rows in all of its columns. `table-1-columns` has all rows in the columns
-that are single tracks, for the budget of detection, 20,000 queries, is dear.
+`table-1` has the paper's rows in all columns. `table-1-columns` has all rows, but only in the
+columns that are single tracks, because 20,000 queries on each track of detection take long.
 """
 
 

@@ -1,4 +1,4 @@
-"""What results attack, as it is today: by it outdated results are told apart."""
+"""The worlds that results attack, as they are today: they show which results are outdated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The first checks of an entry: everything that can be told without evaluating anything.
+"""The first checks of an entry: everything that can be checked without evaluating anything.
 
 Entries come from strangers. Files are measured before they are read, nothing is unpickled or
 imported, and every fault is one sentence.

@@ -1,4 +1,4 @@
-"""Whether a result's claims are what its samples give; nothing is evaluated for it."""
+"""Checks that a result's claims follow from its samples, without evaluating anything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells samples that were copied from the shipped reference points, shaken or not."""
+"""Finds samples that were copied from the shipped reference points, moved a little or not."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _FIRST_SEED = 1_000_000  # no shipped set has such a seed
 
 @dataclass(frozen=True)
 class Nearness:
-    """How near samples lie to reference points, against other sets of points that are made alike.
+    """How near samples lie to reference points, compared with other sets of the same kind.
 
     Attributes:
-        points: The number of distinct nearest points, of each of which one sample is looked at.
+        points: The number of distinct nearest points; one sample of each counts.
         mean_rank: The mean rank, from 0 to 1, of a sample's distance to its nearest point among its
-            distances to other sets; about 0.5 where the points mean nothing to the samples.
-        p: The probability of so low a mean rank, or a lower one, where they mean nothing.
+            distances to other sets; about 0.5 for samples that do not come from the points.
+        p: The probability that such samples have so low a mean rank, or a lower one.
         exact: The number of samples that are a reference point to the last bit.
     """
 
@@ -37,11 +37,11 @@ class Nearness:
 
 
 def nearness(mu: Mu, points: Mu, *, seed: int = 0) -> Nearness:
-    """Compare how near samples lie to the shipped points and to other sets that are made alike.
+    """Compare how near samples lie to the shipped points and to other sets of the same kind.
 
-    The sets differ in the scrambling of their Sobol sequence alone, so whoever does not know the
-    shipped points comes as near to the others, wherever the samples lie. One sample is taken for
-    each nearest point: samples that crowd around one place say the same over and over.
+    The sets differ in the scrambling of their Sobol sequence alone. So samples that were made
+    without the shipped points lie as near to the other sets, wherever they lie. One sample counts
+    for each nearest point, because samples that crowd around one place all say the same.
 
     Args:
         mu: The samples, (n, d) float32 in [-1, 1], n >= 1.

@@ -48,7 +48,7 @@ class Target:
 
 
 def board_tracks() -> tuple[str, ...]:
-    """Give the ids that a result may be of.
+    """Give the ids of the tracks on which an entry may have results.
 
     Applications without tracks, such as SADA-Analytic, take part by their general id.
     """

@@ -1,6 +1,6 @@
 """The verifier scores the samples of entries again, on evaluation seeds that nobody knew.
 
-Claims have no part in what it measures. It compares them with what it found, and with what else
+Claims do not enter what it measures. It compares them with its own figures, and flags whatever else
 speaks against a result: see `sada_gym.leaderboard.flags`.
 """
 

@@ -100,7 +100,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
 def nearest_neighbours(
     samples: npt.ArrayLike, queries: npt.ArrayLike
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
-    """Find each sample's nearest training query: near zero where an adversary memorises.
+    """Find each sample's nearest training query; distances are near 0 if an adversary memorises.
 
     Args:
         samples: The samples, (n, d).

@@ -106,7 +106,7 @@ class Reference:
         return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
 
     def halves(self) -> tuple[Mu, Mu]:
-        """Split the fooling set at random, always alike: points to measure by, points to draw.
+        """Split the fooling set at random, always alike: points to measure on, points to draw.
 
         Ideal samples that were among the points to be covered would cover all of them.
         """

@@ -23,7 +23,7 @@ class SearchPoint(Strict):
 
     Attributes:
         queries: The number of queries spent.
-        found: The number of distinct mu among them that fooled. To ask for one again finds nothing.
+        found: The number of distinct mu among them that fooled. A repeated question finds nothing.
         share: The share of the queries that fooled.
         coverage: The share of the fooling set's points that have a found mu in their neighbourhood,
             see `sada_gym.measures.coverage.density_and_coverage`; None without a fooling set.

@@ -1,0 +1,49 @@
+"""Draw docs/images/verified.png, the claimed AFR of every entry's results over the verified one.
+
+    python docs/draw_verified.py
+
+A dot is a result: one adversary on one track, the mean over its seeds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.leaderboard.entry import EntryResult, read_entries
+from sada_gym.plots.style import FOOLED, GRID, INK, MUTED, new_figure, png, tidy
+
+HERE = Path(__file__).parent
+OUT, ENTRIES = HERE / "images" / "verified.png", HERE.parent / "leaderboard" / "entries"
+
+
+def rates(result: EntryResult) -> tuple[float, float] | None:
+    """Give the verified and the claimed AFR in %; None where there is no verified one."""
+    if result.verified is None or not result.verified.seeds:
+        return None
+    claimed = {one.seed: one.measures for one in result.claimed.seeds if one.measures}
+    pairs = [(one.measures.afr, claimed[one.seed].afr) for one in result.verified.seeds]
+    verified, said = np.mean(pairs, axis=0)
+    return 100 * float(verified), 100 * float(said)
+
+
+def main() -> None:
+    """Read the entries and draw their results."""
+    results = [one for entry in read_entries(ENTRIES) for one in entry.results.values()]
+    points = np.array([found for one in results if (found := rates(one)) is not None])
+    figure = new_figure(6.5, 4.2)
+    axes = figure.subplots()
+    axes.plot((0, 100), (0, 100), color=GRID, linewidth=2, zorder=0)
+    axes.scatter(*points.T, s=14, color=FOOLED, alpha=0.6, linewidths=0)
+    above = "a claim that is\ntoo high would\nlie up here"
+    axes.text(8, 88, above, color=MUTED, fontsize=10, va="top")
+    axes.set(xlabel="verified AFR, %", ylabel="claimed AFR, %", xlim=(0, 101), ylim=(0, 101))
+    axes.set_title(f"{len(points)} results of our own entries", fontsize=11, color=INK, loc="left")
+    tidy(axes, grid="both")
+    print(f"{len(points)} results, at most {np.abs(np.subtract(*points.T)).max():.1f} points apart")
+    OUT.write_bytes(png(figure))
+
+
+if __name__ == "__main__":
+    main()
