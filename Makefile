@@ -42,7 +42,7 @@ results: $(VENV)/.installed  ## measure what the leaderboard's entries lack, and
 	  $(BIN)/sada-gym benchmark --suite $$suite --out docs/results/$$suite \
 	    --entries leaderboard/entries --workers $(WORKERS) $(PLAN) || exit 1; \
 	done
-	$(BIN)/python -m leaderboard.tables
+	$(if $(PLAN),,$(BIN)/python -m leaderboard.tables)
 
 clean:  ## the environment and what was built
 	rm -rf $(VENV) build docs/_build

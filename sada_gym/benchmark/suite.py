@@ -188,6 +188,7 @@ _PAPER_BUDGETS = Table(
             queries=20_000, of_adversary={"bayesian": 10_000}, boosting_on_top=True
         )
     },
+    agents="all",
 )
 _EQUAL_QUERIES = Table(
     name="equal-queries",
@@ -244,13 +245,13 @@ SUITES: tuple[Suite, ...] = (
     Suite(
         name="table-1",
         tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
-        tables=(_PAPER_BUDGETS,),
+        tables=(_against_the_default(_PAPER_BUDGETS),),
         contenders=_PAPER_ROWS,
     ),
     Suite(
         name="table-1-columns",
         tracks=_TABLE_1,
-        tables=(_PAPER_BUDGETS,),
+        tables=(_against_the_default(_PAPER_BUDGETS),),
         contenders=CONTENDERS,
     ),
     Suite(

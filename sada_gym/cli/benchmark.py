@@ -176,8 +176,12 @@ def _show_outlook(outlook: Outlook) -> None:
         out.print(table)
         hours = sum(one.core_hours for one in outlook.estimates)
         unknown = sum(one.unknown for one in outlook.estimates)
-        rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
-        say("", f"About {hours:.1f} core hours{rest}.")
+        runs = sum(one.runs for one in outlook.estimates)
+        if unknown == runs:
+            say("", "Nothing like these runs was timed yet, so the core hours are not known.")
+        else:
+            rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
+            say("", f"About {hours:.1f} core hours{rest}.")
     for note in outlook.notes:
         say("[yellow]Mind:[/] ", note)
 

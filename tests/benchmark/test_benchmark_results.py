@@ -104,7 +104,7 @@ def test_tables_take_the_results_of_their_rule_and_agents():
         result([20], rule="other-agents", agent="ppo"),
         result([30]),
         result([40], agent="ppo"),
-        result([50], rule="paper-budgets", agent="ppo"),  # this table has the default agent alone
+        result([50], rule="paper-budgets", agent="ppo"),
     )
     found = results_of([entry("gp", *results)], tuple(TABLES.values()))
     assert {(run.table, run.agent): run.measures.fooled for run in found.runs} == {
@@ -112,6 +112,7 @@ def test_tables_take_the_results_of_their_rule_and_agents():
         ("other-agents", "ppo"): 20,
         ("equal-queries", "cil"): 30,
         ("equal-queries", "ppo"): 40,
+        ("paper-budgets", "ppo"): 50,
     }
     assert found.comparisons()[0] == ("paper-budgets", "cil")
     default = EQUAL.model_copy(update={"agents": "default"})

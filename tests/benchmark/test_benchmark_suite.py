@@ -95,7 +95,8 @@ def test_the_suites_of_table_1_share_their_rule_with_those_of_the_applications()
     assert columns.contenders == CONTENDERS
     # one folder of entries serves them all, because the rule is the same
     for one in (rows, columns, find_suite("driving"), find_suite("racing")):
-        assert one.tables == (suites.TABLES["paper-budgets"],)
+        assert [table.rule for table in one.tables] == ["paper-budgets"]
+        assert one.tables[0].agents == "default"
 
 
 def test_the_suite_of_agents_attacks_the_others_of_every_application_that_has_any():
