@@ -7,8 +7,8 @@ itself on worlds of their own: AFR in %, and coverage as a share of ideal sample
 mapped as the scores are, so the same worlds fool on every scale.
 
 An adversary keeps the contract on a seed if it does what `AdversaryContract` asks on the analytic
-boxes: the four 95 % intervals of the AFR overlap, and the four coverages lie within 0.1. `equal`
-says that all four gave the same samples, to the last bit.
+boxes: the four 95 % intervals of the AFR overlap, and the four coverages lie within 0.1. `=` says
+that a scale gave the same samples as Q on every seed, to the last bit.
 
 `--record` names a file that keeps each training's figures. The same command goes on from there.
 """
@@ -121,10 +121,13 @@ def main() -> None:
         for line in chosen.record.read_text().splitlines():
             row = json.loads(line)
             known[row["adversary"], row["scale"], row["seed"]] = row
-    print("| adversary |", *(f"{scale.name} |" for scale in every), "seeds that keep it | s |")
+    print(
+        "| adversary |",
+        *(f"{scale.name} |" for scale in every),
+        "seeds that keep the contract | s |",
+    )
     print("| --- |", *("--- |" for _ in every), "--- | --- |")
-    cell = f"{100 * judge.afr:.0f} / 1.00 |"
-    print("| ideal samples |", *(cell for _ in every), "| |", flush=True)
+    print(f"| ideal samples | {100 * judge.afr:.0f} / 1.00 |", *("= |" for _ in every[1:]), "| |")
     for name in chosen.adversaries:
         for seed in range(chosen.seeds):
             for scale in every:
@@ -148,11 +151,11 @@ def table_row(
     for of_scale in zip(*by_seed, strict=True):
         afr, coverage = (np.mean([one[what] for one in of_scale]) for what in ("afr", "coverage"))
         cells.append(f"{100 * afr:.0f} / {coverage:.2f}")
-    equal = all(len({one["sample"] for one in figures}) == 1 for figures in by_seed)
+    if all(len({one["sample"] for one in figures}) == 1 for figures in by_seed):
+        cells[1:] = ["=" for _ in cells[1:]]
     kept = sum(map(keeps, by_seed))
     seconds = np.mean([one["seconds"] for figures in by_seed for one in figures])
-    said = f"{kept} of {seeds}{', equal' if equal else ''}"
-    return f"| `{name}` | {' | '.join(cells)} | {said} | {seconds:.1f} |"
+    return f"| `{name}` | {' | '.join(cells)} | {kept} of {seeds} | {seconds:.1f} |"
 
 
 if __name__ == "__main__":

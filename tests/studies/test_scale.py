@@ -34,7 +34,7 @@ def test_a_second_run_reads_the_record(tmp_path, monkeypatch, capsys):
     study.main()
     first, rows = capsys.readouterr().out, record.read_text().splitlines()
     assert "`gaussian`" in first.splitlines()[-1]
-    assert "1 of 1, equal" in first  # it sees the order of the scores alone
+    assert "| = | = | = | 1 of 1 |" in first  # it sees the order of the scores alone
     assert [json.loads(row)["scale"] for row in rows] == ["Q", "Q^4", "log Q", "rank Q"]
     monkeypatch.setattr(study, "train", None)  # nothing is trained again
     study.main()
