@@ -124,7 +124,7 @@ def main() -> None:
     print(
         "| adversary |",
         *(f"{scale.name} |" for scale in every),
-        "seeds that keep the contract | s |",
+        "contract | s |",
     )
     print("| --- |", *("--- |" for _ in every), "--- | --- |")
     print(f"| ideal samples | {100 * judge.afr:.0f} / 1.00 |", *("= |" for _ in every[1:]), "| |")
