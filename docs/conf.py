@@ -62,7 +62,7 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
     headings = [i for i, line in enumerate(lines) if line.startswith("## ")]
     if headings:
         del lines[headings[0] :]
-        lines += ["Its page is :doc:`environments/index`.", ""]
+        lines += ["Its page is :doc:`/environments/index`.", ""]
 
 
 def setup(app: Sphinx) -> None:

@@ -40,5 +40,6 @@ def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
 
 
 def _log(q: npt.ArrayLike) -> Any:
-    # clipped, since 1 + _LEAST is a little more than 1
-    return np.clip(1.0 - np.log10(np.add(q, _LEAST)) / np.log10(_LEAST), 0.0, 1.0)
+    """Map 0 to 0 and 1 to 1 by log(Q + 1e-9), since log 0 is infinite."""
+    low, high = np.log10(_LEAST), np.log10(1.0 + _LEAST)
+    return (np.log10(np.add(q, _LEAST)) - low) / (high - low)
