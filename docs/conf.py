@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 import sys
 from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
+from sada_gym.envs.catalogue import find_card
 
 # pages show docstrings of `studies`, which is not installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -28,6 +31,8 @@ myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["sada.css"]
 html_title = f"sada_gym {release}"
 
 default_role = "code"
@@ -39,13 +44,19 @@ napoleon_attr_annotations = False
 napoleon_numpy_docstring = False
 
 
+MANY = 16
+"""A table names no more parameters than this."""
+
+
 class Docstring(SphinxDirective):
     """Show a Markdown docstring as a part of the page: an environment's is its documentation.
 
-    The argument is `module:object`, or a module.
+    The argument is `module:object`, or a module. `:only:` and `:without:` name headings, with commas
+    between them, so that pictures can stand among the parts.
     """
 
     required_arguments = 1
+    option_spec = {"only": directives.unchanged, "without": directives.unchanged}
 
     def run(self) -> list[nodes.Node]:
         """Parse the docstring in place, with the page's own parser."""
@@ -53,7 +64,60 @@ class Docstring(SphinxDirective):
         documented = importlib.import_module(module)
         text = inspect.getdoc(getattr(documented, name) if name else documented) or ""
         _, _, body = text.partition("\n\n")  # the page has a heading and a first line of its own
+        if self.options:
+            parts = {part.partition("\n")[0]: part for part in re.split("^## ", body, flags=re.M)}
+            only, without = (
+                [heading.strip() for heading in self.options.get(key, "").split(",") if heading]
+                for key in ("only", "without")
+            )
+            if unknown := {*only, *without} - parts.keys():
+                raise self.error(f"Expected headings of {list(parts)}, got {sorted(unknown)}.")
+            chosen = only or [heading for heading in parts if heading and heading not in without]
+            body = "\n".join(f"## {parts[heading]}" for heading in chosen)
         return self.parse_text_to_nodes(body, allow_section_headings=True)
+
+
+class Environment(SphinxDirective):
+    """Show an environment's ids, spaces, threshold and agents as a table.
+
+    The argument is the general id without its version. `:q:` says in a few words what Q is.
+    """
+
+    required_arguments = 1
+    option_spec = {"q": directives.unchanged_required}
+
+    def run(self) -> list[nodes.Node]:
+        """Make the table from the application itself, so that it can't be out of date."""
+        card = find_card(self.arguments[0])
+        if card is None or "q" not in self.options:
+            raise self.error("Expected the name of an application, and what its Q is as `:q:`.")
+        ids = [card.id, *card.track_ids]
+        applications = [sada_gym.make_application(env_id) for env_id in ids]
+        spaces = [application.parameters for application in applications]
+        sizes = sorted({len(space) for space in spaces})
+        d = str(sizes[0]) if len(sizes) == 1 else "d"
+        names = [f"`{name}`" for name in spaces[0].names]
+        if len(names) > MANY:
+            names = [*names[:2], "...", names[-1]]
+        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.agents] or ["none"]
+        rows = {
+            "id": "`" + "`, `".join(ids) + "`",
+            "action": f"`Box(-1, 1, ({d},), float32)`"
+            + (f", d = {', '.join(map(str, sizes))}" if d == "d" else "")
+            + f": {', '.join(names)}",
+            "observation": f"`Box(-1, 1, ({d} + 2,), float32)`: the last μ, the last Q, and the "
+            "share of the steps left",
+            "reward": f"-Q. {self.options['q']}",
+            "fooled": f"where Q ≤ ε = {applications[0].fooling_threshold:g}",
+            "agents": "; ".join(agents),
+        }
+        if card.tasks:
+            rows["training"] = f"agents are trained on `{'`, `'.join(card.tasks)}`"
+        for application in applications:
+            application.close()
+        first, *others = (f"| {name} | {text} |" for name, text in rows.items())
+        table = "\n".join([first, "| --- | --- |", *others])
+        return self.parse_text_to_nodes(table)
 
 
 def keep_first_line_of_markdown(*arguments: Any) -> None:
@@ -68,4 +132,5 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
 def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("docstring", Docstring)
+    app.add_directive("environment", Environment)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)
