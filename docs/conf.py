@@ -6,8 +6,9 @@ import importlib
 import inspect
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -44,19 +45,15 @@ napoleon_attr_annotations = False
 napoleon_numpy_docstring = False
 
 
-MANY = 16
-"""A table names no more parameters than this."""
-
-
 class Docstring(SphinxDirective):
     """Show a Markdown docstring as a part of the page: an environment's is its documentation.
 
-    The argument is `module:object`, or a module. `:only:` and `:without:` name headings, with commas
-    between them, so that pictures can stand among the parts.
+    The argument is `module:object`, or a module. `:only:` names headings, with commas between them,
+    so that pictures can stand among the parts.
     """
 
     required_arguments = 1
-    option_spec = {"only": directives.unchanged, "without": directives.unchanged}
+    option_spec: ClassVar[dict[str, Any]] = {"only": directives.unchanged_required}
 
     def run(self) -> list[nodes.Node]:
         """Parse the docstring in place, with the page's own parser."""
@@ -64,16 +61,12 @@ class Docstring(SphinxDirective):
         documented = importlib.import_module(module)
         text = inspect.getdoc(getattr(documented, name) if name else documented) or ""
         _, _, body = text.partition("\n\n")  # the page has a heading and a first line of its own
-        if self.options:
+        if "only" in self.options:
             parts = {part.partition("\n")[0]: part for part in re.split("^## ", body, flags=re.M)}
-            only, without = (
-                [heading.strip() for heading in self.options.get(key, "").split(",") if heading]
-                for key in ("only", "without")
-            )
-            if unknown := {*only, *without} - parts.keys():
+            only = [heading.strip() for heading in self.options["only"].split(",")]
+            if unknown := set(only) - parts.keys():
                 raise self.error(f"Expected headings of {list(parts)}, got {sorted(unknown)}.")
-            chosen = only or [heading for heading in parts if heading and heading not in without]
-            body = "\n".join(f"## {parts[heading]}" for heading in chosen)
+            body = "\n".join(f"## {parts[heading]}" for heading in only)
         return self.parse_text_to_nodes(body, allow_section_headings=True)
 
 
@@ -84,7 +77,7 @@ class Environment(SphinxDirective):
     """
 
     required_arguments = 1
-    option_spec = {"q": directives.unchanged_required}
+    option_spec: ClassVar[dict[str, Any]] = {"q": directives.unchanged_required}
 
     def run(self) -> list[nodes.Node]:
         """Make the table from the application itself, so that it can't be out of date."""
@@ -95,17 +88,13 @@ class Environment(SphinxDirective):
         applications = [sada_gym.make_application(env_id) for env_id in ids]
         spaces = [application.parameters for application in applications]
         sizes = sorted({len(space) for space in spaces})
-        d = str(sizes[0]) if len(sizes) == 1 else "d"
-        names = [f"`{name}`" for name in spaces[0].names]
-        if len(names) > MANY:
-            names = [*names[:2], "...", names[-1]]
+        d, seen = ("d", "d + 2") if len(sizes) > 1 else (sizes[0], sizes[0] + 2)
+        various = f" with d = {', '.join(map(str, sizes))}" if len(sizes) > 1 else ""
         agents = [f"`{agent.name}`: {agent.summary}" for agent in card.agents] or ["none"]
         rows = {
-            "id": "`" + "`, `".join(ids) + "`",
-            "action": f"`Box(-1, 1, ({d},), float32)`"
-            + (f", d = {', '.join(map(str, sizes))}" if d == "d" else "")
-            + f": {', '.join(names)}",
-            "observation": f"`Box(-1, 1, ({d} + 2,), float32)`: the last μ, the last Q, and the "
+            "id": _few(ids, 5),
+            "action": f"`Box(-1, 1, ({d},), float32)`{various}: {_few(spaces[0].names, 16)}",
+            "observation": f"`Box(-1, 1, ({seen},), float32)`: the last μ, the last Q, and the "
             "share of the steps left",
             "reward": f"-Q. {self.options['q']}",
             "fooled": f"where Q ≤ ε = {applications[0].fooling_threshold:g}",
@@ -117,7 +106,15 @@ class Environment(SphinxDirective):
             application.close()
         first, *others = (f"| {name} | {text} |" for name, text in rows.items())
         table = "\n".join([first, "| --- | --- |", *others])
-        return self.parse_text_to_nodes(table)
+        found = self.parse_text_to_nodes(table)
+        found[0]["classes"].append("facts")
+        return found
+
+
+def _few(names: Sequence[str], most: int) -> str:
+    """List names as code, the middle ones left out where there are more than `most`."""
+    quoted = [f"`{name}`" for name in names]
+    return ", ".join(quoted if len(quoted) <= most else [*quoted[:2], "...", quoted[-1]])
 
 
 def keep_first_line_of_markdown(*arguments: Any) -> None:

@@ -1,7 +1,7 @@
-"""Draw docs/images/gallery-*.png, one picture an environment: `python docs/draw_gallery.py [name]`.
+"""Draw docs/images/gallery-*.png, one an environment: `python docs/draw_gallery.py [name ...]`.
 
-Each shows how an agent fails. Of 48 uniform worlds, detection takes the one in which another class is
-most sure, driving and racing the one with the lowest score.
+Each shows how an agent fails. Of 48 uniform worlds, detection takes the one where the detector is
+most sure of another class, driving and racing the one with the lowest score.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from draw_digits import gradient_sign
-from draw_robot import TURNED, mu_of
 from draw_robot import SEED as ROBOT_SEED
+from draw_robot import TURNED, mu_of
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from sada_gym import Application, make_application
