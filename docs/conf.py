@@ -49,11 +49,14 @@ class Docstring(SphinxDirective):
     """Show a Markdown docstring as a part of the page: an environment's is its documentation.
 
     The argument is `module:object`, or a module. `:only:` names headings, with commas between them,
-    so that pictures can stand among the parts.
+    so that pictures can stand among the parts. `:below:` makes the headings subsections.
     """
 
     required_arguments = 1
-    option_spec: ClassVar[dict[str, Any]] = {"only": directives.unchanged_required}
+    option_spec: ClassVar[dict[str, Any]] = {
+        "only": directives.unchanged_required,
+        "below": directives.flag,
+    }
 
     def run(self) -> list[nodes.Node]:
         """Parse the docstring in place, with the page's own parser."""
@@ -67,6 +70,8 @@ class Docstring(SphinxDirective):
             if unknown := set(only) - parts.keys():
                 raise self.error(f"Expected headings of {list(parts)}, got {sorted(unknown)}.")
             body = "\n".join(f"## {parts[heading]}" for heading in only)
+        if "below" in self.options:
+            body = re.sub("^## ", "### ", body, flags=re.M)
         return self.parse_text_to_nodes(body, allow_section_headings=True)
 
 
@@ -101,7 +106,7 @@ class Environment(SphinxDirective):
             "agents": "; ".join(agents),
         }
         if card.tasks:
-            rows["training"] = f"agents are trained on `{'`, `'.join(card.tasks)}`"
+            rows["training"] = f"on `{'`, `'.join(card.tasks)}`"
         for application in applications:
             application.close()
         first, *others = (f"| {name} | {text} |" for name, text in rows.items())
