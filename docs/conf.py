@@ -62,6 +62,7 @@ class Docstring(SphinxDirective):
         """Parse the docstring in place, with the page's own parser."""
         module, _, name = self.arguments[0].partition(":")
         documented = importlib.import_module(module)
+        self.env.note_dependency(inspect.getsourcefile(documented) or "")
         text = inspect.getdoc(getattr(documented, name) if name else documented) or ""
         _, _, body = text.partition("\n\n")  # the page has a heading and a first line of its own
         if "only" in self.options:
