@@ -13,7 +13,7 @@ from sada_gym.lazy import load
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "environments"
 IN_THE_TABLE = {"Observation Space", "Rewards", "Starting State"}
-"""Headings of a docstring that a page's table of facts, or the page on all environments, replaces."""
+"""Headings of a docstring that the table of facts or the page on all environments replaces."""
 
 everywhere = pytest.mark.parametrize("folder", APPLICATIONS)
 
