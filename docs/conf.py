@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from docutils import nodes
+from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
+from sada_gym.envs.catalogue import find_card
 
 # pages show docstrings of `studies`, which is not installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -28,6 +32,8 @@ myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["sada.css"]
 html_title = f"sada_gym {release}"
 
 default_role = "code"
@@ -42,18 +48,79 @@ napoleon_numpy_docstring = False
 class Docstring(SphinxDirective):
     """Show a Markdown docstring as a part of the page: an environment's is its documentation.
 
-    The argument is `module:object`, or a module.
+    The argument is `module:object`, or a module. `:only:` names headings, with commas between them,
+    so that pictures can stand among the parts. `:below:` makes the headings subsections.
     """
 
     required_arguments = 1
+    option_spec: ClassVar[dict[str, Any]] = {
+        "only": directives.unchanged_required,
+        "below": directives.flag,
+    }
 
     def run(self) -> list[nodes.Node]:
         """Parse the docstring in place, with the page's own parser."""
         module, _, name = self.arguments[0].partition(":")
         documented = importlib.import_module(module)
+        self.env.note_dependency(inspect.getsourcefile(documented) or "")
         text = inspect.getdoc(getattr(documented, name) if name else documented) or ""
         _, _, body = text.partition("\n\n")  # the page has a heading and a first line of its own
+        if "only" in self.options:
+            parts = {part.partition("\n")[0]: part for part in re.split("^## ", body, flags=re.M)}
+            only = [heading.strip() for heading in self.options["only"].split(",")]
+            if unknown := set(only) - parts.keys():
+                raise self.error(f"Expected headings of {list(parts)}, got {sorted(unknown)}.")
+            body = "\n".join(f"## {parts[heading]}" for heading in only)
+        if "below" in self.options:
+            body = re.sub("^## ", "### ", body, flags=re.M)
         return self.parse_text_to_nodes(body, allow_section_headings=True)
+
+
+class Environment(SphinxDirective):
+    """Show an environment's ids, spaces, threshold and agents as a table.
+
+    The argument is the general id without its version. `:q:` says in a few words what Q is.
+    """
+
+    required_arguments = 1
+    option_spec: ClassVar[dict[str, Any]] = {"q": directives.unchanged_required}
+
+    def run(self) -> list[nodes.Node]:
+        """Make the table from the application itself, so that it can't be out of date."""
+        card = find_card(self.arguments[0])
+        if card is None or "q" not in self.options:
+            raise self.error("Expected the name of an application, and what its Q is as `:q:`.")
+        ids = [card.id, *card.track_ids]
+        applications = [sada_gym.make_application(env_id) for env_id in ids]
+        spaces = [application.parameters for application in applications]
+        sizes = sorted({len(space) for space in spaces})
+        d, seen = ("d", "d + 2") if len(sizes) > 1 else (sizes[0], sizes[0] + 2)
+        various = f" with d = {', '.join(map(str, sizes))}" if len(sizes) > 1 else ""
+        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.agents] or ["none"]
+        rows = {
+            "id": _few(ids, 5),
+            "action": f"`Box(-1, 1, ({d},), float32)`{various}: {_few(spaces[0].names, 16)}",
+            "observation": f"`Box(-1, 1, ({seen},), float32)`: the last μ, the last Q, and the "
+            "share of the steps left",
+            "reward": f"-Q. {self.options['q']}",
+            "fooled": f"where Q ≤ ε = {applications[0].fooling_threshold:g}",
+            "agents": "; ".join(agents),
+        }
+        if card.tasks:
+            rows["training"] = f"on `{'`, `'.join(card.tasks)}`"
+        for application in applications:
+            application.close()
+        first, *others = (f"| {name} | {text} |" for name, text in rows.items())
+        table = "\n".join([first, "| --- | --- |", *others])
+        found = self.parse_text_to_nodes(table)
+        found[0]["classes"].append("facts")
+        return found
+
+
+def _few(names: Sequence[str], most: int) -> str:
+    """List names as code, the middle ones left out where there are more than `most`."""
+    quoted = [f"`{name}`" for name in names]
+    return ", ".join(quoted if len(quoted) <= most else [*quoted[:2], "...", quoted[-1]])
 
 
 def keep_first_line_of_markdown(*arguments: Any) -> None:
@@ -68,4 +135,5 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
 def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("docstring", Docstring)
+    app.add_directive("environment", Environment)
     app.connect("autodoc-process-docstring", keep_first_line_of_markdown)

@@ -74,22 +74,27 @@ def failures() -> Image.Image:
     return sheet(rows)
 
 
+def gradient_sign(application: PixelApplication) -> np.ndarray:
+    """The mu (64,) along which the loss on the application's image rises."""
+    clean = application.images.images[application.indices]
+    image = torch.from_numpy(clean.copy())[:, None].requires_grad_(True)
+    label = torch.from_numpy(application.images.labels[application.indices].copy())
+    loss = functional.cross_entropy(application.agent(image), label)
+    (gradient,) = torch.autograd.grad(loss, image)
+    return gradient.sign().flatten().numpy()
+
+
 def pixels() -> Image.Image:
     """An image, with random noise and with the gradient's sign, at two radii."""
     rows = []
     for radius in (0.15, 0.25):
         application = PixelApplication(image=3, radius=radius)
-        clean = application.images.images[application.indices]
-        image = torch.from_numpy(clean.copy())[:, None].requires_grad_(True)
-        label = torch.from_numpy(application.images.labels[application.indices].copy())
-        loss = functional.cross_entropy(application.agent(image), label)
-        (gradient,) = torch.autograd.grad(loss, image)
         random = np.sign(np.random.default_rng(0).uniform(-1, 1, 64))
         cells = []
         for name, mu in (
             ("unchanged", np.zeros(64)),
             ("random", random),
-            ("gradient", gradient.sign().flatten().numpy()),
+            ("gradient", gradient_sign(application)),
         ):
             (info,) = application.evaluate(mu[None], [0]).infos
             colour = WRONG if info["fooled"] else RIGHT

@@ -12,6 +12,8 @@ from sada_gym.envs.robot.pictures import WIDTH, moment, summary
 
 IMAGES = Path(__file__).parent / "images"
 SEED = 1
+TURNED = Conditions(lidar_yaw_deg=27.0, obstacle_density=2.0, wheel_gain=0.1)
+"""A turned lidar among many barrels: the robot is fooled."""
 
 
 def mu_of(wanted: Conditions) -> np.ndarray:
@@ -25,7 +27,7 @@ def main() -> None:
     parser.add_argument("--agent", default="ppo")
     application = RobotApplication(agent=parser.parse_args().agent)
     nominal = np.zeros(len(PARAMETERS), np.float32)
-    turned = mu_of(Conditions(lidar_yaw_deg=27.0, obstacle_density=2.0, wheel_gain=0.1))
+    turned = mu_of(TURNED)
     for name, mu in (("arrived", nominal), ("fooled", turned)):
         Image.fromarray(summary(application.rollouts(mu, SEED))).save(IMAGES / f"robot-{name}.png")
     # half-way through one trip, with a good lidar and with the worst

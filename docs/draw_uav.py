@@ -1,7 +1,6 @@
 """Draw the pictures of docs/environments/uav.md into docs/images: `python docs/draw_uav.py`.
 
-`--pilot` names another pilot than the shipped one, or a file of weights; `--attacks` gives the
-folders of attacks with 3, 4 and 5 anchors, whose tracks are drawn, too.
+`--pilot` names another pilot than the shipped one, or a file of weights.
 """
 
 import argparse
@@ -18,7 +17,6 @@ from sada_gym.envs.uav.episodes import Start
 from sada_gym.envs.uav.pictures import Plan, summary
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import line
-from sada_gym.runs.record import SAMPLES_FILE, read_samples
 
 IMAGES = Path(__file__).parent / "images"
 CELL, LABEL, TRACKS = 220, 24, 4
@@ -51,21 +49,6 @@ def tracks(rng: np.random.Generator) -> Image.Image:
         row = [(f"{anchors} anchors, undisturbed", plan(anchors, np.zeros(d)))]
         row += [("uniform mu", plan(anchors, rng.uniform(-1, 1, d))) for _ in range(TRACKS)]
         rows.append(row)
-    return grid(rows)
-
-
-def made(attacks: list[Path]) -> Image.Image:
-    """Tracks that adversaries made, a row for each number of anchors."""
-    rows = []
-    for anchors, attack in zip(TEMPLATES, attacks, strict=True):
-        samples = read_samples(attack / SAMPLES_FILE)
-        chosen = np.linspace(0, len(samples.mu) - 1, TRACKS + 1).astype(int)
-        rows.append(
-            [
-                (f"{anchors} anchors, Q = {samples.score[i]:.2f}", plan(anchors, samples.mu[i]))
-                for i in chosen
-            ]
-        )
     return grid(rows)
 
 
@@ -110,7 +93,6 @@ def main() -> None:
     """Draw all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pilot", default="ppo")
-    parser.add_argument("--attacks", type=Path, nargs=3, help="of 3, 4 and 5 anchors")
     parser.add_argument("--out", type=Path, default=IMAGES)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -122,8 +104,6 @@ def main() -> None:
     pictures["passed"] = Image.fromarray(summary(passed))
     if failed is not None:
         pictures["failed"] = Image.fromarray(summary(failed))
-    if arguments.attacks is not None:
-        pictures["made"] = made(arguments.attacks)
     for name, picture in pictures.items():
         picture.save(arguments.out / f"uav-{name}.png", optimize=True)
 

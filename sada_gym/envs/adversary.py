@@ -64,11 +64,9 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
     ## Episode End
     Terminated after `horizon` proposals, never truncated.
 
-    Gymnasium's `SyncVectorEnv` and `AsyncVectorEnv` reset in the *next* step by default. With
-    `horizon=1` they then waste every second action. Ask for a reset in the same step:
-    `gymnasium.make_vec(id, num_envs=n, vectorization_mode="sync",
-    vector_kwargs={"autoreset_mode": "SameStep"})`. The native batch, `make_vec` without a mode,
-    does so by itself.
+    The native batch, `gymnasium.make_vec(id, num_envs=n)`, resets in the same step. Gymnasium's
+    `SyncVectorEnv` and `AsyncVectorEnv` reset in the *next* step by default, and so waste every
+    second action of a one-step episode: pass `vector_kwargs={"autoreset_mode": "SameStep"}`.
 
     ## Arguments
     - `application`: the black box under attack: an `Application`, a class of them, or the

@@ -28,14 +28,14 @@ class DetectionApplication(Application):
     """A frozen detector is shown one object in an urban place.
 
     ## Description
-    A random CAD shape of the class stands in the middle of an open place: ground, buildings, sky.
-    Camera and main light look at its centre. The adversary places both and paints the object; the
-    picture goes to the detector, and its highest confidence in the class is the score Q. The shape
-    and the place vary with the evaluation's seed: the same mu can give different Q. Everything is
-    synthetic: shapes, place and light are our own procedures, no photograph is involved.
+    A shape of the class stands in the middle of an open place with ground, buildings and sky. The
+    adversary places the camera and the main light, which look at the shape's centre, and paints the
+    shape. The detector gets the picture; its highest confidence in the class is the score Q. The
+    seed picks the shape and the place, so the same mu can give different Q. Everything is
+    synthetic: our own procedures made shapes, places and light, and no photograph is involved.
 
     ## Action Space
-    `Box(-1, 1, (8,), float32)`, linear in:
+    `Box(-1, 1, (8,), float32)`, mapped linearly to:
 
     | index | parameter | at -1 | at +1 | unit |
     | --- | --- | --- | --- | --- |

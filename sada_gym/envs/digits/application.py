@@ -49,7 +49,7 @@ class DigitsApplication(ClassifierApplication):
     wrong unchanged would count as fooled whatever the adversary does.
 
     ## Action Space
-    `Box(-1, 1, (6,), float32)`, linear in; at mu = 0 the image is unchanged, to the last bit:
+    `Box(-1, 1, (6,), float32)`, mapped linearly; at mu = 0 the image is unchanged to the last bit:
 
     | index | parameter | at -1 | at +1 | unit |
     | --- | --- | --- | --- | --- |

@@ -31,7 +31,7 @@ class DrivingApplication(EpisodesApplication[Drives]):
     seed fixes the rain, so that Q is random in the two rainy weathers only.
 
     ## Action Space
-    `Box(-1, 1, (3,), float32)`, linear in:
+    `Box(-1, 1, (3,), float32)`, mapped linearly to:
 
     | index | parameter | at -1 | at +1 | unit |
     | --- | --- | --- | --- | --- |

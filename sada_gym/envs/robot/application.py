@@ -37,19 +37,19 @@ class RobotApplication(EpisodesApplication[Trips]):
     The seed draws the floor plans and the lidar's noise. Rigid bodies and contacts are pymunk's.
 
     ## Action Space
-    `Box(-1, 1, (10,), float32)`, linear in:
+    `Box(-1, 1, (10,), float32)`, mapped linearly to:
 
     | index | parameter | at -1 | at +1 | unit |
     | --- | --- | --- | --- | --- |
     | 0 | friction between wheels and floor | 0.05 | 0.45 | |
     | 1 | payload | 0 | 5 | kg |
-    | 2 | how far before the axle the payload lies | -0.1 | 0.1 | m |
+    | 2 | how far ahead of the axle the payload lies | -0.1 | 0.1 | m |
     | 3 | angle by which the lidar is turned to the left | -30 | 30 | deg |
     | 4 | how far to the left of the middle the lidar sits | -0.15 | 0.15 | m |
     | 5 | standard deviation of the lidar's ranges | 0 | 0.2 | m |
     | 6 | share of the lidar's rays that return nothing | 0 | 0.9 | |
     | 7 | the right wheel turns faster by this share, the left one slower | -0.18 | 0.18 | |
-    | 8 | barrels on 10 m² of the hall | 0 | 2 | 1/10 m² |
+    | 8 | barrels in 10 m² of the hall | 0 | 2 | |
     | 9 | latency of commands | 0 | 0.6 | s |
 
     `ppo` was trained in the middle of all ranges, `ppo-randomised` in the middle quarter of each.

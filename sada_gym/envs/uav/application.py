@@ -29,15 +29,14 @@ class UAVApplication(EpisodesApplication[Races]):
     """A frozen pilot flies a racing drone through eight gates.
 
     ## Description
-    Three, four or five anchor points control a closed quadratic B-spline; eight gates stand on it
-    at equal arc length and face along it. The adversary moves the anchor points: turns become
-    sharper, and on a short track gates stand close together. The score Q is the share of the gates
-    that the drone passes on one lap. A gate is missed where the drone touches a frame or the
-    ground, does not pass the gate in 10 s, or leaves the world: it is set back at rest into the
-    last gate that it passed, and the race goes on to the gate after the missed one. The drone is a
-    rigid body in PyBullet; templates, ranges and spacing are our own, since the paper's were never
-    published. The seed fixes light and background, and moves the start by up to 0.3 m along x and
-    y, and 5 degrees.
+    Three, four or five anchor points control a closed curve, a quadratic B-spline. Eight gates
+    stand on it at equal distances and face along it. The adversary moves the anchor points: turns
+    become sharper, and gates stand closer together or farther apart. The score Q is the share of
+    the gates that the drone passes on one lap. The drone misses a gate where it touches a frame or
+    the ground, does not pass the gate in 10 s, or leaves the world. Then it is set back at rest
+    into the last gate that it passed, and the race goes on to the gate after the missed one. The
+    drone is a rigid body in PyBullet. The seed fixes light and background, and moves the start by
+    up to 0.3 m along x and y, and by up to 5 degrees.
 
     ## Action Space
     `Box(-1, 1, (2 anchors,), float32)`: the displacements of the anchor points along x and y, the
@@ -49,9 +48,9 @@ class UAVApplication(EpisodesApplication[Races]):
     | 4 | 8 | 15 |
     | 5 | 10 | 13 |
 
-    For every mu all frames are at least 0.9 m apart. Where they would not be, as for one uniform mu
-    in twenty, all displacements are reduced by the same share until they are. `parameters` in
-    `info` are the displacements before that; the track has `kept` times these.
+    Frames are at least 0.9 m apart. Where mu would put them closer, as one uniform mu in twenty
+    does, all displacements are reduced by the same share. `parameters` in `info` are the
+    displacements before that; the track has `kept` times these.
 
     ## Observation Space
     `Box(-1, 1, (2 anchors + 2,), float32)`: last mu, last score, share of the steps left; zeros

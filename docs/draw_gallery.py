@@ -1,0 +1,148 @@
+"""Draw docs/images/gallery-*.png, one an environment: `python docs/draw_gallery.py [name ...]`.
+
+Each shows how an agent fails. Of 48 uniform worlds, detection takes the one where the detector is
+most sure of another class, driving and racing the one with the lowest score.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from draw_digits import gradient_sign
+from draw_robot import SEED as ROBOT_SEED
+from draw_robot import TURNED, mu_of
+from PIL import Image, ImageDraw, ImageFont, ImageOps
+
+from sada_gym import Application, make_application
+from sada_gym.envs.detection import DetectionApplication
+from sada_gym.envs.detection.renderers import default_renderer
+from sada_gym.envs.digits import DigitsApplication
+from sada_gym.envs.digits.picture import RIGHT, WRONG, enlarged
+from sada_gym.envs.pixel import PixelApplication
+from sada_gym.envs.robot.application import RobotApplication
+from sada_gym.envs.robot.pictures import moment
+
+IMAGES = Path(__file__).parent / "images"
+WIDTH, HEIGHT, INSET = 480, 300, 150
+WORLDS = 48
+PAPER, FONT = (255, 255, 255), ImageFont.load_default(22)
+
+
+def uniform(application: Application, n: int = WORLDS) -> tuple[np.ndarray, list[int]]:
+    """Uniform mu, (n, d), and their seeds."""
+    rng = np.random.default_rng(2)
+    return rng.uniform(-1.0, 1.0, (n, len(application.parameters))), list(range(n))
+
+
+def card(picture: Image.Image) -> Image.Image:
+    """Fill the size of a card."""
+    return ImageOps.fit(picture.convert("RGB"), (WIDTH, HEIGHT))
+
+
+def tag(picture: Image.Image, text: str, colour: tuple[int, int, int]) -> None:
+    """Write into the lower left corner."""
+    draw = ImageDraw.Draw(picture)
+    box = draw.textbbox((12, HEIGHT - 36), text, font=FONT)
+    draw.rectangle((box[0] - 6, box[1] - 5, box[2] + 6, box[3] + 5), fill=colour)
+    draw.text((12, HEIGHT - 36), text, fill=PAPER, font=FONT)
+
+
+def detection() -> Image.Image:
+    """A car that the detector takes for something else, in its box."""
+    application = DetectionApplication("car")
+    mu, seeds = uniform(application)
+    infos = application.evaluate(mu, seeds).infos
+    best = [max(info["detections"], key=lambda one: one["score"], default=None) for info in infos]
+    sure = [
+        one["score"] if one and info["fooled"] else 0.0
+        for one, info in zip(best, infos, strict=True)
+    ]
+    worst = int(np.argmax(sure))
+    scene = application.scene(application.parameters.validate(mu[[worst]])[0], seeds[worst])
+    picture = Image.fromarray(default_renderer().render(scene, WIDTH).image)
+    scale = WIDTH / application.image_size
+    left, top, right, bottom = (float(edge) * scale for edge in best[worst]["box"])
+    ImageDraw.Draw(picture).rectangle((left, top, right, bottom), outline=WRONG, width=4)
+    above = round(min(max((top + bottom - HEIGHT) / 2, 0), WIDTH - HEIGHT))
+    picture = picture.crop((0, above, WIDTH, above + HEIGHT))
+    names = {label: name for name, label in application.agent.labels.items()}
+    tag(picture, f"seen as a {names[best[worst]['label']]}", WRONG)
+    return picture
+
+
+def with_map(env_id: str, camera: tuple[int, ...], plan: tuple[int, ...]) -> Image.Image:
+    """The camera's picture of the worst world, and the map in its lower right corner."""
+    application = make_application(env_id)
+    mu, seeds = uniform(application)
+    worst = int(application.evaluate(mu, seeds).score.argmin())
+    frame = Image.fromarray(application.render(mu[worst], seeds[worst]))
+    picture = card(frame.crop(camera))
+    inset = ImageOps.fit(frame.crop(plan), (INSET, INSET))
+    picture.paste(ImageOps.expand(inset, 2, PAPER), (WIDTH - INSET - 12, HEIGHT - INSET - 12))
+    return picture
+
+
+def robot() -> Image.Image:
+    """The end of the robot's first trip: a collision."""
+    rollout = RobotApplication().rollouts(mu_of(TURNED), ROBOT_SEED)[0]
+    return card(moment(rollout, len(rollout["poses"]) - 1))
+
+
+def digits() -> Image.Image:
+    """The first fifteen uniform worlds that fool."""
+    cell, columns, rows = 92, 5, 3
+    application = DigitsApplication()
+    mu, seeds = uniform(application, 200)
+    fooled = np.flatnonzero(application.evaluate(mu, seeds).fooled)
+    whole = Image.new("RGB", (WIDTH, HEIGHT), PAPER)
+    for k, world in enumerate(fooled[: columns * rows]):
+        image = Image.fromarray(enlarged(application.attacked_image(mu[world], seeds[world])[1]))
+        image = image.resize((cell, cell), Image.Resampling.NEAREST)
+        whole.paste(image, (k % columns * (cell + 5), k // columns * (cell + 12)))
+    return whole
+
+
+def pixel() -> Image.Image:
+    """An image, and the same with noise along the gradient."""
+    application = PixelApplication(image=3, radius=0.15)
+    side = 232
+    whole = Image.new("RGB", (WIDTH, HEIGHT), PAPER)
+    draw = ImageDraw.Draw(whole)
+    for k, mu in enumerate((np.zeros(64), gradient_sign(application))):
+        (info,) = application.evaluate(mu[None], [0]).infos
+        image = Image.fromarray(enlarged(application.attacked_image(mu, 0)[1]))
+        left = k * (side + 16)
+        whole.paste(image.resize((side, side), Image.Resampling.NEAREST), (left, 0))
+        colour = WRONG if info["fooled"] else RIGHT
+        draw.text((left, side + 14), f"seen as {info['predicted']}", fill=colour, font=FONT)
+    return whole
+
+
+def analytic() -> Image.Image:
+    """Q over the plane: four boxes of failures."""
+    frame = make_application("SADA-Analytic-v0").render([1, 1], 0)
+    return Image.fromarray(frame).resize((WIDTH, HEIGHT))
+
+
+def driving() -> Image.Image:
+    """The driver about to leave its lane."""
+    return with_map("SADA-Driving-OneCurve-v0", (0, 26, 450, 224), (0, 224, 450, 566))
+
+
+def uav() -> Image.Image:
+    """The pilot on its way to a gate that it will miss."""
+    return with_map("SADA-UAV-4Anchors-v0", (0, 0, 512, 384), (512, 0, 896, 384))
+
+
+def main() -> None:
+    """Draw those that are named, or all."""
+    drawings = (detection, driving, uav, robot, digits, pixel, analytic)
+    for draw in drawings:
+        if draw.__name__ in (sys.argv[1:] or [one.__name__ for one in drawings]):
+            draw().save(IMAGES / f"gallery-{draw.__name__}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
