@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,9 @@ from sada_gym.arrays import real_scores
 from sada_gym.determinism import generators_kept, refuse_random
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, ParameterSpace
+
+if TYPE_CHECKING:
+    from sada_gym.plots.legend import LegendEntry
 
 SEED_BOUND = 2**31
 """Evaluation seeds are Python ints in [0, SEED_BOUND)."""
@@ -77,6 +80,7 @@ class Application(ABC):
         agent: The agent under test, or None if it is part of the world.
         agent_name: The agent's name in reports.
         render_fps: Frames of `replay` in a second of its episode.
+        legend: What the lines and marks in `render`'s frames mean, for the pictures of an attack.
     """
 
     name: ClassVar[str]
@@ -87,6 +91,7 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
+    legend: Sequence[LegendEntry] = ()
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
 
     @property
@@ -241,6 +246,14 @@ class Application(ABC):
         raise NotImplementedError(
             f"{type(self).__name__} draws no pictures. Implement `render(mu, seed)` in it."
         )
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw a frame, see `render`, of each world of mu, (n, d), with its seed.
+
+        A subclass may play the episodes together; the frames stay the same.
+        """
+        for row, seed in zip(self.parameters.validate(mu), seeds, strict=True):
+            yield self.render(row, seed)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the agent sees first in the world of mu, shape (d,), without annotations.

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from sada_gym.application import Application, Frame
+from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import write_file
 from sada_gym.parameters import ParameterSpace
+from sada_gym.plots.choice import Failure, choose_failures
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.sheet import Group, columns_for, failure_sheet, png_of
 from sada_gym.plots.style import (
     ACCENT,
+    BLUE,
     FOOLED,
+    HATCH,
     INK,
     MUTED,
     OMEGA,
-    SAMPLES,
+    ORANGE,
+    UNHURT,
     axis_label,
     name_choices,
     new_figure,
@@ -31,14 +39,27 @@ from sada_gym.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_FRAMES = 24
+MAX_PARAMETERS = 16
+"""Parameters in the picture of marginals."""
 
 _BINS = 20
 _COLUMNS = 6
 
+OnFrame = Callable[[int, int], None]
+
+
+def _ignore(done: int, total: int) -> None:
+    """Hear of a frame that was drawn, and do nothing."""
+
 
 def draw_attack(
-    application: Application, samples: Evaluations, queries: Evaluations, folder: Path
+    application: Application,
+    samples: Evaluations,
+    queries: Evaluations,
+    folder: Path,
+    *,
+    headline: str = "",
+    on_progress: OnFrame = _ignore,
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder.
 
@@ -47,10 +68,13 @@ def draw_attack(
         samples: The adversary's test samples.
         queries: The training queries (Omega).
         folder: The folder for the PNG files.
+        headline: A sentence or two that stand on top of the sheet of failures.
+        on_progress: Called with the numbers of frames drawn and of all frames, after each frame.
 
     Returns:
-        The files written. The contact sheet is left out where the application draws no frames or
-        no sample fooled the agent; the map is drawn in two dimensions only.
+        The files written. The sheet of failures is left out where the application draws no frames,
+        where its drawing fails, or where no sample fooled the agent; the map is drawn in two
+        dimensions only.
     """
     space, threshold = application.parameters, application.fooling_threshold
     figures = {
@@ -59,21 +83,84 @@ def draw_attack(
     }
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
-    fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
-    try:
-        frames = [application.render(samples.mu[i], int(samples.seed[i])) for i in fooled]
-    except NotImplementedError as error:
-        frames = []
-        warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
-    if frames:
-        captions = [f"Q = {samples.score[i]:.2f}" for i in fooled]
-        count = int((samples.score <= threshold).sum())
-        shown = f"the first {len(frames)} of {count}" if count > len(frames) else f"all {count}"
-        title = f"Samples that fool the agent (Q ≤ {threshold:g}): {shown}"
-        figures["fooled.png"] = contact_sheet(frames, captions, title)
     for name, figure in figures.items():
         write_file(folder / name, png(figure))
-    return tuple(folder / name for name in figures)
+    names = [*figures]
+    if (samples.score <= threshold).any():
+        try:
+            sheet = _draw_failures(application, samples, headline, on_progress)
+        except NotImplementedError as error:
+            warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
+        except Exception as error:  # drawing is a user's code, too, and must not cost the result
+            warnings.warn(
+                f"No frames are drawn: {type(application).__name__}.render raised "
+                f"{type(error).__name__}: {error}",
+                stacklevel=2,
+            )
+        else:
+            write_file(folder / "fooled.png", png_of(sheet))
+            names.append("fooled.png")
+    return tuple(folder / name for name in names)
+
+
+def _draw_failures(
+    application: Application, samples: Evaluations, headline: str, on_progress: OnFrame
+) -> Image.Image:
+    """Draw the worst, typical and different failures, those of a batch together."""
+    space, threshold = application.parameters, application.fooling_threshold
+
+    def frames(shown: Sequence[Failure]) -> Iterator[Frame]:
+        rows = [failure.sample for failure in shown]
+        drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
+        return (_checked(frame, application) for frame in drawn)
+
+    with application.contained():
+        (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
+        columns = columns_for(first)
+        counts = (columns, columns, 4 if columns == 2 else columns)  # whole rows
+        chosen = choose_failures(space, samples, threshold, counts)
+        pictures, total = [first], len(chosen.shown)
+        on_progress(1, total)
+        for frame in frames(chosen.shown[1:]) if total > 1 else ():
+            pictures.append(frame)
+            on_progress(len(pictures), total)
+    rest = iter(pictures)
+    groups = [
+        Group(name, note, [next(rest) for _ in shown], [_caption(f, samples) for f in shown])
+        for name, note, shown in (
+            ("Worst", "the lowest scores Q", chosen.worst),
+            ("Typical", "each stands for many other failures", chosen.typical),
+            ("Diverse", "as unlike all those above as possible", chosen.diverse),
+        )
+    ]
+    fooled = int((samples.score <= threshold).sum())
+    title = (
+        f"{fooled} of {len(samples)} samples fool the agent (score Q ≤ {threshold:g}); "
+        f"{total} of them are shown. Numbers are rows of samples.npz, from 0."
+    )
+    neutral = LegendEntry(f"Frames as {type(application).__name__} draws them.")
+    return failure_sheet(groups, application.legend or (neutral,), title, headline)
+
+
+def _caption(failure: Failure, samples: Evaluations) -> str:
+    """Write a sample's number and score, and what it stands for."""
+    parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
+    if failure.stands_for is not None:
+        parts.append(f"for {failure.stands_for:.0%}")
+    if failure.alike:
+        parts.append(f"{failure.alike} alike")
+    return ", ".join(parts)
+
+
+def _checked(frame: Any, application: Application) -> Frame:
+    """Refuse what is no frame."""
+    found = np.asarray(frame)
+    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
+        raise UserError(
+            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
+            f"{found.dtype}. Mend {type(application).__name__}.render."
+        )
+    return found
 
 
 def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
@@ -83,25 +170,31 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
         space: The d parameters.
         samples: The n test samples.
         threshold: The fooling threshold; samples that fool the agent stand out.
+
+    Of more than `MAX_PARAMETERS` it draws those whose samples are farthest from uniform.
     """
-    columns = min(4, len(space))
-    rows = -(-len(space) // columns)
+    shown = _least_uniform(samples.mu)
+    columns = min(4, len(shown))
+    rows = -(-len(shown) // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     values, fooled = space.physical(samples.mu), samples.score <= threshold
     for i, axes in enumerate(grid.flat):
-        if i >= len(space):
+        if i >= len(shown):
             axes.set_visible(False)
             continue
-        parameter = space.parameters[i]
+        parameter = space.parameters[shown[i]]
         bins = len(parameter.choices) or _BINS
         edges = np.linspace(parameter.low, parameter.high, bins + 1)
         axes.hist(
-            [values[fooled, i], values[~fooled, i]],
+            [values[fooled, shown[i]], values[~fooled, shown[i]]],
             bins=list(edges),
             weights=[_percent(fooled.sum(), len(samples)), _percent((~fooled).sum(), len(samples))],
             stacked=True,
-            color=[FOOLED, SAMPLES],
+            color=[FOOLED, UNHURT],
+            hatch=[HATCH, ""],
+            edgecolor="white",
+            linewidth=0,
             label=["fool the agent", "do not fool it"],
         )
         axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
@@ -114,8 +207,21 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
-    figure.suptitle(f"Where {len(samples)} samples lie", x=0.01, ha="left", fontsize=12, color=INK)
+    title = f"Where {len(samples)} samples lie"
+    if len(shown) < len(space):
+        title += f", in the {len(shown)} least uniform of {len(space)} parameters"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
     return figure
+
+
+def _least_uniform(mu: npt.NDArray[np.float32]) -> list[int]:
+    """Choose the parameters to draw: those whose samples are farthest from uniform.
+
+    The distance is Kolmogorov and Smirnov's, between the samples' distribution and the uniform.
+    """
+    ranks = (np.arange(len(mu))[:, None] + 0.5) / len(mu)
+    distance = np.abs((np.sort(mu, axis=0) + 1.0) / 2.0 - ranks).max(axis=0)
+    return sorted(np.argsort(-distance, kind="stable")[:MAX_PARAMETERS].tolist())
 
 
 def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float) -> Figure:
@@ -131,9 +237,9 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
     top = max(1.0, float(samples.score.max()), float(queries.score.max(initial=0.0)))
     low = min(0.0, float(samples.score.min()), float(queries.score.min(initial=0.0)))
     edges = list(np.linspace(low, top, 2 * _BINS + 1))
-    for scores, colour, name in (
-        (queries.score, OMEGA, f"{len(queries):,} training queries"),
-        (samples.score, FOOLED, f"{len(samples):,} samples of the adversary"),
+    for scores, colour, hatch, name in (
+        (queries.score, OMEGA, "", f"{len(queries):,} training queries"),
+        (samples.score, BLUE, HATCH, f"{len(samples):,} samples of the adversary"),
     ):
         if len(scores):
             weights = _percent(len(scores), len(scores))
@@ -144,6 +250,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
                 histtype="stepfilled",
                 facecolor=(colour, 0.4),
                 edgecolor=colour,
+                hatch=hatch,
                 linewidth=1.2,
                 label=name,
             )
@@ -178,14 +285,17 @@ def scatter(
     """
     figure = new_figure(5.4, 5.4)
     axes = figure.subplots()
-    fooled = queries.score <= threshold
-    for mu, colour, size, name in (
-        (queries.mu[~fooled], "#d5dbe1", 7, "training query"),
-        (queries.mu[fooled], SAMPLES, 9, "training query that fooled the agent"),
-        (samples.mu, ACCENT, 11, "sample of the adversary"),
+    asked, drawn = queries.score <= threshold, samples.score <= threshold
+    for mu, colour, marker, size, name in (
+        (queries.mu[~asked], "#c5ccd4", ".", 12, "training query"),
+        (queries.mu[asked], ORANGE, "^", 12, "training query that fooled the agent"),
+        (samples.mu[~drawn], BLUE, "s", 12, "sample that does not fool it"),
+        (samples.mu[drawn], ACCENT, "x", 18, "sample that fools it"),
     ):
         x, y = space.physical(mu).T
-        axes.scatter(x, y, s=size, color=colour, linewidths=0, label=name, clip_on=False)
+        axes.scatter(
+            x, y, s=size, color=colour, marker=marker, linewidths=1, label=name, clip_on=False
+        )
     across, up = space.parameters
     axes.set_xlim(across.low, across.high)
     axes.set_ylim(up.low, up.high)
@@ -193,7 +303,7 @@ def scatter(
     axes.set_ylabel(axis_label(up))
     axes.set_box_aspect(1)
     tidy(axes)
-    figure.legend(loc="outside upper left", ncols=1, frameon=False, markerscale=1.8)
+    figure.legend(loc="outside upper left", ncols=2, frameon=False, markerscale=1.5)
     return figure
 
 
