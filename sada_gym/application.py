@@ -80,7 +80,6 @@ class Application(ABC):
         agent: The agent under test, or None if it is part of the world.
         agent_name: The agent's name in reports.
         render_fps: Frames of `replay` in a second of its episode.
-        legend: What the lines and marks in `render`'s frames mean, for the pictures of an attack.
     """
 
     name: ClassVar[str]
@@ -91,7 +90,6 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
-    legend: Sequence[LegendEntry] = ()
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
 
     @property
@@ -199,6 +197,11 @@ class Application(ABC):
             name = self.agent_name or type(self.agent).__name__
             refuse_random(name, first, second, seeds, self._other_cause)
             self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
+
+    @property
+    def legend(self) -> Sequence[LegendEntry]:
+        """What the lines and marks in frames of `render` mean, for the pictures of an attack."""
+        return ()
 
     @property
     def draws(self) -> bool:

@@ -129,14 +129,14 @@ def _draw_failures(
         Group(name, note, [next(rest) for _ in shown], [_caption(f, samples) for f in shown])
         for name, note, shown in (
             ("Worst", "the lowest scores Q", chosen.worst),
-            ("Typical", "each stands for many other failures", chosen.typical),
-            ("Diverse", "as unlike all those above as possible", chosen.diverse),
+            ("Typical", "each stands for the failures nearest to it", chosen.typical),
+            ("Diverse", "those that are least like the others here", chosen.diverse),
         )
     ]
     fooled = int((samples.score <= threshold).sum())
     title = (
-        f"{fooled} of {len(samples)} samples fool the agent (score Q ≤ {threshold:g}); "
-        f"{total} of them are shown. Numbers are rows of samples.npz, from 0."
+        f"{total} of {fooled} samples that fool the agent (score Q ≤ {threshold:g}). "
+        "#0 is the first row of samples.npz."
     )
     neutral = LegendEntry(f"Frames as {type(application).__name__} draws them.")
     return failure_sheet(groups, application.legend or (neutral,), title, headline)
@@ -146,7 +146,7 @@ def _caption(failure: Failure, samples: Evaluations) -> str:
     """Write a sample's number and score, and what it stands for."""
     parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
     if failure.stands_for is not None:
-        parts.append(f"for {failure.stands_for:.0%}")
+        parts.append(f"stands for {100 * failure.stands_for:.0f} %")
     if failure.alike:
         parts.append(f"{failure.alike} alike")
     return ", ".join(parts)

@@ -110,6 +110,9 @@ def dashed_box(
     """Draw a box (left, top, right, bottom) of four dashed lines, see `dashed`."""
     x0, y0, x1, y1 = box
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
-    for ink, more in ((casing, 2), (colour, 0)):
-        for pair in pairwise(corners) if ink is not None else ():
-            dashed(draw, pair, ink, width + more, dash, gap)
+    sides = [*pairwise(corners)]
+    if casing is not None:
+        for side in sides:
+            dashed(draw, side, casing, width + 2, dash, gap)
+    for side in sides:
+        dashed(draw, side, colour, width, dash, gap)

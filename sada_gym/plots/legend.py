@@ -56,7 +56,13 @@ def swatch(draw: ImageDraw.ImageDraw, entry: LegendEntry, box: tuple[int, int, i
     kind, _, shape = entry.mark.rpartition(" ")
     gaps = {"": (1.0, 0.0), "dashed": (2.5, 1.8), "dotted": (1.0, 1.0)}[kind]
     dash, gap = gaps[0] * width, gaps[1] * width
-    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    corners: list[tuple[float, float]] = [
+        (left, top),
+        (right, top),
+        (right, bottom),
+        (left, bottom),
+        (left, top),
+    ]
     if shape == "area":
         draw.rectangle(box, colour, rgb(INK))
     elif shape == "box":
