@@ -15,7 +15,7 @@ from sada_gym.application import Application, Frame
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import write_file
-from sada_gym.parameters import ParameterSpace
+from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.plots.choice import Failure, choose_failures
 from sada_gym.plots.legend import LegendEntry
 from sada_gym.plots.sheet import Group, columns_for, failure_sheet, png_of
@@ -44,6 +44,7 @@ MAX_PARAMETERS = 16
 
 _BINS = 20
 _COLUMNS = 6
+_MOST_VALUES = 6
 
 OnFrame = Callable[[int, int], None]
 
@@ -116,7 +117,11 @@ def _draw_failures(
 
     with application.contained():
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
-        columns = columns_for(first)
+        legend = application.legend or (
+            LegendEntry(f"Frames as {type(application).__name__} draws them."),
+        )
+        plain = all(entry.mark == "note" for entry in legend)
+        columns = columns_for(first, plain=plain)
         counts = (columns, columns, 4 if columns == 2 else columns)  # whole rows
         chosen = choose_failures(space, samples, threshold, counts)
         pictures, total = [first], len(chosen.shown)
@@ -124,9 +129,9 @@ def _draw_failures(
         for frame in frames(chosen.shown[1:]) if total > 1 else ():
             pictures.append(frame)
             on_progress(len(pictures), total)
-    rest = iter(pictures)
+    rest, told = iter(pictures), space if plain else None
     groups = [
-        Group(name, note, [next(rest) for _ in shown], [_caption(f, samples) for f in shown])
+        Group(name, note, [next(rest) for _ in shown], [_caption(f, samples, told) for f in shown])
         for name, note, shown in (
             ("Worst", "the lowest scores Q", chosen.worst),
             ("Typical", "each stands for the failures nearest to it", chosen.typical),
@@ -138,18 +143,38 @@ def _draw_failures(
         f"{total} of {fooled} samples that fool the agent (score Q ≤ {threshold:g}). "
         "#0 is the first row of samples.npz."
     )
-    neutral = LegendEntry(f"Frames as {type(application).__name__} draws them.")
-    return failure_sheet(groups, application.legend or (neutral,), title, headline)
+    if any(failure.alike for failure in chosen.shown):
+        title += " +1 alike: one more of them is hardly different."
+    return failure_sheet(groups, columns, legend, title, headline)
 
 
-def _caption(failure: Failure, samples: Evaluations) -> str:
-    """Write a sample's number and score, and what it stands for."""
+def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | None) -> str:
+    """Write a sample's number and score, what it stands for, and its world in a line if asked."""
     parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
     if failure.stands_for is not None:
         parts.append(f"stands for {100 * failure.stands_for:.0f} %")
     if failure.alike:
-        parts.append(f"{failure.alike} alike")
-    return ", ".join(parts)
+        parts.append(f"+{failure.alike} alike")
+    line = ", ".join(parts)
+    return line if space is None else f"{line}\n{_world(space, samples.mu[failure.sample])}"
+
+
+def _world(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> str:
+    """Write the first parameters of mu, (d,), and their values."""
+    values = space.physical(mu[None])[0].tolist()
+    shown = [
+        f"{axis_label(parameter)} {_value(parameter, value)}"
+        for parameter, value in zip(space.parameters[:_MOST_VALUES], values, strict=False)
+    ]
+    return ", ".join(shown) + (", …" if len(space) > _MOST_VALUES else "")
+
+
+def _value(parameter: Parameter, value: float) -> str:
+    count = len(parameter.choices)
+    if not count:
+        return f"{value:.3g}"
+    share = (value - parameter.low) / (parameter.high - parameter.low)
+    return parameter.choices[min(int(share * count), count - 1)]
 
 
 def _checked(frame: Any, application: Application) -> Frame:
@@ -288,9 +313,9 @@ def scatter(
     asked, drawn = queries.score <= threshold, samples.score <= threshold
     for mu, colour, marker, size, name in (
         (queries.mu[~asked], "#c5ccd4", ".", 12, "training query"),
-        (queries.mu[asked], ORANGE, "^", 12, "training query that fooled the agent"),
-        (samples.mu[~drawn], BLUE, "s", 12, "sample that does not fool it"),
-        (samples.mu[drawn], ACCENT, "x", 18, "sample that fools it"),
+        (queries.mu[asked], ORANGE, "^", 12, "training query that fooled"),
+        (samples.mu[~drawn], BLUE, "s", 12, "sample"),
+        (samples.mu[drawn], ACCENT, "x", 18, "sample that fools"),
     ):
         x, y = space.physical(mu).T
         axes.scatter(

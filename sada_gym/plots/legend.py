@@ -17,6 +17,7 @@ Mark = Literal[
     "dotted box",
     "line",
     "dashed line",
+    "dotted line",
     "dots",
     "disc",
     "square",

@@ -41,27 +41,36 @@ class Group:
     captions: Sequence[str]
 
 
-def columns_for(frame: Frame) -> int:
-    """Say how many frames stand in a row, so that text in them can be read on a small sheet.
+def columns_for(frame: Frame, *, plain: bool = False) -> int:
+    """Say how many frames stand in a row, 2 to 4, so that text in them can be read.
 
-    A sheet of 700 pixels shows a frame at half its size or larger, but has 2 to 4 in a row.
+    A sheet that is shown at half its width shows them at half their size or larger.
+
+    Args:
+        frame: One of the frames.
+        plain: Whether nothing is written on them, so that three in a row will always do.
     """
+    if plain:
+        return 3
     return max(2, min(_MOST_COLUMNS, int(WIDTH / 2 / (_READABLE * frame.shape[1]))))
 
 
 def failure_sheet(
-    groups: Sequence[Group], legend: Sequence[LegendEntry], title: str, headline: str = ""
+    groups: Sequence[Group],
+    columns: int,
+    legend: Sequence[LegendEntry],
+    title: str,
+    headline: str = "",
 ) -> Image.Image:
     """Lay groups of frames out below one another, under a headline and the frames' legend.
 
     Args:
         groups: The groups; empty ones are left out.
+        columns: The number of frames in a row.
         legend: What the marks in the frames mean; may be empty.
         title: A line above the legend.
         headline: A sentence or two on top, broken into lines.
     """
-    groups = [group for group in groups if len(group.frames)]
-    columns = columns_for(groups[0].frames[0])
     page = _Page()
     if headline:
         page.write(headline, _HEADLINE, bold=True)
@@ -69,7 +78,7 @@ def failure_sheet(
     page.write(title, _TEXT, colour=MUTED)
     page.skip(8)
     page.legend(legend)
-    for group in groups:
+    for group in [group for group in groups if len(group.frames)]:
         page.rule()
         page.heading(group.title, group.note)
         for first in range(0, len(group.frames), columns):

@@ -132,7 +132,7 @@ class AnalyticApplication(Application):
         return (
             LegendEntry(f"fooled: Q ≤ {self.fooling_threshold:g}", red, "area"),
             LegendEntry("not fooled", blue, "area"),
-            LegendEntry("border between both", "#000000", "line"),
+            LegendEntry("border of the fooling set", "#000000", "line"),
             LegendEntry("the sample", "#000000", "plus"),
             LegendEntry("Across: x0. Up: x1. The other coordinates are the sample's."),
         )

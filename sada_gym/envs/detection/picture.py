@@ -82,7 +82,8 @@ def annotate(
 def _box(draw: ImageDraw.ImageDraw, box: npt.NDArray[Any], colour: str, side: int) -> None:
     x0, y0, x1, y1 = np.clip(box, 0, side - 1).tolist()
     if x0 < x1 and y0 < y1:
-        width = max(2, side // 128)
+        # the target's is wider: it shows beside another detection in the same place
+        width = max(2, side // 128) * (2 if colour == _TARGET else 1)
         dash, gap = (width * length for length in _DASHES[colour])
         dashed_box(draw, (x0, y0, x1, y1), rgb(colour), width, dash, gap, casing=_EDGE)
 

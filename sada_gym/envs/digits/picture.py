@@ -14,7 +14,7 @@ SIDE = 160
 """Pixels a side of an enlarged image, at least."""
 
 RIGHT, WRONG, INK, PAPER = rgb(GREEN), rgb(VERMILLION), (31, 41, 51), (255, 255, 255)
-_GAP, _LINE, _CAPTION = 8, 20, 66
+_GAP, _LINE, _CAPTION = 8, 23, 80
 
 LEGEND = (
     LegendEntry("seen as the class that it is", GREEN, "line"),
@@ -52,7 +52,7 @@ def beside(
     width = max(width, SIDE)  # room for the caption
     size = (2 * width + 3 * _GAP, height + _CAPTION + _GAP)
     picture = Image.new("RGB", size, PAPER)
-    draw, of = ImageDraw.Draw(picture), font(16)
+    draw, of = ImageDraw.Draw(picture), font(20)
     for i, (title, panel) in enumerate(zip(("unchanged", "attacked"), panels, strict=True)):
         left = _GAP + i * (width + _GAP)
         guess = int(probabilities[i].argmax())

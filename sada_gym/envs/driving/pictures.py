@@ -140,7 +140,7 @@ def _map(
         draw.rectangle((x - 1.3 * unit, y - 1.3 * unit, x + 1.3 * unit, y + 1.3 * unit), _GOAL, INK)
         for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
             draw.text(
-                (x + 2.2 * unit, y - 2.2 * unit),
+                (x + 3 * unit, y - 3 * unit),
                 str(i + 1),
                 fill=INK,
                 font=of,

@@ -28,7 +28,7 @@ _FLOOR, _RACK, _SHELF = (236, 238, 240), (193, 154, 107), (148, 112, 70)
 _PILLAR, _BARREL, _LID, _CART = (110, 116, 124), (222, 120, 31), (246, 168, 92), (70, 110, 160)
 _WAY, _DRIVEN, _RETURN = (250, 204, 21), rgb(BLUE), (220, 38, 38)
 _GOAL, _FAILED, _ROBOT = (34, 197, 94), rgb(VERMILLION), (40, 44, 52)
-_TEXT = 21
+_TEXT = 28
 
 LEGEND = (
     LegendEntry("way planned", "#facc15", "line"),
@@ -42,7 +42,7 @@ LEGEND = (
     LegendEntry("barrel", "#de781f", "disc"),
     LegendEntry("cart", "#466ea0", "disc"),
     LegendEntry(
-        "Above: the end of the first trip that failed. Below: all ten trips, five on each of two "
+        "Left: the end of the first trip that failed. Right: all ten trips, five on each of two "
         "floor plans."
     ),
 )
@@ -54,7 +54,7 @@ Rollouts = Sequence[Rollout[Start]]
 
 
 def summary(rollouts: Rollouts) -> Frame:
-    """Draw the end of the first trip that failed, above maps of the trips of each floor plan."""
+    """Draw the end of the first trip that failed, beside maps of the trips of each floor plan."""
     failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
     which = failed[0] if failed else 0
     rollout = rollouts[which]
@@ -62,24 +62,13 @@ def summary(rollouts: Rollouts) -> Frame:
     arrived = len(rollouts) - len(failed)
     ending = _words(rollout["ending"][-1])
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
-    top = moment(rollout, last)
-    return stacked(
-        [
-            caption(
-                f"{arrived} of {len(rollouts)} trips arrived\n"
-                + _conditions(rollout.start.conditions),
-                top.width,
-                _TEXT,
-            ),
-            top,
-            caption(
-                f"trip {which + 1} after {last / POLICY_HZ:.1f} s: {ending}; all trips:",
-                top.width,
-                _TEXT,
-            ),
-            beside(*maps),
-        ]
+    pair = beside(moment(rollout, last), Image.fromarray(stacked(maps)))
+    text = (
+        f"{arrived} of {len(rollouts)} trips arrived; left: trip {which + 1} after "
+        f"{last / POLICY_HZ:.1f} s, {ending}\n"
     )
+    text += _conditions(rollout.start.conditions)
+    return stacked([caption(text, pair.width, _TEXT), pair])
 
 
 def frames(rollouts: Rollouts) -> list[Frame]:
@@ -142,7 +131,7 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
         for (x, y), colour in ((way[0], (255, 255, 255)), (way[-1], _GOAL)):
             chart.disc(x, y, 0.14, colour)
         goal_x, goal_y = way[-1]
-        chart.flag(goal_x, goal_y, 0.5)
+        chart.flag(goal_x, goal_y, 0.7)
         x, y = way[len(way) // 2]
         chart.text(x, y, str(first + k + 1))
     for rollout in rollouts:
@@ -266,7 +255,7 @@ class _Chart:
             self._at(x, y),
             text,
             INK,
-            font(0.6 * self._unit, bold=True),
+            font(0.9 * self._unit, bold=True),
             "mm",
             stroke_width=round(0.05 * self._unit),
             stroke_fill="white",

@@ -45,7 +45,7 @@ LEGEND = (
     LegendEntry("gate passed", GREEN, "line"),
     LegendEntry("gate missed", VERMILLION, "dashed line"),
     LegendEntry("way flown", BLUE, "line"),
-    LegendEntry("line of the track", "#b0bea0", "line"),
+    LegendEntry("line of the track", "#b0bea0", "dotted line"),
     LegendEntry("hit something here", INK_HEX, "cross"),
     LegendEntry("the drone at the time of the view", INK_HEX, "arrow"),
     LegendEntry(
@@ -180,7 +180,8 @@ class Plan:
         side = self.size * _FINER
         picture = Image.new("RGB", (side, side), _FIELD)
         draw = ImageDraw.Draw(picture)
-        draw.line(self._pixels(np.vstack([self.line, self.line[:1]])), fill=_LINE, width=5)
+        closed = self._pixels(np.vstack([self.line, self.line[:1]]))
+        dashed(draw, closed, _LINE, 6, 8, 8)
         for way in flown:
             draw.line(self._pixels(way), fill=_FLOWN, width=4)
         codes = np.zeros(len(self.gates), int) if endings is None else np.asarray(endings)
@@ -188,7 +189,7 @@ class Plan:
         for number, (gate, code) in enumerate(zip(self.gates, codes.tolist(), strict=True), 1):
             colour = _AHEAD if code == Ending.AHEAD else _MISSED
             colour = _PASSED if code == Ending.PASSED else colour
-            self._gate(draw, gate, colour, missed=code > Ending.PASSED)
+            self._gate(draw, gate, colour, code)
             aside = gate[:2] + 3.2 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
             (place,) = self._pixels(aside[None])
             draw.text(place, str(number), fill=colour, font=of, anchor="mm")
@@ -200,15 +201,14 @@ class Plan:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)
 
-    def _gate(
-        self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour, *, missed: bool
-    ) -> None:
+    def _gate(self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour, code: int) -> None:
         ahead = np.array([np.cos(gate[3]), np.sin(gate[3])])
         left = np.array([-ahead[1], ahead[0]]) * OUTER_WIDTH_M / 2
         ends = self._pixels(np.stack([gate[:2] + left, gate[:2] - left]))
         length = math.dist(*ends)
-        dash, gap = (0.26 * length, 0.11 * length) if missed else (length, 0.0)
-        dashed(draw, ends, colour, 4 * _FINER, dash, gap)
+        dash, gap = (0.26 * length, 0.11 * length) if code > Ending.PASSED else (length, 0.0)
+        width = (2 if code == Ending.AHEAD else 4) * _FINER  # thin, and never dashed, where ahead
+        dashed(draw, ends, colour, width, dash, gap)
         draw.line(self._pixels(np.stack([gate[:2], gate[:2] + 1.2 * ahead])), fill=colour, width=4)
 
     def _drone(self, draw: ImageDraw.ImageDraw, drone: Array) -> None:
