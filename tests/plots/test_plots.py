@@ -129,6 +129,14 @@ def test_a_bad_frame_costs_no_other_picture(frame, message, tmp_path):
     assert [path.name for path in pictures] == ["marginals.png", "scores.png"]
 
 
+def test_an_error_of_the_caller_is_the_callers(tmp_path):
+    def stop(done, total):
+        raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        draw_attack(Toy(), drawn(50), drawn(9), tmp_path, on_progress=stop)
+
+
 def test_of_many_parameters_the_least_uniform_are_drawn():
     samples = drawn(60, 40)
     samples.mu[:, 17] = 0.9
