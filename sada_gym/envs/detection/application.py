@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,16 +12,17 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
-from sada_gym.envs.detection.picture import annotate
+from sada_gym.envs.detection.picture import annotate, legend
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.renderers.base import DEFAULT, checked_renderer, checked_renderings
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, fingerprint, load_class
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.plots.legend import LegendEntry
 
 
 class DetectionApplication(Application):
@@ -124,6 +125,11 @@ class DetectionApplication(Application):
         self._agent_id = agent_id
 
     @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the boxes in frames are."""
+        return legend(self.object_class)
+
+    @property
     def tile(self) -> int:
         """Images in one call of the detector."""
         return self._detector.tile
@@ -185,13 +191,23 @@ class DetectionApplication(Application):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees, with the object's true box and the detections."""
-        rendering = self._rendering(mu, seed)
+        one: Any = [mu]
+        return next(self.render_batch(one, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose pictures the detector sees together."""
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        renderings = self._renderings(
+            [self.scene(row, seed) for row, seed in zip(batch, checked, strict=True)]
+        )
         names = {self.label: self.object_class}
         known = getattr(self.agent, "labels", None)
         if isinstance(known, Mapping):
             names = {label: name for name, label in known.items()}
-        detections = self._detector.act([rendering.image])[0]
-        return annotate(rendering, detections, names, self.label)
+        found = self._detector.act([rendering.image for rendering in renderings])
+        for rendering, detections in zip(renderings, found, strict=True):
+            yield annotate(rendering, detections, names, self.label)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees."""

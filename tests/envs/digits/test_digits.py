@@ -187,7 +187,7 @@ def test_pictures():
     before = env.render()
     info = env.step(MU[0])[4]
     frame = env.render()
-    assert before.shape == frame.shape == (210, 344, 3)
+    assert before.shape == frame.shape == (248, 344, 3)
     assert (frame != before).any()
     seen = env.unwrapped.application.observation(MU[0], info["seed"])
     assert seen.shape == (160, 160, 3)
