@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +38,13 @@ _COLUMNS = 6
 
 
 def draw_attack(
-    application: Application, samples: Evaluations, queries: Evaluations, folder: Path
+    application: Application,
+    samples: Evaluations,
+    queries: Evaluations,
+    folder: Path,
+    *,
+    headline: str = "",  # noqa: ARG001
+    on_progress: Callable[[int, int], None] = lambda *_: None,
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder.
 
@@ -47,6 +53,8 @@ def draw_attack(
         samples: The adversary's test samples.
         queries: The training queries (Omega).
         folder: The folder for the PNG files.
+        headline: A sentence on where the agent fails.
+        on_progress: Called with the number of frames drawn, and of all.
 
     Returns:
         The files written. The contact sheet is left out where the application draws no frames or
@@ -61,7 +69,10 @@ def draw_attack(
         figures["map.png"] = scatter(space, samples, queries, threshold)
     fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
     try:
-        frames = [application.render(samples.mu[i], int(samples.seed[i])) for i in fooled]
+        frames = []
+        for done, i in enumerate(fooled):
+            on_progress(done, len(fooled))
+            frames.append(application.render(samples.mu[i], int(samples.seed[i])))
     except NotImplementedError as error:
         frames = []
         warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
