@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,6 +98,8 @@ def attack(
         refuse_misspelt(env_id, adversary, keywords)
         if (note := default_note(env_id, keywords)) is not None:
             say("", note, console=err)
+        if resume and (folder / "result.json").exists():
+            say("", f"{folder} holds a finished run. It is read, not done again.", console=err)
         from sada_gym.attack import attack as run_attack
         from sada_gym.cli.progress import AttackProgress
         from sada_gym.evaluation.executors import open_executor
@@ -124,8 +127,6 @@ def attack(
         except KeyboardInterrupt:
             _show_stop(folder)
             raise typer.Exit(130) from None
-    if result.was_finished:
-        say("", f"The run in {folder} is finished. Nothing was evaluated.", console=err)
     _show_result(result)
 
 
@@ -140,18 +141,25 @@ def _show_stop(folder: Path) -> None:
 
 
 def _show_result(result: AttackResult) -> None:
-    from rich.table import Table
     from rich.text import Text
 
     from sada_gym.runs.summary import AFR, results_line, summary_rows, title
 
     say("[bold]", title(result.report))
-    table = Table.grid(padding=(0, 3), pad_edge=False)
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
-    for name, text in summary_rows(result.report):
-        table.add_row(f"  {name}", Text(text, style="bold" if name in (AFR, "where") else ""))
-    out.print(table, highlight=False, soft_wrap=not out.is_terminal)
+    rows = list(summary_rows(result.report))
+    indent = 5 + max(len(name) for name, _ in rows)
+    narrow = out.is_terminal and out.width < 2 * indent
+    for name, text in rows:
+        start = f"  {name}".ljust(indent)
+        if out.is_terminal:
+            left = " " * (4 if narrow else indent)
+            text = textwrap.fill(text, out.width, initial_indent=left, subsequent_indent=left,
+                                 break_long_words=False, break_on_hyphens=False)  # fmt: skip
+            text = f"\n{text}" if narrow else text[indent:]
+        line = Text(start, style="dim").append(
+            text, "not dim bold" if name in (AFR, "where") else "not dim"
+        )
+        out.print(line, soft_wrap=True)
     say("", results_line(result.folder, result.pictures))
 
 

@@ -71,8 +71,8 @@ def draw_attack(
     try:
         frames = []
         for done, i in enumerate(fooled):
-            on_progress(done, len(fooled))
             frames.append(application.render(samples.mu[i], int(samples.seed[i])))
+            on_progress(done + 1, len(fooled))
     except NotImplementedError as error:
         frames = []
         warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
