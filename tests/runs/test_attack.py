@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
+from sada_gym import adversaries
 from sada_gym.attack import RunProgress, attack
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
@@ -222,6 +223,13 @@ def test_a_refused_run_leaves_nothing_behind(tmp_path):
         run(mine, adversary=Hungry)
     assert [path.name for path in mine.iterdir()] == ["notes.txt"]
     run(mine)
+
+
+@pytest.mark.parametrize("name", sorted({*adversaries.names()} - {"random", "cma-mae"}))
+def test_all_but_the_controls_refuse_a_budget_of_0(tmp_path, name):
+    with pytest.raises(ValueError, match="Expected a budget of at least"):
+        run(tmp_path / "a", adversary=name, budget=0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_that_fails_later_keeps_its_evaluations(tmp_path):
