@@ -135,7 +135,7 @@ class AttackProgress(Display):
             self._current = stage
         count = self._counts[stage]
         if done < count.done and stage in _STEPS:
-            count.first, count.first_s = 0, self._spent(stage)
+            count.first, count.first_s = done, self._spent(stage)
         count.done, count.total, count.known = done, total, known
         if count.first_s is None and done > known:
             count.first, count.first_s = done - known, self._spent(stage)

@@ -225,7 +225,7 @@ def test_a_refused_run_leaves_nothing_behind(tmp_path):
     run(mine)
 
 
-@pytest.mark.parametrize("name", sorted({*adversaries.names()} - {"random", "cma-mae"}))
+@pytest.mark.parametrize("name", sorted({*adversaries.names()} - {"random"}))
 def test_all_but_the_controls_refuse_a_budget_of_0(tmp_path, name):
     with pytest.raises(ValueError, match="Expected a budget of at least"):
         run(tmp_path / "a", adversary=name, budget=0)
