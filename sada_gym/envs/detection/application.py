@@ -91,9 +91,18 @@ class DetectionApplication(Application):
     sample_size = 250
     parameters = ParameterSpace(
         Parameter("camera_distance", 8.0, 14.5, "scene units"),
-        Parameter("camera_azimuth_deg", -180.0, 180.0, "deg"),
+        Parameter(
+            *("camera_azimuth_deg", -180.0, 180.0, "deg"),
+            directions=("in front", "on the left", "behind", "on the right"),
+        ),
         Parameter("camera_pitch_deg", 0.0, 51.6, "deg"),
-        Parameter("light_azimuth_deg", -180.0, 180.0, "deg"),
+        Parameter(
+            *("light_azimuth_deg", -180.0, 180.0, "deg"),
+            directions=(
+                *("behind the camera", "right of the camera"),
+                *("opposite the camera", "left of the camera"),
+            ),
+        ),
         Parameter("light_pitch_deg", 3.0, 90.0, "deg"),
         Parameter("colour_red", 0.0, 1.0),
         Parameter("colour_green", 0.0, 1.0),
