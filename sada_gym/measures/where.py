@@ -105,10 +105,10 @@ def where(space: ParameterSpace, failures: Mu) -> Where:
         _condition(space.parameters[index], finding) for index, finding in found.items()
     )
     share = float(among.mean())
-    mostly = "Always" if share == 1.0 else "Mostly" if share >= _MOSTLY else "More often"
+    mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
     listed = " and ".join(condition.text for condition in conditions)
     return Where(
-        sentence=f"{mostly} where {listed}: {_percent(share)} of the {len(different):,} failures, "
+        sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} failures, "
         f"against {_percent(uniform)} of uniform worlds.",
         conditions=conditions,
         share=share,

@@ -55,7 +55,7 @@ def test_one_range_is_named_in_physical_units(within, text):
     found = where(SPACE, worlds(**within))
     assert [one.text for one in found.conditions] == [text]
     assert found.share == 1.0
-    assert found.sentence.startswith(f"Always where {text}: 100 % of the 200 failures, against ")
+    assert found.sentence.startswith(f"Fails always where {text}: 100 % of the 200 failures, against ")
 
 
 def test_both_sides_of_a_ring_and_both_ends_of_a_range_are_found():
@@ -76,7 +76,7 @@ def test_conditions_are_joined_with_their_shares_counted():
     assert found.share == pytest.approx(share)
     assert found.uniform == pytest.approx(16.6 / 51.6 / 4)
     assert found.sentence == (
-        "Mostly where camera is behind and camera pitch is above 35°: "
+        "Fails mostly where camera is behind and camera pitch is above 35°: "
         f"{100 * share:.0f} % of the 360 failures, against 8 % of uniform worlds."
     )
 
@@ -87,7 +87,7 @@ def test_a_range_is_named_only_if_it_holds_more_by_a_clear_margin():
     assert "Nowhere in particular" in where(SPACE, weak).sentence
     stronger = np.concatenate([worlds(300), worlds(200, seed=1, payload_kg=(0, 1.5))])
     found = where(SPACE, stronger)
-    assert found.sentence.startswith("More often where payload is below 1.5 kg: 5")
+    assert found.sentence.startswith("Fails more often where payload is below 1.5 kg: 5")
     assert found.uniform == pytest.approx(0.3)
 
 
