@@ -10,6 +10,7 @@ from sada_gym.cli.benchmark import benchmark
 from sada_gym.cli.catalogue import adversaries, agents, envs
 from sada_gym.cli.check import check
 from sada_gym.cli.console import set_debug
+from sada_gym.cli.replay import replay
 from sada_gym.cli.submit import submit
 
 app = typer.Typer(
@@ -51,6 +52,7 @@ app.command()(adversaries)
 app.command(context_settings=_STRAY)(attack)
 app.command(context_settings=_STRAY)(check)
 app.command(context_settings=_STRAY)(benchmark)
+app.command()(replay)
 app.command()(submit)
 
 
