@@ -68,13 +68,24 @@ def _shot(rollout: Rollout[Start], name: str, seconds: float) -> Shot:
         f"{_weather(rollout.start.weather)}; camera {mount.height_m:.2f} m high, pitch "
         f"{number(mount.pitch_deg)}°"
     )
-    return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, _ending(ending, last / POLICY_HZ))
+    told_end = _ending(ending, last / POLICY_HZ, _side(rollout))
+    return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, told_end)
 
 
-def _ending(ending: Ending, after_s: float) -> shots.Ending:
+def _side(rollout: Rollout[Start]) -> str:
+    """Say on which side of its route the car is at the end; y points to the right of x."""
+    route, place = rollout.start.route, rollout["states"][-1, :2]
+    off = place - route.points
+    nearest = int((off**2).sum(axis=1).argmin())
+    heading = route.heading[nearest]
+    right = -np.sin(heading) * off[nearest, 0] + np.cos(heading) * off[nearest, 1]
+    return "right" if right > 0 else "left"
+
+
+def _ending(ending: Ending, after_s: float, side: str) -> shots.Ending:
     texts = {
         Ending.ARRIVED: f"arrived after {after_s:.0f} s",
-        Ending.LEFT_LANE: f"left its lane after {after_s:.1f} s",
+        Ending.LEFT_LANE: f"left its lane on the {side} after {after_s:.1f} s",
         Ending.TOO_LATE: f"not there after {after_s:.0f} s",
     }
     return shots.Ending(texts[ending], ending != Ending.ARRIVED)

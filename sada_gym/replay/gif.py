@@ -18,15 +18,17 @@ BYTES_PER_10_S = 2_000_000
 _TRIES: tuple[tuple[float, float, int], ...] = (
     (1.0, 5.0, COLOURS),
     (1.0, 9.0, 160),
-    (0.9, 9.0, 128),
-    (0.8, 10.0, 96),
-    (0.7, 10.0, 64),
-    (0.6, 12.0, 48),
+    (1.0, 12.0, 96),
+    (0.9, 12.0, 96),
+    (0.8, 12.0, 64),
+    (0.65, 12.0, 48),
     (0.5, 12.0, 32),
 )
-"""Width as a share, how far a pixel's colour may be off before it changes, colours. Each is about
-three quarters of the size before it. Then every second frame is left out, and so on."""
-_LEAST_FPS = 4.0
+"""Width as a share, how far a pixel's colour may be off before it changes, colours. Where none is
+enough, every second frame is left out, and so on."""
+_FAR = 1.6
+_HELD_S = 1.0
+"""Frames that stand so long are endings."""
 
 
 def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> bytes:
@@ -43,31 +45,38 @@ def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> b
     """
     content = b""
     for kept, times in _thinner(frames, times_s):
+        skip = False
         for share, tolerance, colours in _TRIES:
+            if skip:  # far too large: the next try would not do
+                skip = False
+                continue
             smaller = kept if share == 1.0 else [_scaled(frame, share) for frame in kept]
             content = _encoded(smaller, times, tolerance, colours)
             if len(content) <= most_bytes:
                 return content
+            skip = len(content) > _FAR * most_bytes
     return content
 
 
 def _thinner(
     frames: Sequence[Frame], times_s: Sequence[float]
 ) -> Iterator[tuple[Sequence[Frame], Sequence[float]]]:
-    """Give the film, and then with fewer and fewer frames; the last of a shot always stays."""
+    """Give the film, then with every second, and with every third frame; endings stay."""
     yield frames, times_s
-    while len(frames) > 2 and min(times_s) * 2 <= 1.0 / _LEAST_FPS:
+    for share in (2, 3):
         kept: list[Frame] = []
         times: list[float] = []
-        held = max(times_s)
+        together = 0
         for frame, time_s in zip(frames, times_s, strict=True):
-            if kept and time_s < held and times[-1] < 2 * min(times_s) - 1e-9:
-                kept[-1], times[-1] = frame, times[-1] + time_s
-            else:
+            held = time_s >= _HELD_S
+            if held or together == 0 or together == share:
                 kept.append(frame)
                 times.append(time_s)
-        frames, times_s = kept, times
-        yield frames, times_s
+                together = 0 if held else 1
+            else:
+                kept[-1], times[-1] = frame, times[-1] + time_s
+                together += 1
+        yield kept, times
 
 
 def _scaled(frame: Frame, share: float) -> Frame:

@@ -145,10 +145,11 @@ def _eyes(states: Sequence[Array]) -> Array:
 def _number(picture: Image.Image, of: DroneCamera, eye: Array, gate: Array, number: int) -> None:
     """Write a gate's number above it."""
     ((x, y),) = of.project(eye, np.array([[gate[0], gate[1], TOP_M + 0.35]]))
-    if np.isfinite([x, y]).all():
+    away = float(np.linalg.norm(gate[:2] - eye[:2]))
+    size = float(np.clip(150 / max(away, 1.0), 13, 30))
+    if 0 <= x < WIDTH:  # NaN where the gate is behind the camera
         draw = ImageDraw.Draw(picture)
-        away = float(np.linalg.norm(gate[:2] - eye[:2]))
-        size = float(np.clip(150 / max(away, 1.0), 13, 30))
+        y = max(y, size + 4)  # a near gate is higher than the picture
         draw.text(
             (x, y),
             str(number),

@@ -13,7 +13,7 @@ from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start
 from sada_gym.envs.robot.pictures import WIDTH, moment
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
 from sada_gym.replay import shots
-from sada_gym.replay.lettering import cross
+from sada_gym.replay.lettering import ring
 from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def _shot(rollout: Rollout[Start], name: str, world: str, seconds: float) -> Sho
     pictures = [moment(rollout, step) for step in steps]
     if ending != Ending.ARRIVED:
         unit, (x, y, _) = WIDTH / HALL_M[0], rollout["poses"][-1]
-        cross(ImageDraw.Draw(pictures[-1]), x * unit, (HALL_M[1] - y) * unit, 14)
+        ring(ImageDraw.Draw(pictures[-1]), x * unit, (HALL_M[1] - y) * unit, 28)
     notes = [f"{name}  ·  {step / POLICY_HZ:.1f} s  ·  twice as fast" for step in steps]
     after_s = last / POLICY_HZ
     goal = rollout.start.plan.ways[rollout.start.trip][-1]

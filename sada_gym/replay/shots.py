@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ MORPH_STEPS, MORPH_FPS = 32, 8
 LEAST_S = 4.0
 """Several failures share a sample's time only as long as each gets this much."""
 MOST_FPS = 20
+SHORTEST_S = 2.0
+"""A shorter episode is shown in slow motion."""
 MANY = 30
 """More parameters than this are not named one by one."""
 
@@ -109,13 +112,10 @@ def any_take(application: Application, mu: Mu, seed: int, seconds: float) -> Tak
     world = world_words(application, mu)
     if len(frames) == 1:
         return Take([_morph(application, mu, seed, seconds, ending)], score)
-    fps, stride = thinned(application.render_fps)
-    kept = frames[::-1][::stride][::-1][-max(2, round(seconds * fps)) :]
-    first = len(frames) - 1 - stride * (len(kept) - 1)
-    times = [(first + stride * i) / application.render_fps for i in range(len(kept))]
-    shot = Shot(
-        [as_picture(one) for one in kept], fps, [f"{t:.1f} s" for t in times], world, ending
-    )
+    kept, fps, remark = paced(len(frames), application.render_fps, seconds)
+    pictures = [as_picture(frames[i]) for i in kept]
+    notes = [f"{i / application.render_fps:.1f} s{remark}" for i in kept]
+    shot = Shot(pictures, fps, notes, world, ending)
     return Take([shot], score)
 
 
@@ -143,10 +143,23 @@ def scored_ending(score: float, threshold: float, reason: object = None) -> Endi
     return Ending(said or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
 
 
-def thinned(fps: float) -> tuple[float, int]:
-    """Give a rate that films take, and which of the frames are kept for it."""
-    stride = max(1, int(np.ceil(fps / MOST_FPS)))
-    return fps / stride, stride
+def paced(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
+    """Choose the frames of an episode's end, and their pace.
+
+    Args:
+        count: The episode's frames.
+        fps: How many of them belong to a second.
+        seconds: The time to fill.
+
+    Returns:
+        The frames' indices, the last one included; frames a second; and a remark where an episode
+        is too short to be seen in its own time.
+    """
+    stride = max(1, math.ceil(fps / MOST_FPS))
+    if count < fps * SHORTEST_S:
+        return range(count), min(fps / stride, count / SHORTEST_S), "  ·  slow motion"
+    most = max(2, round(seconds * fps / stride))
+    return range(count - 1, -1, -stride)[:most][::-1], fps / stride, ""
 
 
 def shared(failed: Sequence[int], seconds: float) -> tuple[Sequence[int], float]:

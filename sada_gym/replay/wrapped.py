@@ -21,16 +21,15 @@ def take(application: GymnasiumApplication, mu: shots.Mu, seed: int, seconds: fl
     threshold = application.fooling_threshold
     failed = [i for i, rollout in enumerate(rollouts) if rollout.score <= threshold]
     chosen, each_s = shots.shared(failed, seconds)
-    fps, stride = shots.thinned(application.render_fps)
     world = shots.world_words(application, mu)
     made = []
     for i in chosen:
         rollout = rollouts[i]
         last = len(rollout["frame"]) - 1
-        steps = shots.steps_before(last, each_s * application.render_fps)[::-1][::stride][::-1]
+        steps, fps, remark = shots.paced(last + 1, application.render_fps, each_s)
         name = f"episode {i + 1} of {len(rollouts)}  ·  " if len(rollouts) > 1 else ""
         notes = [
-            f"{name}step {step}  ·  return {number(float(rollout['return'][step]))}"
+            f"{name}step {step}  ·  return {number(float(rollout['return'][step]))}{remark}"
             for step in steps
         ]
         text = f"return {number(float(rollout['return'][-1]))} after {last} steps"
