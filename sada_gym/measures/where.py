@@ -108,8 +108,8 @@ def where(space: ParameterSpace, failures: Mu) -> Where:
     mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
     listed = " and ".join(condition.text for condition in conditions)
     return Where(
-        sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} failures, "
-        f"against {_percent(uniform)} of uniform worlds.",
+        sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} "
+        f"failures, against {_percent(uniform)} of uniform worlds.",
         conditions=conditions,
         share=share,
         uniform=uniform,

@@ -55,7 +55,9 @@ def test_one_range_is_named_in_physical_units(within, text):
     found = where(SPACE, worlds(**within))
     assert [one.text for one in found.conditions] == [text]
     assert found.share == 1.0
-    assert found.sentence.startswith(f"Fails always where {text}: 100 % of the 200 failures, against ")
+    assert found.sentence.startswith(
+        f"Fails always where {text}: 100 % of the 200 failures, against "
+    )
 
 
 def test_both_sides_of_a_ring_and_both_ends_of_a_range_are_found():

@@ -186,7 +186,7 @@ class _Chart:
 @cache
 def _chart(width: int) -> _Chart:
     """Draw the benchmark's town without its outskirts."""
-    whole = _plan(camera(LAYOUT))
+    whole = town_plan(camera(LAYOUT))
     texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
     low = np.floor((corners.min(axis=0) - _EDGE_M - whole.corner) / texel)
@@ -196,7 +196,7 @@ def _chart(width: int) -> _Chart:
     return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def _plan(of: TownCamera) -> _Chart:
+def town_plan(of: TownCamera) -> _Chart:
     """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
     chart = _Chart(picture, of.ground.origin, of.ground.texel_m * 2**_MAP_LEVEL)
