@@ -21,7 +21,7 @@ TRAINING_STEPS = 60_000
 
 def train() -> PPO:
     """Train an agent that keeps the pole up for all 500 steps of the ordinary CartPole-v1."""
-    torch.set_num_threads(1)  # small networks train many times faster in one thread
+    torch.set_num_threads(1)  # small networks train several times faster in one thread
     agent = PPO(
         "MlpPolicy",
         make_vec_env("CartPole-v1", n_envs=8, seed=0),

@@ -23,7 +23,7 @@ TRAINING_STEPS = 1_000_000
 
 def train() -> None:
     """Train an agent on the ordinary LunarLander-v3 and save it."""
-    torch.set_num_threads(1)  # small networks train many times faster in one thread
+    torch.set_num_threads(1)  # small networks train several times faster in one thread
     agent = PPO(
         "MlpPolicy",
         make_vec_env("LunarLander-v3", n_envs=16, seed=0),
