@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import real_scores
-from sada_gym.determinism import generators_kept, refuse_random
+from sada_gym.determinism import generators_kept, refuse_random, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, ParameterSpace
 
@@ -119,7 +119,7 @@ class Application(ABC):
         )
 
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
-        """Score the agent in the worlds of a batch of mu.
+        """Score the agent in the worlds of a batch of mu, in one thread: see `single_threaded`.
 
         Args:
             mu: (n, d), values in [-1, 1]; rounded to float32.
@@ -136,7 +136,7 @@ class Application(ABC):
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        with self.contained():
+        with single_threaded(), self.contained():
             self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = score <= self.fooling_threshold
