@@ -8,6 +8,7 @@ The mass of the pole enters two more attributes, and a function sets all three.
 
 from typing import Any
 
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
@@ -20,6 +21,7 @@ TRAINING_STEPS = 60_000
 
 def train() -> PPO:
     """Train an agent that keeps the pole up for all 500 steps of the ordinary CartPole-v1."""
+    torch.set_num_threads(1)  # small networks train several times faster in one thread
     agent = PPO(
         "MlpPolicy",
         make_vec_env("CartPole-v1", n_envs=8, seed=0),

@@ -9,6 +9,7 @@ uses it. The agent is trained without wind. lunar_lander.toml says the same for 
 
 from pathlib import Path
 
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
@@ -22,6 +23,7 @@ TRAINING_STEPS = 1_000_000
 
 def train() -> None:
     """Train an agent on the ordinary LunarLander-v3 and save it."""
+    torch.set_num_threads(1)  # small networks train several times faster in one thread
     agent = PPO(
         "MlpPolicy",
         make_vec_env("LunarLander-v3", n_envs=16, seed=0),

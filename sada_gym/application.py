@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import real_scores
-from sada_gym.determinism import generators_kept, refuse_random
+from sada_gym.determinism import generators_kept, refuse_random, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, ParameterSpace
+
+if TYPE_CHECKING:
+    from sada_gym.plots.legend import LegendEntry
 
 SEED_BOUND = 2**31
 """Evaluation seeds are Python ints in [0, SEED_BOUND)."""
@@ -116,7 +119,7 @@ class Application(ABC):
         )
 
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
-        """Score the agent in the worlds of a batch of mu.
+        """Score the agent in the worlds of a batch of mu, in one thread: see `single_threaded`.
 
         Args:
             mu: (n, d), values in [-1, 1]; rounded to float32.
@@ -133,7 +136,7 @@ class Application(ABC):
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        with self.contained():
+        with single_threaded(), self.contained():
             self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = score <= self.fooling_threshold
@@ -196,6 +199,11 @@ class Application(ABC):
             self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
 
     @property
+    def legend(self) -> Sequence[LegendEntry]:
+        """What the lines and marks in frames of `render` mean, for the pictures of an attack."""
+        return ()
+
+    @property
     def draws(self) -> bool:
         """Whether it draws pictures."""
         return type(self).render is not Application.render
@@ -241,6 +249,14 @@ class Application(ABC):
         raise NotImplementedError(
             f"{type(self).__name__} draws no pictures. Implement `render(mu, seed)` in it."
         )
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw a frame, see `render`, of each world of mu, (n, d), with its seed.
+
+        A subclass may play the episodes together; the frames stay the same.
+        """
+        for row, seed in zip(self.parameters.validate(mu), seeds, strict=True):
+            yield self.render(row, seed)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the agent sees first in the world of mu, shape (d,), without annotations.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
 from sada_gym.files import as_path, file_errors, write_folder, write_model
 from sada_gym.runs.assemble import find_target, make_adversary, make_settings
+from sada_gym.runs.names import refuse_misspelt
+from sada_gym.runs.pictures import draw_missing
 from sada_gym.runs.record import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
@@ -22,16 +25,19 @@ from sada_gym.runs.record import (
     STORE_FILE,
     RunReport,
     claim_folder,
+    read_finished,
+    refuse_taken,
     write_samples,
 )
 from sada_gym.runs.run import OnProgress, Run, RunProgress, Stage, ignore_progress
+from sada_gym.runs.summary import summary
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class AttackResult:
-    """What an attack found.
+    """What an attack found; `print` shows its summary.
 
     Attributes:
         report: The figures, as in result.json.
@@ -39,6 +45,7 @@ class AttackResult:
         queries: The training queries (Omega).
         folder: The folder that holds the results.
         pictures: The picture files in it.
+        was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
 
     report: RunReport
@@ -46,6 +53,11 @@ class AttackResult:
     queries: Evaluations
     folder: Path
     pictures: tuple[Path, ...] = ()
+    was_finished: bool = False
+
+    def __repr__(self) -> str:
+        """Write the summary: how often the agent failed, where, and by which files."""
+        return summary(self.report, self.folder, self.pictures)
 
 
 def attack(
@@ -64,7 +76,8 @@ def attack(
     executor: Executor | None = None,
     resume: bool = False,
     pictures: bool = True,
-    on_progress: OnProgress = ignore_progress,
+    progress: bool = True,
+    on_progress: OnProgress | None = None,
 ) -> AttackResult:
     """Train an adversary against an application and measure what it learnt.
 
@@ -88,65 +101,104 @@ def attack(
         executor: Where workers run, see `Oracle`.
         resume: Whether to go on with the run that `out` holds, if it holds one.
         pictures: Whether to draw pictures.
-        on_progress: Called at the start of each stage and after each committed chunk.
+        progress: Whether to show progress on stderr: bars in a terminal, elsewhere a line every
+            half minute. With `on_progress` nothing is shown.
+        on_progress: Called at the start of each stage, and after each committed chunk, step of
+            learning and frame.
 
     Raises:
         TypeError, ValueError: If an argument is bad, or `out` holds another run.
     """
     folder = as_path(out, "the folder for the results")
-    evaluator = Evaluator(
-        environment,
-        env_kwargs=env_kwargs,
-        workers=workers,
-        chunk_size=chunk_size,
-        executor=executor,
-    )
-    application = evaluator.application
-    if application is None:
-        raise UserTypeError(
-            f"Expected an environment id or an Application to attack, got {environment!r}. "
-            "Wrap a function in an Application: it has parameters and an agent to name."
+    refuse_number("budget", budget, 0, MAX_QUERIES)
+    refuse_number("seed", seed, 0)
+    if samples is not None:
+        refuse_number("samples", samples, 1, MAX_QUERIES)
+    # before anything heavy is imported
+    refuse_misspelt(environment, adversary, env_kwargs or {})
+    with file_errors("make the folder", folder):
+        refuse_taken(folder, resume=resume)
+    with _shown(progress, on_progress) as report_progress:
+        evaluator = Evaluator(
+            environment,
+            env_kwargs=env_kwargs,
+            workers=workers,
+            chunk_size=chunk_size,
+            executor=executor,
         )
-    now = True
-    try:
-        count = application.sample_size if samples is None else samples
-        refuse_number("budget", budget, 0, MAX_QUERIES)
-        refuse_number("samples", count, 1, MAX_QUERIES)
-        refuse_number("seed", seed, 0)
-        target = find_target(environment, env_kwargs or {}, application)
-        fooling_set, ideal_set = target.halves
-        chosen: dict[str, Any] = {"preset": preset, "options": options or {}}
-        solver = make_adversary(
-            adversary, target.dimension, seed=seed, ideal_set=ideal_set, **chosen
-        )
-        settings = make_settings(
-            target, adversary, type(solver), budget=budget, samples=count, seed=seed, **chosen
-        )
-        with file_errors("make the folder", folder):
-            claim_folder(folder, settings, resume=resume)
-        evaluator.attach(folder / STORE_FILE)
-        run = Run(
-            settings,
-            solver,
-            evaluator,
-            fooling_set=fooling_set,
-            ideal_set=ideal_set,
-            on_progress=on_progress,
-        )
-        run.train()
-        # saved before it samples: loaded again, it gives the same samples
-        write_folder(folder / ADVERSARY_FOLDER, solver.save)
-        run.test()
-        report = run.measure()
-        write_samples(folder / SAMPLES_FILE, run.samples)
-        write_model(folder / RESULT_FILE, report)
-        drawn: tuple[Path, ...] = ()
-        if pictures:
-            from sada_gym.plots.attack import draw_attack
+        now = True
+        try:
+            application = evaluator.application
+            if application is None:
+                raise UserTypeError(
+                    "Expected an environment id or an Application to attack, got "
+                    f"{environment!r}. Wrap a function in an Application: it has parameters and "
+                    "an agent to name."
+                )
+            count = application.sample_size if samples is None else samples
+            refuse_number("samples", count, 1, MAX_QUERIES)
+            target = find_target(environment, env_kwargs or {}, application)
+            chosen: dict[str, Any] = {"preset": preset, "options": options or {}}
+            solver = make_adversary(
+                adversary, target.dimension, seed=seed, ideal_set=target.halves[1], **chosen
+            )
+            settings = make_settings(
+                target, adversary, type(solver), budget=budget, samples=count, seed=seed, **chosen
+            )
+            with file_errors("make the folder", folder):
+                claim = claim_folder(folder, settings, resume=resume)
+            finished = read_finished(folder, settings, application) if resume else None
+            if finished is None:
+                try:
+                    evaluator.attach(folder / STORE_FILE)
+                    run = Run(
+                        settings,
+                        solver,
+                        evaluator,
+                        fooling_set=target.halves[0],
+                        ideal_set=target.halves[1],
+                        on_progress=report_progress,
+                    )
+                    report = _finish(run, folder)
+                    found = report, run.samples, run.queries
+                except BaseException:
+                    evaluator.close(now=True)
+                    claim.release()
+                    raise
+            else:
+                found = finished
+            drawn: tuple[Path, ...] = ()
+            if pictures:
+                drawn = draw_missing(
+                    application, *found, folder, report_progress, anew=finished is None
+                )
+            now = False
+        finally:
+            evaluator.close(now=now)
+    return AttackResult(*found, folder, drawn, was_finished=finished is not None)
 
-            on_progress(RunProgress("pictures"))
-            drawn = draw_attack(application, run.samples, run.queries, folder)
-        now = False
-    finally:
-        evaluator.close(now=now)
-    return AttackResult(report, run.samples, run.queries, folder, drawn)
+
+def _finish(run: Run, folder: Path) -> RunReport:
+    """Do a run, and write what it learnt and found."""
+    run.train()
+    # saved before it samples: loaded again, it gives the same samples
+    write_folder(folder / ADVERSARY_FOLDER, run.adversary.save)
+    run.test()
+    report = run.measure()
+    write_samples(folder / SAMPLES_FILE, run.samples)
+    write_model(folder / RESULT_FILE, report)
+    return report
+
+
+@contextmanager
+def _shown(progress: bool, on_progress: OnProgress | None) -> Iterator[OnProgress]:
+    """Give the function that hears of progress; by default it shows bars on stderr."""
+    if on_progress is not None or not progress:
+        yield on_progress or ignore_progress
+        return
+    from rich.console import Console
+
+    from sada_gym.cli.progress import AttackProgress
+
+    with AttackProgress(Console(stderr=True)) as bars:
+        yield lambda now: bars(now.stage, now.done, now.total, now.known)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import random
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from sada_gym.errors import UserError
 
@@ -50,6 +53,37 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Let torch, BLAS and OpenMP compute in one thread, and restore their numbers afterwards.
+
+    Evaluations run so in every process, as they do in worker processes. Agents and worlds ask for
+    many small products. Threads that wait for one another take longer, many times longer where
+    other programs need the cores, and more threads give other last bits.
+    """
+    # not for a second caller, in this thread or another: he would restore what the first one set
+    first = _limiting.acquire(blocking=False)
+    try:
+        with ExitStack() as entered:
+            if "torch" in sys.modules:
+                entered.enter_context(one_thread())
+            if first:
+                entered.enter_context(_thread_pools(len(sys.modules)).limit(limits=1))
+            yield
+    finally:
+        if first:
+            _limiting.release()
+
+
+_limiting = threading.Lock()
+
+
+@lru_cache(maxsize=1)
+def _thread_pools(modules: int) -> ThreadpoolController:  # noqa: ARG001
+    """Find the loaded libraries' pools; it takes milliseconds, so only where modules are new."""
+    return ThreadpoolController()
 
 
 def refuse_random(

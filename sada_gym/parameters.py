@@ -25,6 +25,9 @@ class Parameter:
         high: Physical value at mu = +1.
         unit: The unit in tables and axes, such as `deg`; empty if there is none.
         choices: Names of equal parts of the range, if the parameter is a choice.
+        directions: What lies at 0, 90, 180 and 270 degrees, if the parameter is an angle that goes
+            all around, such as `("in front", "on the left", "behind", "on the right")`. Sentences
+            use them.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Parameter:
     high: float
     unit: str = ""
     choices: tuple[str, ...] = ()
+    directions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a name that is no text, and an empty range."""
@@ -42,6 +46,12 @@ class Parameter:
             raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
                 f"got low={self.low} and high={self.high}. Give a non-empty range."
+            )
+        around = abs(float(self.high) - float(self.low) - 360.0) < 1e-9
+        if self.directions and (len(self.directions) != 4 or not around or self.choices):
+            raise UserError(
+                f"Expected four directions of an angle over 360 degrees for {self.name!r}, got "
+                f"{self.directions!r} from {self.low:g} to {self.high:g}. Leave directions out."
             )
 
 

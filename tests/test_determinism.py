@@ -1,10 +1,14 @@
 import random
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from sada_gym.determinism import generators_kept
+from sada_gym.determinism import generators_kept, single_threaded
+from sada_gym.oracle import Oracle
 
 
 def draw():
@@ -42,3 +46,62 @@ def test_an_error_inside_leaves_them_as_they_were():
     with pytest.raises(KeyError):
         fail()
     assert draw() == expected
+
+
+def threads():
+    """Give the threads of torch, BLAS and OpenMP."""
+    return [torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())]
+
+
+@pytest.fixture
+def three_threads():
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    with threadpool_limits(3):
+        yield threads()
+    torch.set_num_threads(before)
+
+
+def test_evaluations_have_one_thread_and_their_caller_keeps_its_own(three_threads):
+    assert set(three_threads) == {3}
+    with single_threaded():
+        with single_threaded():
+            assert set(threads()) == {1}
+        assert set(threads()) == {1}
+    assert threads() == three_threads
+
+
+def test_an_error_inside_restores_the_threads(three_threads):
+    with pytest.raises(KeyError), single_threaded():
+        raise KeyError
+    assert threads() == three_threads
+
+
+def test_who_leaves_last_restores_nothing_of_another(three_threads):
+    both, one = Barrier(2, timeout=30), Barrier(2, timeout=30)
+
+    def leave_first():
+        with single_threaded():
+            both.wait()
+        one.wait()
+
+    with ThreadPoolExecutor(1) as executor:
+        left = executor.submit(leave_first)
+        with single_threaded():
+            both.wait()
+            one.wait()
+        left.result()
+    assert threads() == three_threads
+
+
+def test_a_function_is_scored_in_one_thread(three_threads):
+    asked = []
+
+    def black_box(mu):
+        asked.extend(threads())
+        return np.zeros(len(mu))
+
+    with Oracle(black_box, budget=2, dimension=2, threshold=0.3) as oracle:
+        oracle(np.zeros((2, 2)))
+    assert set(asked) == {1}
+    assert threads() == three_threads

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -55,6 +55,8 @@ class Adversary(ABC):
             SciPy. A run records their versions. Where a class does not declare them, a run
             records the versions of all packages that any of ours needs.
         flags: What a reader of the result must know, such as that no point fooled; set by `train`.
+        on_step: A function on_step(done, total) that `train` calls after each step of a training
+            that takes long; a run sets it, to show progress.
         uniform_queries: Whether all training queries are uniform in the box, so that their fooling
             rate is that of uniform worlds.
 
@@ -69,6 +71,7 @@ class Adversary(ABC):
     packages: ClassVar[tuple[str, ...]]
 
     options: Options
+    on_step: Callable[[int, int], None] | None = None
 
     def __init__(
         self,

@@ -89,7 +89,9 @@ class BBGAN(Learner):
         self.flags = []
         induced = self._induce(omega, self.options.induced_size)
         with one_thread():
-            self._g, self._d = train_gan(induced, self.options, self._generator, self._log)
+            self._g, self._d = train_gan(
+                induced, self.options, self._generator, self._log, self.on_step
+            )
             # the logit above which no sample is refused: a quantile over G's own samples
             with torch.no_grad():
                 mu, _ = self._g(_CALIBRATION_DRAWS, self._generator)

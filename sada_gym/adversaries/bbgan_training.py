@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +19,11 @@ _LOG_EVERY = 25
 
 
 def train_gan(
-    induced: Induced, o: BBGANOptions, generator: torch.Generator, log: TrainingLog | None
+    induced: Induced,
+    o: BBGANOptions,
+    generator: torch.Generator,
+    log: TrainingLog | None,
+    on_step: Callable[[int, int], None] | None = None,
 ) -> tuple[Generator, Discriminator]:
     """Train G and D by the paper's BBGAN objective: S is real, G's samples are fake.
 
@@ -32,6 +37,7 @@ def train_gan(
         o: The options.
         generator: All randomness.
         log: Gets losses and samples, if there is one.
+        on_step: Called after each step with the steps done and their number.
 
     Returns:
         G and D, their weights averaged over the steps where `o.average` says so.
@@ -90,6 +96,8 @@ def train_gan(
             shown = torch.Generator().manual_seed(step)
             with torch.no_grad():
                 log.samples(step, average_g(500, shown)[0].numpy())
+        if on_step is not None:
+            on_step(step + 1, o.steps)
     # a last step may have ruined weights that still gave a finite loss
     for network in (average_g, average_d):
         if not all(bool(weights.isfinite().all()) for weights in network.parameters()):

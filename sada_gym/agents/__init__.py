@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from sada_gym.envs.catalogue import AgentCard, ApplicationCard, cards, find_card
 from sada_gym.errors import FileError, UserError
 from sada_gym.lazy import load as load_object
 
+_WEIGHTS = ".safetensors"
+
 __all__ = [
     "AgentCard",
     "card",
@@ -19,6 +22,7 @@ __all__ = [
     "identity",
     "load",
     "names",
+    "refuse_missing",
     "refuse_nonfinite",
     "resolve",
     "verify",
@@ -65,23 +69,50 @@ def load(agent: str | Path, application: str) -> Any:
             f"Expected an application that loads agents from files, one of {', '.join(having)}, "
             f"got {application!r}. Pass the agent itself."
         )
-    if str(agent).endswith(".zip"):
-        raise UserError(
-            f"Expected a {of.agent_kind}'s name among {', '.join(names(application))}, or a "
-            f".safetensors file, got the file {agent}. SB3's files hold pickles, which can run "
-            "code: load one that you trust yourself, and pass the model, agent=PPO.load(file)."
-        )
-    if isinstance(agent, str) and not agent.endswith(".safetensors"):
+    refuse_missing(agent, application)
+    path = Path(agent)
+    if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
         shipped = card(agent, application)
         verify(shipped)
         path = shipped.path
-    else:
-        path = Path(agent)
-        if not path.is_file():
-            raise FileError(
-                f"Expected a file with a {of.agent_kind}'s weights, got {agent}: no such file."
-            )
     return load_object(of.agent_loader)(path)
+
+
+def refuse_missing(agent: str | Path, application: str) -> None:
+    """Refuse a name or a file that `load` would not find, without loading a network.
+
+    Args:
+        agent: A name or a file, as `load` takes it.
+        application: The name of the application that the agent is for.
+
+    Raises:
+        UserError: If there is no such agent or file, or the file is of another kind.
+    """
+    known, path = names(application), Path(agent)
+    if isinstance(agent, str) and agent in known:
+        return
+    kind = next((of.agent_kind for of in _cards(application)), "agent")
+    expected = f"Expected an agent's name among {', '.join(known)}, or a {_WEIGHTS} file"
+    exists = os.path.isfile(agent)  # of any text: pathlib raises for one that is too long
+    if str(agent).endswith(".zip"):
+        raise UserError(
+            f"{expected}, got the file {agent}. SB3's files hold pickles, which can run code: load "
+            "one that you trust yourself, and pass the model, agent=PPO.load(file)."
+        )
+    if exists and isinstance(agent, str) and not agent.endswith(_WEIGHTS):
+        raise UserError(
+            f"{expected}, got the file {agent}. Other files may hold pickles, which can run code: "
+            f"load one that you trust in Python, and pass the {kind} itself, agent=..."
+        )
+    if exists:
+        return
+    if path.suffix or len(path.parts) > 1:
+        raise FileError(
+            f"{expected} with a {kind}'s weights, got {agent}: no such file. Check its path."
+        )
+    close = difflib.get_close_matches(str(agent), known, n=1)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    raise UserError(f"{expected}, got {str(agent)!r}.{hint}")
 
 
 def _cards(application: str | None) -> list[ApplicationCard]:

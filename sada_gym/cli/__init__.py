@@ -2,18 +2,41 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import typer
+from typer.core import TyperGroup
 
 from sada_gym import __version__
-from sada_gym.cli.attack import attack
-from sada_gym.cli.benchmark import benchmark
-from sada_gym.cli.catalogue import adversaries, agents, envs
-from sada_gym.cli.check import check
-from sada_gym.cli.console import set_debug
-from sada_gym.cli.submit import submit
+from sada_gym.lazy import load
+
+# a word without an option reaches the command, which says what to write instead
+_STRAY = {"allow_extra_args": True}
+
+_COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "envs": ("catalogue:envs", "List the environments, or show one.", {}),
+    "agents": ("catalogue:agents", "List the trained agents.", {}),
+    "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
+    "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
+    "replay": ("replay:replay", "Make a film of how an agent fails.", {}),
+    "check": ("check:check", "Check an environment of your own.", _STRAY),
+    "benchmark": ("benchmark:benchmark", "Compare adversaries.", _STRAY),
+    "submit": ("submit:submit", "Make an entry of the leaderboard.", {}),
+}
+"""The commands: the function of each, its line in the list, and its context settings."""
+
+
+class _LazyGroup(TyperGroup):
+    """Imports a command when it is called: help and a misspelt command need none of them."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, stub, rest = super().resolve_command(ctx, args)
+        return name, None if stub is None else _load(args[0]), rest
+
 
 app = typer.Typer(
     name="sada-gym",
+    cls=_LazyGroup,
     help="Find out how trained agents fail: attack them with worlds built from semantic "
     "parameters, and measure how often that fools them.",
     no_args_is_help=True,
@@ -23,8 +46,20 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# words without an option reach the command, which says what to write instead
-_STRAY = {"allow_extra_args": True}
+
+def _load(name: str) -> Any:
+    path, _, settings = _COMMANDS[name]
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name, context_settings=settings)(load(f"sada_gym.cli.{path}"))
+    return typer.main.get_command(alone)
+
+
+def _stub() -> None:
+    """Stand for a command until it is called."""
+
+
+for _name, _row in _COMMANDS.items():
+    app.command(_name, help=_row[1])(_stub)
 
 
 def _show_version(wanted: bool) -> None:
@@ -42,16 +77,9 @@ def _main(
         False, "--version", help="Show the version and exit.", callback=_show_version, is_eager=True
     ),
 ) -> None:
+    from sada_gym.cli.console import set_debug
+
     set_debug(debug)
-
-
-app.command()(envs)
-app.command()(agents)
-app.command()(adversaries)
-app.command(context_settings=_STRAY)(attack)
-app.command(context_settings=_STRAY)(check)
-app.command(context_settings=_STRAY)(benchmark)
-app.command()(submit)
 
 
 def main() -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
-from sada_gym import adversaries
 from sada_gym.cli.console import (
     WORKERS_HELP,
     ExecutorName,
     cores,
+    err,
     errors_as_sentences,
     key_values,
     option,
@@ -25,12 +23,11 @@ from sada_gym.cli.console import (
 )
 from sada_gym.errors import UserError
 from sada_gym.registration import names_file
+from sada_gym.runs.names import default_note, refuse_misspelt
 
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult
-    from sada_gym.runs.record import RunReport
 
-_AFR = "attack fooling rate"
 _MANY = 8  # more workers than this seldom help and each holds its own simulator
 
 
@@ -55,13 +52,18 @@ def attack(
     ] = None,
     agent: Annotated[
         str | None,
-        option("The agent under test: a shipped one, or weights.", metavar="NAME|FILE"),
+        option(
+            "The agent under test: a shipped one, or a .safetensors file of weights.",
+            metavar="NAME|FILE",
+        ),
     ] = None,
     set_: Annotated[
         list[str] | None,
         option("An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"),
     ] = None,
-    budget: Annotated[int, option("Number of training queries.", least=0)] = 2_000,
+    budget: Annotated[
+        int, option("Number of training queries; with 0 only `random` and `ideal` work.", least=0)
+    ] = 2_000,
     samples: Annotated[
         int | None, option("Number of test samples.", least=1, default="the environment's own")
     ] = None,
@@ -93,6 +95,11 @@ def attack(
         options = key_values(set_ or [], "--set")
         if preset is not None and "preset" in options:
             raise UserError("Expected the preset once, got it by --preset and --set.")
+        refuse_misspelt(env_id, adversary, keywords)
+        if (note := default_note(env_id, keywords)) is not None:
+            say("", note, console=err)
+        if resume and (folder / "result.json").exists():
+            say("", f"{folder} holds a finished run. It is read, not done again.", console=err)
         from sada_gym.attack import attack as run_attack
         from sada_gym.cli.progress import AttackProgress
         from sada_gym.evaluation.executors import open_executor
@@ -100,7 +107,7 @@ def attack(
         try:
             with (
                 open_executor(executor, workers or min(cores(), _MANY)) as opened,
-                AttackProgress(out) as progress,
+                AttackProgress(err) as progress,
             ):
                 result = run_attack(
                     env_id,
@@ -118,75 +125,51 @@ def attack(
                     on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
                 )
         except KeyboardInterrupt:
-            show_resume_hint(_kept(folder), "--resume")
+            _show_stop(folder)
             raise typer.Exit(130) from None
     _show_result(result)
 
 
+def _show_stop(folder: Path) -> None:
+    """Say after Ctrl-C what is kept, and how the run goes on."""
+    kept = _kept(folder)
+    if kept:
+        where = f"{kept:,} evaluations are kept in {folder / 'run.sqlite'}."
+        show_resume_hint(where, "--resume")
+    else:
+        say("", "\nStopped before the first evaluation. Nothing is kept.", console=err)
+
+
 def _show_result(result: AttackResult) -> None:
-    settings = result.report.settings
-    say("[bold]", f"{settings.track} · {settings.adversary}")
-    table = Table.grid(padding=(0, 3), pad_edge=False)
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
-    for name, text in _rows(result):
-        table.add_row(f"  {name}", Text(text, style="bold" if name == _AFR else ""))
-    out.print(table, highlight=False)
-    files = ["result.json", *(path.name for path in result.pictures)]
-    say("", f"Results: {result.folder}/ ({', '.join(files)})")
+    from rich.text import Text
 
+    from sada_gym.runs.summary import AFR, results_line, summary_rows, title
 
-def _rows(result: AttackResult) -> Iterator[tuple[str, str]]:
-    """Name and text of each figure that the summary shows."""
-    report = result.report
-    low, high = report.afr_interval_95
-    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
-    of_samples = f"{report.fooled} of {report.settings.samples:,} samples"
-    yield _AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
-    yield "uniform worlds", _uniform_rate(report)
-    feasible = report.feasible
-    if feasible is not None and feasible.afr is not None:
-        yield (
-            "over feasible worlds",
-            f"{_percent(feasible.afr)}, {feasible.fooled} of {feasible.worlds} samples",
+    say("[bold]", title(result.report))
+    rows = list(summary_rows(result.report))
+    indent = 5 + max(len(name) for name, _ in rows)
+    narrow = out.is_terminal and out.width < 2 * indent
+    for name, text in rows:
+        start = f"  {name}".ljust(indent)
+        if out.is_terminal:
+            left = " " * (4 if narrow else indent)
+            text = textwrap.fill(text, out.width, initial_indent=left, subsequent_indent=left,
+                                 break_long_words=False, break_on_hyphens=False)  # fmt: skip
+            text = f"\n{text}" if narrow else text[indent:]
+        line = Text(start, style="dim").append(
+            text, "not dim bold" if name in (AFR, "where") else "not dim"
         )
-    if report.search.fooling_rate is not None:
-        rate = _percent(report.search.fooling_rate)
-        yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
-    yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
-    if report.relative_coverage is not None:
-        yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
-    if report.nearest_fooling_query is not None:
-        distance = f"median distance {report.nearest_fooling_query.median:.3f}"
-        yield "novelty", f"{distance} to the nearest training query that fooled"
-    for flag in report.flags:
-        yield "mind", flag
+        out.print(line, soft_wrap=True)
+    say("", results_line(result.folder, result.pictures))
 
 
-def _uniform_rate(report: RunReport) -> str:
-    """Say how often uniform worlds fool the agent, and where the figure is from."""
-    settings, reference = report.settings, report.settings.reference
-    if reference is not None:
-        return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
-    if settings.adversary == "random":
-        return f"{_percent(report.afr)} (these samples are uniform)"
-    rate = report.search.fooling_rate
-    if rate is not None and adversaries.find(settings.adversary).uniform_queries:
-        return f"{_percent(rate)} (its {report.search.queries:,} training queries are uniform)"
-    return "not known: run --adversary random"
-
-
-def _percent(rate: float) -> str:
-    return f"{100 * rate:.1f} %"
-
-
-def _kept(folder: Path) -> str:
-    """Say what a stopped run has kept."""
+def _kept(folder: Path) -> int:
+    """Count the evaluations that a stopped run has kept."""
     from sada_gym.evaluation.store import EvaluationStore
     from sada_gym.runs.record import STORE_FILE
 
-    kept, path = 0, folder / STORE_FILE
-    if path.exists():
-        with EvaluationStore(path) as store:
-            kept = len(store)
-    return f"{kept:,} evaluations are kept in {path}."
+    path = folder / STORE_FILE
+    if not path.exists():
+        return 0
+    with EvaluationStore(path) as store:
+        return len(store)

@@ -43,8 +43,10 @@ def envs(
 
 def _show_environment(env_id: str, pairs: list[str]) -> None:
     from sada_gym.registration import make_application
+    from sada_gym.runs.names import default_note
 
-    application = make_application(env_id, **key_values(pairs, "--env-kwargs"))
+    keywords = key_values(pairs, "--env-kwargs")
+    application = make_application(env_id, **keywords)
     table = _table("parameter", "low", "high", "unit or choices")
     for parameter in application.parameters.parameters:
         table.add_row(
@@ -55,6 +57,8 @@ def _show_environment(env_id: str, pairs: list[str]) -> None:
         )
     out.print(table)
     threshold, samples = application.fooling_threshold, application.sample_size
+    if (note := default_note(env_id, keywords)) is not None:
+        say("", note)
     say("", f"{env_id}: fooled where Q <= {threshold:g}; {samples} test samples")
     application.close()
 

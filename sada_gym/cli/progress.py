@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -29,6 +30,9 @@ _NAMES: dict[Stage, str] = {
     "measure": "Measuring",
     "pictures": "Pictures",
 }
+_STEPS: tuple[Stage, ...] = ("learn", "pictures")
+"""The stages that count steps or frames, not evaluations."""
+
 _BAR_WIDTH = 28
 _LEAST_BAR = 8
 _BESIDE_BAR = 66  # columns that the rest of a line takes
@@ -81,7 +85,8 @@ class _Count:
     """The progress of one stage.
 
     `spent_s` leaves the current visit out. `first` counts the evaluations of the first chunk, which
-    compiles kernels and starts workers; `first_s` is the time until its end.
+    compiles kernels and starts workers; `first_s` is the time until its end. A stage that counts
+    from 0 again, such as a second training, starts both anew.
     """
 
     done: int = 0
@@ -108,7 +113,13 @@ class AttackProgress(Display):
         self._since = time.monotonic()
         self._compiling = self._started = False
         self._spinner = Spinner("dots")
-        self._live = Live(get_renderable=self._render, console=console, refresh_per_second=8)
+        self._live = Live(
+            get_renderable=self._render,
+            console=console,
+            refresh_per_second=8,
+            # what an agent prints belongs into the file that it is written to
+            redirect_stdout=sys.stdout.isatty(),
+        )
 
     def __exit__(self, *error: object) -> None:
         """Stop showing."""
@@ -123,15 +134,18 @@ class AttackProgress(Display):
             self._counts.setdefault(stage, _Count())
             self._current = stage
         count = self._counts[stage]
-        if stage != "pictures":  # the 1 of pictures counts nothing
-            count.done, count.total, count.known = done, total, known
+        if done < count.done and stage in _STEPS:
+            count.first, count.first_s = done, self._spent(stage)
+        count.done, count.total, count.known = done, total, known
+        if count.first_s is None and done > known:
+            count.first, count.first_s = done - known, self._spent(stage)
+        if stage in _STEPS:
+            return
         if done > known and not self._started:
             self._started, self._compiling = True, False
         elif total and not self._started and not self._compiling and will_compile():
             self._compiling = True
             self._print(COMPILING)
-        if count.first_s is None and done > known:
-            count.first, count.first_s = done - known, self._spent(stage)
 
     def _leave(self) -> None:
         """Add up the time of the stage that ends."""

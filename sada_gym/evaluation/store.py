@@ -7,6 +7,7 @@ import json
 import os
 import sqlite3
 import weakref
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -256,6 +257,37 @@ class EvaluationStore:
                 if found is not None:
                     scores[i] = found[0]
         return scores
+
+    def evaluations(
+        self, context: int, seeds: Sequence[int]
+    ) -> tuple[Mu, npt.NDArray[np.float64]] | None:
+        """Give the mu and scores that are stored with seeds.
+
+        Of evaluations that share a seed, the order is not known.
+
+        Args:
+            context: A key that `context` gave.
+            seeds: n evaluation seeds.
+
+        Returns:
+            (n, d) float32 and (n,) float64; None where n is 0 or those of a seed are missing.
+
+        Raises:
+            StoreError: If the file cannot be read.
+        """
+        query = "SELECT mu, score FROM evaluation WHERE context = ? AND seed = ? ORDER BY mu"
+        rows, taken = [], Counter[int]()
+        with explained(self.path):
+            for seed in seeds:
+                found = self._connection.execute(query, (context, seed)).fetchall()
+                if not found:
+                    return None
+                rows.append(found[min(taken[seed], len(found) - 1)])
+                taken[seed] += 1
+        if not rows:
+            return None
+        mu = np.array([np.frombuffer(mu, np.float32) for mu, _ in rows], np.float32)
+        return mu, np.array([score for _, score in rows], np.float64)
 
     def commit(
         self, context: int, mu: Mu, seeds: Sequence[int], scores: npt.NDArray[np.float64]

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application
 from sada_gym.arrays import real_scores
+from sada_gym.determinism import single_threaded
 from sada_gym.errors import UserError, UserTypeError, WorkerError
 from sada_gym.evaluation.spawn import environment, spawn_context
 from sada_gym.parameters import Mu
@@ -71,7 +72,8 @@ def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float6
     if isinstance(scorer, Application):
         scores = scorer.evaluate(mu, seeds).score
     else:
-        scores = real_scores(scorer(mu), "the function")
+        with single_threaded():
+            scores = real_scores(scorer(mu), "the function")
         if scores.shape != (len(mu),):
             raise UserError(
                 f"Expected scores of shape ({len(mu)},) from the function for mu of shape "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,13 +14,18 @@ from sada_gym.application import Application, Frame
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import write_file
 from sada_gym.parameters import ParameterSpace
+from sada_gym.plots.failures import NotDrawnError, draw_failures
+from sada_gym.plots.sheet import png_of
 from sada_gym.plots.style import (
     ACCENT,
+    BLUE,
     FOOLED,
+    HATCH,
     INK,
     MUTED,
     OMEGA,
-    SAMPLES,
+    ORANGE,
+    UNHURT,
     axis_label,
     name_choices,
     new_figure,
@@ -31,14 +36,27 @@ from sada_gym.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_FRAMES = 24
+MAX_PARAMETERS = 16
+"""Parameters in the picture of marginals."""
 
 _BINS = 20
 _COLUMNS = 6
 
+OnFrame = Callable[[int, int], None]
+
+
+def _ignore(done: int, total: int) -> None:
+    """Hear of a frame that was drawn, and do nothing."""
+
 
 def draw_attack(
-    application: Application, samples: Evaluations, queries: Evaluations, folder: Path
+    application: Application,
+    samples: Evaluations,
+    queries: Evaluations,
+    folder: Path,
+    *,
+    headline: str = "",
+    on_progress: OnFrame = _ignore,
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder.
 
@@ -47,10 +65,13 @@ def draw_attack(
         samples: The adversary's test samples.
         queries: The training queries (Omega).
         folder: The folder for the PNG files.
+        headline: A sentence or two that stand on top of the sheet of failures.
+        on_progress: Called with the numbers of frames drawn and of all frames, after each frame.
 
     Returns:
-        The files written. The contact sheet is left out where the application draws no frames or
-        no sample fooled the agent; the map is drawn in two dimensions only.
+        The files written. The sheet of failures is left out where the application draws no frames,
+        where its drawing fails, or where no sample fooled the agent; the map is drawn in two
+        dimensions only.
     """
     space, threshold = application.parameters, application.fooling_threshold
     figures = {
@@ -59,21 +80,18 @@ def draw_attack(
     }
     if len(space) == 2:
         figures["map.png"] = scatter(space, samples, queries, threshold)
-    fooled = np.flatnonzero(samples.score <= threshold)[:MAX_FRAMES]
-    try:
-        frames = [application.render(samples.mu[i], int(samples.seed[i])) for i in fooled]
-    except NotImplementedError as error:
-        frames = []
-        warnings.warn(f"No frames are drawn. {error}", stacklevel=2)
-    if frames:
-        captions = [f"Q = {samples.score[i]:.2f}" for i in fooled]
-        count = int((samples.score <= threshold).sum())
-        shown = f"the first {len(frames)} of {count}" if count > len(frames) else f"all {count}"
-        title = f"Samples that fool the agent (Q ≤ {threshold:g}): {shown}"
-        figures["fooled.png"] = contact_sheet(frames, captions, title)
     for name, figure in figures.items():
         write_file(folder / name, png(figure))
-    return tuple(folder / name for name in figures)
+    names = [*figures]
+    if (samples.score <= threshold).any():
+        try:
+            sheet = draw_failures(application, samples, headline, on_progress)
+        except NotDrawnError as error:
+            warnings.warn(f"No frames are drawn{error}", stacklevel=2)
+        else:
+            write_file(folder / "fooled.png", png_of(sheet))
+            names.append("fooled.png")
+    return tuple(folder / name for name in names)
 
 
 def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
@@ -83,25 +101,31 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
         space: The d parameters.
         samples: The n test samples.
         threshold: The fooling threshold; samples that fool the agent stand out.
+
+    Of more than `MAX_PARAMETERS` it draws those whose samples are farthest from uniform.
     """
-    columns = min(4, len(space))
-    rows = -(-len(space) // columns)
+    shown = _least_uniform(samples.mu)
+    columns = min(4, len(shown))
+    rows = -(-len(shown) // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     values, fooled = space.physical(samples.mu), samples.score <= threshold
     for i, axes in enumerate(grid.flat):
-        if i >= len(space):
+        if i >= len(shown):
             axes.set_visible(False)
             continue
-        parameter = space.parameters[i]
+        parameter = space.parameters[shown[i]]
         bins = len(parameter.choices) or _BINS
         edges = np.linspace(parameter.low, parameter.high, bins + 1)
         axes.hist(
-            [values[fooled, i], values[~fooled, i]],
+            [values[fooled, shown[i]], values[~fooled, shown[i]]],
             bins=list(edges),
             weights=[_percent(fooled.sum(), len(samples)), _percent((~fooled).sum(), len(samples))],
             stacked=True,
-            color=[FOOLED, SAMPLES],
+            color=[FOOLED, UNHURT],
+            hatch=[HATCH, ""],
+            edgecolor="white",
+            linewidth=0,
             label=["fool the agent", "do not fool it"],
         )
         axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
@@ -114,8 +138,21 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
-    figure.suptitle(f"Where {len(samples)} samples lie", x=0.01, ha="left", fontsize=12, color=INK)
+    title = f"Where {len(samples)} samples lie"
+    if len(shown) < len(space):
+        title += f", in the {len(shown)} least uniform of {len(space)} parameters"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, color=INK)
     return figure
+
+
+def _least_uniform(mu: npt.NDArray[np.float32]) -> list[int]:
+    """Choose the parameters to draw: those whose samples are farthest from uniform.
+
+    The distance is Kolmogorov and Smirnov's, between the samples' distribution and the uniform.
+    """
+    ranks = (np.arange(len(mu))[:, None] + 0.5) / len(mu)
+    distance = np.abs((np.sort(mu, axis=0) + 1.0) / 2.0 - ranks).max(axis=0)
+    return sorted(np.argsort(-distance, kind="stable")[:MAX_PARAMETERS].tolist())
 
 
 def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float) -> Figure:
@@ -131,9 +168,9 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
     top = max(1.0, float(samples.score.max()), float(queries.score.max(initial=0.0)))
     low = min(0.0, float(samples.score.min()), float(queries.score.min(initial=0.0)))
     edges = list(np.linspace(low, top, 2 * _BINS + 1))
-    for scores, colour, name in (
-        (queries.score, OMEGA, f"{len(queries):,} training queries"),
-        (samples.score, FOOLED, f"{len(samples):,} samples of the adversary"),
+    for scores, colour, hatch, name in (
+        (queries.score, OMEGA, "", f"{len(queries):,} training queries"),
+        (samples.score, BLUE, HATCH, f"{len(samples):,} samples of the adversary"),
     ):
         if len(scores):
             weights = _percent(len(scores), len(scores))
@@ -144,6 +181,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
                 histtype="stepfilled",
                 facecolor=(colour, 0.4),
                 edgecolor=colour,
+                hatch=hatch,
                 linewidth=1.2,
                 label=name,
             )
@@ -178,14 +216,17 @@ def scatter(
     """
     figure = new_figure(5.4, 5.4)
     axes = figure.subplots()
-    fooled = queries.score <= threshold
-    for mu, colour, size, name in (
-        (queries.mu[~fooled], "#d5dbe1", 7, "training query"),
-        (queries.mu[fooled], SAMPLES, 9, "training query that fooled the agent"),
-        (samples.mu, ACCENT, 11, "sample of the adversary"),
+    asked, drawn = queries.score <= threshold, samples.score <= threshold
+    for mu, colour, marker, size, name in (
+        (queries.mu[~asked], "#c5ccd4", ".", 12, "training query"),
+        (queries.mu[asked], ORANGE, "^", 12, "training query that fooled"),
+        (samples.mu[~drawn], BLUE, "s", 12, "sample"),
+        (samples.mu[drawn], ACCENT, "x", 18, "sample that fools"),
     ):
         x, y = space.physical(mu).T
-        axes.scatter(x, y, s=size, color=colour, linewidths=0, label=name, clip_on=False)
+        axes.scatter(
+            x, y, s=size, color=colour, marker=marker, linewidths=1, label=name, clip_on=False
+        )
     across, up = space.parameters
     axes.set_xlim(across.low, across.high)
     axes.set_ylim(up.low, up.high)
@@ -193,7 +234,7 @@ def scatter(
     axes.set_ylabel(axis_label(up))
     axes.set_box_aspect(1)
     tidy(axes)
-    figure.legend(loc="outside upper left", ncols=1, frameon=False, markerscale=1.8)
+    figure.legend(loc="outside upper left", ncols=2, frameon=False, markerscale=1.5)
     return figure
 
 

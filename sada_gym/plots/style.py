@@ -13,8 +13,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, GRID = "#1f2933", "#6b7785", "#e4e8ec"
-FOOLED, SAMPLES, OMEGA, ACCENT = "#c2410c", "#f2b48c", "#a9b4c0", "#1f2933"
+ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+"""The palette of Okabe and Ito (2008, "Color Universal Design"), made for the colour-blind."""
+
+INK, MUTED, GRID = "#1f2933", "#5b6673", "#e4e8ec"
+FOOLED, UNHURT, OMEGA, ACCENT = VERMILLION, SKY, "#a9b4c0", INK
+HATCH = "////"
+"""What fooled is hatched as well, so that it stands out without colour."""
 
 
 def new_figure(width: float, height: float) -> Figure:

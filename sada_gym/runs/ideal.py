@@ -14,9 +14,9 @@ from typing_extensions import Self
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.errors import UserError
 from sada_gym.parameters import Mu
+from sada_gym.runs.names import IDEAL
 
-IDEAL = "ideal"
-"""The control's name."""
+__all__ = ["IDEAL", "Ideal"]
 
 _FILE = "fooling-set.safetensors"
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from typing_extensions import Self
 
-from sada_gym.errors import FileError, UserError, UserTypeError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.application import Application
+from sada_gym.errors import FileError, StoreError, UserError, UserTypeError
+from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
+from sada_gym.evaluation.store import Context, EvaluationStore
 from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
+from sada_gym.measures.where import Where, where
 from sada_gym.runs.measure import Distances, Measures, Search
 
 SETTINGS_FILE = "attack.json"
@@ -128,6 +133,7 @@ class RunReport(Measures):
         search: What the training queries found.
         seeds: How the seeds follow from the settings' seed.
         flags: What a reader must know, such as that no training query fooled.
+        where: Where the samples that fooled lie; None in files of earlier versions.
     """
 
     settings: RunSettings
@@ -136,6 +142,7 @@ class RunReport(Measures):
     search: Search
     seeds: dict[str, str | int]
     flags: tuple[OneLine, ...]
+    where: Where | None = None
 
     def measures(self) -> Measures:
         """Give the measures alone."""
@@ -195,27 +202,50 @@ def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:
     return copied
 
 
-def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> None:
-    """Make a folder an attack's own by writing its settings there, or find them there.
+@dataclass(frozen=True)
+class Claim:
+    """A folder that is a run's own.
+
+    Attributes:
+        folder: The folder.
+        made: What claiming it made: folders, the innermost first. None where it held the run.
+    """
+
+    folder: Path
+    made: tuple[Path, ...] | None
+
+    def release(self) -> None:
+        """Take back a claim whose run made no evaluation, so that nothing of it is left."""
+        store = self.folder / STORE_FILE
+        if self.made is None:
+            return
+        # what cannot be tidied up is left: the error that ended the run says more
+        with suppress(OSError, StoreError):
+            if store.exists():
+                with EvaluationStore(store) as kept:
+                    if len(kept):
+                        return
+            for path in (store, self.folder / SETTINGS_FILE):
+                path.unlink(missing_ok=True)
+            for made in self.made:
+                made.rmdir()
+
+
+def refuse_taken(folder: Path, *, resume: bool) -> None:
+    """Refuse a folder that an attack cannot have, whatever its settings are.
 
     Raises:
-        ValueError: If it holds another run, or the same one and `resume` is not set. Nothing is
-            changed then.
+        ValueError: If it is a file, holds a run and `resume` is not set, or holds results of an
+            unknown run.
     """
-    path = folder / SETTINGS_FILE
     if folder.exists() and not folder.is_dir():
         raise UserError(f"Expected a folder for the results, got the file {folder}. Name another.")
-    if path.exists():
+    if (folder / SETTINGS_FILE).exists():
         if not resume:
             raise UserError(
                 f"Expected a new folder for the results, got {folder}, which holds a run. "
                 "Resume that run with --resume (resume=True), or name another folder."
             )
-        refuse_other(
-            f"the settings that the run in {folder} was started with",
-            read_model(path, RunSettings).model_dump(mode="json"),
-            settings.model_dump(mode="json"),
-        )
         return
     for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE, ADVERSARY_FOLDER):
         if (folder / name).exists():
@@ -223,8 +253,76 @@ def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> None:
                 f"Expected {folder} to hold no results, got {name} in it without the "
                 f"{SETTINGS_FILE} that says which run it belongs to. Name another folder."
             )
-    folder.mkdir(parents=True, exist_ok=True)
-    write_model(path, settings)
+
+
+def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> Claim:
+    """Make a folder an attack's own by writing its settings there, or find them there.
+
+    Raises:
+        ValueError: If it holds another run, or the same one and `resume` is not set. Nothing is
+            changed then.
+    """
+    refuse_taken(folder, resume=resume)
+    path = folder / SETTINGS_FILE
+    if path.exists():
+        refuse_other(
+            f"the settings that the run in {folder} was started with",
+            read_model(path, RunSettings).model_dump(mode="json"),
+            settings.model_dump(mode="json"),
+        )
+        return Claim(folder, None)
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    claim = Claim(folder, tuple(missing))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_model(path, settings)
+    except BaseException:
+        claim.release()
+        raise
+    return claim
+
+
+def read_finished(
+    folder: Path, settings: RunSettings, application: Application
+) -> tuple[RunReport, Evaluations, Evaluations] | None:
+    """Read what a finished run left: its report, its test samples and its training queries.
+
+    Args:
+        folder: The run's folder.
+        settings: The run's settings.
+        application: What it attacked.
+
+    Returns:
+        None where the run is not finished, or one of its files is missing or damaged. To go on with
+        it makes that file anew.
+
+    Raises:
+        StoreError: If another process has the run's store open.
+    """
+    if not all((folder / name).exists() for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE)):
+        return None
+    if not (folder / ADVERSARY_FOLDER).is_dir():
+        return None
+    try:
+        report = read_model(folder / RESULT_FILE, RunReport)
+        samples = read_samples(folder / SAMPLES_FILE)
+    except FileError:
+        return None
+    shape = (settings.samples, len(application.parameters))
+    if report.settings != settings or samples.mu.shape != shape:
+        return None
+    seeds = evaluation_seeds(settings.seed, "train", 0, report.search.queries)
+    mu, score = np.zeros((0, shape[1]), np.float32), np.zeros(0)
+    if seeds:
+        with EvaluationStore(folder / STORE_FILE) as store:
+            known = store.evaluations(store.context(Context.of(application)), seeds)
+        if known is None:
+            return None
+        mu, score = known
+    if report.where is None:
+        failures = samples.mu[samples.score <= report.fooling_threshold]
+        report = report.model_copy(update={"where": where(application.parameters, failures)})
+    return report, samples, Evaluations(mu, score, np.array(seeds, np.int64))
 
 
 def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:

@@ -19,6 +19,7 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.novelty import Neighbours, image_neighbours
+from sada_gym.measures.where import where
 from sada_gym.parameters import Mu
 from sada_gym.runs.ideal import Ideal
 from sada_gym.runs.measure import (
@@ -30,6 +31,8 @@ from sada_gym.runs.measure import (
 )
 from sada_gym.runs.record import RunReport, RunSettings
 
+_STEP_EVERY_S = 0.1
+
 Stage = Literal["train", "learn", "sample", "test", "measure", "pictures"]
 """What a run is doing: it queries (`train`), learns from the scores (`learn`), and so on."""
 
@@ -40,8 +43,10 @@ class RunProgress:
 
     Attributes:
         stage: What the run is doing.
-        done: The evaluations of this stage that are done.
-        total: The most evaluations that this stage makes; 0 where it makes none.
+        done: The evaluations of this stage that are done; steps while it learns, frames while
+            pictures are drawn.
+        total: The most of these that this stage makes; 0 where it makes none, or their number is
+            not known.
         known: The evaluations among `done` that the store knew.
         evaluated: The evaluations made for training and testing since the run began. What the
             store knew doesn't count.
@@ -111,6 +116,7 @@ class Run:
         self._fooling_set, self._ideal_set = fooling_set, ideal_set
         self._threshold = float(self.application.fooling_threshold)
         self.process_s = 0.0
+        self._reported = 0.0
         self._counts: dict[Stage, tuple[int, int]] = {}  # evaluations done, and those known
         self._train = self._oracle("train", settings.budget)
         self._train.on_answer = lambda: self._report("learn")
@@ -148,8 +154,12 @@ class Run:
             AdversaryError: If it cannot learn from what it got, such as too small a budget.
         """
         self._report("train", total=self.settings.budget)
-        with self._timed():
-            self.adversary.train(self._train)
+        self.adversary.on_step = self._report_step
+        try:
+            with self._timed():
+                self.adversary.train(self._train)
+        finally:
+            self.adversary.on_step = None
 
     def test(self) -> None:
         """Draw M samples and evaluate them on the test stream, which training never used.
@@ -200,6 +210,7 @@ class Run:
                 "test_stream": "test",
             },
             flags=tuple(flag for flag in flags if flag is not None),
+            where=where(self.application.parameters, samples.mu[samples.score <= self._threshold]),
         )
 
     @cached_property
@@ -267,6 +278,13 @@ class Run:
             stream=stream,
             progress=progress,
         )
+
+    def _report_step(self, done: int, total: int) -> None:
+        """Report a step of learning, unless another one was reported just now."""
+        now = time.monotonic()
+        if done == total or now - self._reported >= _STEP_EVERY_S:
+            self._reported = now
+            self._report("learn", done, total)
 
     def _report(self, stage: Stage, done: int = 0, total: int = 0, known: int = 0) -> None:
         self._on_progress(RunProgress(stage, done, total, known, self.evaluated))

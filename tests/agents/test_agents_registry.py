@@ -13,12 +13,31 @@ WITH_AGENTS = [card for card in cards() if card.agents]
 @pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
 def test_a_card_says_how_its_agents_are_loaded(card):
     assert callable(load(card.agent_loader))
+    either = rf"Expected an agent's name among {card.agents[0].name}.*, or a \.safetensors file"
     with pytest.raises(
-        ValueError, match=f"Expected a file with a {card.agent_kind}'s weights, got no.safe"
+        ValueError, match=rf"{either} with a {card.agent_kind}'s weights, got no\.s"
     ):
         agents.load("no.safetensors", card.name)
-    with pytest.raises(ValueError, match=f"Expected a {card.agent_kind}'s name among .*pickles"):
+    with pytest.raises(ValueError, match=rf"{either}.*pickles"):
         agents.load("mine.zip", card.name)
+
+
+@pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)
+def test_a_name_and_a_file_are_both_offered(card, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = card.agents[0].name
+    either = rf"Expected an agent's name among {first}.*, or a \.safetensors file"
+    for missing in ("nofile.pt", "weights/mine", "nofile.safetensors"):
+        with pytest.raises(ValueError, match=rf"{either} .*got {missing}: no such file"):
+            agents.refuse_missing(missing, card.name)
+    (tmp_path / "mine.pt").write_bytes(b"")
+    with pytest.raises(ValueError, match=rf"{either}, got the file mine\.pt\. .*agent=\.\.\."):
+        agents.refuse_missing("mine.pt", card.name)
+    with pytest.raises(ValueError, match=rf"{either}, got '{first[:-1]}'\. Did you mean '{first}'"):
+        agents.refuse_missing(first[:-1], card.name)
+    with pytest.raises(ValueError, match=either):
+        agents.refuse_missing("x" * 300, card.name)
+    agents.refuse_missing(first, card.name)
 
 
 @pytest.mark.parametrize("name", ["SADA-Analytic", "SADA-Detecton"])

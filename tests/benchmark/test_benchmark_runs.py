@@ -239,7 +239,7 @@ def test_without_a_reference_set_coverage_is_blank(tmp_path):
     chosen = suite("ideal", "random", "gaussian", budgets=(60,))
     plan = work(tmp_path, chosen, tmp_path / "none")
     [note] = plan.notes
-    assert note.startswith(f"{ANALYTIC} has no reference set: the ideal row, coverage")
+    assert note.startswith(f"{ANALYTIC} has no reference set: the row ideal, coverage")
     assert {entry for entry, _, _ in made(tmp_path / "entries")} == {"random", "gaussian"}
     _, seed, _ = run_in(tmp_path / "entries", "gaussian", "n60")
     measures = seed.measures

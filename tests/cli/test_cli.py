@@ -26,6 +26,7 @@ from sada_gym.cli.console import errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.runs.names import default_note
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 
@@ -60,10 +61,49 @@ def test_help(command):
     assert "Usage: " in result.stdout
 
 
-def test_help_is_light():
-    heavy = "('torch', 'scipy', 'matplotlib', 'pybullet', 'stable_baselines3', 'sklearn')"
-    code = f"import sada_gym.cli, sys; print([m for m in {heavy} if m in sys.modules])"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+HEAVY = ("torch", "scipy", "matplotlib", "pybullet", "stable_baselines3", "sklearn", "numba")
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        (["--help"], ["pydantic", "rich.console", "sada_gym.cli.attack", "sada_gym.files"]),
+        (["atack"], ["rich.console", "sada_gym.cli.attack", "sada_gym.files"]),
+        (["attack", "--help"], ["sada_gym.files", "sada_gym.evaluation.oracle"]),
+        (["attack", "SADA-Detecton-v0"], ["sada_gym.files", "sada_gym.evaluation.oracle"]),
+        (["attack", "SADA-Detection-v0", "-a", "bbgn"], ["sada_gym.files"]),
+        (["attack", "SADA-Detection-v0", "--agent", "nofile.pt"], ["sada_gym.files"]),
+        (["attack", "SADA-Detection-v0", "--set", "steps"], ["sada_gym.files"]),
+    ],
+)
+def test_help_and_misspelt_names_are_light(command, more, tmp_path):
+    code = """
+import sys
+from sada_gym.cli import app
+try:
+    app(sys.argv[2:], prog_name="sada-gym")
+except SystemExit:
+    print("loaded:", sorted(set(sys.argv[1].split()) & set(sys.modules)))
+"""
+    asked = " ".join([*HEAVY, *more])
+    done = subprocess.run(
+        [sys.executable, "-c", code, asked, *command],
+        capture_output=True, text=True, check=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == "loaded: []"
+
+
+def test_every_command_has_a_line_that_fits():
+    listed = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).stdout
+    assert "..." not in listed.partition("Commands:")[2]
+    for name in ("envs", "agents", "adversaries", "attack", "check", "benchmark", "submit"):
+        assert re.search(rf"^  {name} +[A-Z].*\.$", listed, re.MULTILINE)
+
+
+def test_a_misspelt_command_gets_a_suggestion():
+    result = run("atack")
+    assert result.exit_code == 2
+    assert "Did you mean 'attack'?" in result.stderr
 
 
 def test_attack_ends_with_its_figures(tmp_path):
@@ -92,6 +132,9 @@ def test_a_second_run_needs_resume(tmp_path):
     assert "which holds a run. Resume that run with --resume" in refused.stderr
     resumed = attack(tmp_path / "out", "--resume")
     assert resumed.exit_code == 0
+    assert "out holds a finished run. It is read, not done again." in resumed.stderr
+    assert "holds a finished run" not in refused.stderr
+    assert "of 10 samples" in resumed.stdout
     other = attack(tmp_path / "out", "--resume", "--seed", "1")
     assert other.exit_code == 2
     assert "seed was 0 and is 1" in other.stderr
@@ -121,6 +164,10 @@ def test_a_second_run_needs_resume(tmp_path):
         ([*ATTACK, "--preset", "x", "--set", "preset=y"], "Expected the preset once"),
         ([*ATTACK, "--budget", "many"], "budget"),
         ([*ATTACK, "--samples", "0"], "samples"),
+        ([*ATTACK, "-a", "bbgan", "--budget", "0"], "a budget of at least 1 query"),
+        ([*ATTACK, "-a", "level-set", "--budget", "3"], "Expected a budget of at least"),
+        ([*ATTACK[:2], "-a", "ppo", "--budget", "5"], "Expected a budget of at least"),
+        (["attack", "SADA-Digits-3-v0", "--agent", "n.pt"], "or a .safetensors file"),
         (["envs", "SADA-Nothing-v0"], "Expected a registered environment id"),
         (["check", "SADA-Nothing-v0"], "Expected a registered environment id"),
         (["check", "nothing.py"], "Expected an existing Python file"),
@@ -224,6 +271,41 @@ def test_the_summary_tells_of_coverage_and_the_reference_set(tmp_path):
     assert f"uniform worlds        {rate:.1f} % (reference set of 20,000 points)" in result.stdout
     covered = f"{100 * report['relative_coverage']:.1f} %; ideal samples would be 100 %"
     assert f"coverage              {covered}" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("env_id", "pairs", "said"),
+    [
+        ("SADA-Detection-v0", [], "without object_class takes object_class=car, as SADA-Det"),
+        ("SADA-Driving-v0", [], "without task takes task=navigation, as SADA-Driving-Navigation"),
+        ("SADA-UAV-v0", [], "without anchors takes anchors=3, as SADA-UAV-3Anchors-v0 does."),
+        ("sada_gym:SADA-UAV-v0", [], "without anchors takes anchors=3"),
+        ("SADA-Detection-v0", ["object_class=bus"], None),
+        ("SADA-Detection-Car-v0", [], None),
+        ("SADA-Robot-v0", [], None),
+        ("SADA-Digits-v0", [], None),
+        ("CartPole-v1", [], None),
+        ("mine.toml", [], None),
+    ],
+)
+def test_a_general_id_says_what_it_takes(env_id, pairs, said):
+    note = default_note(env_id, key_values(pairs, "--env-kwargs"))
+    assert note is None if said is None else said in note
+
+
+def test_the_summary_names_the_keywords_of_a_general_id(tmp_path):
+    command = ["attack", "SADA-Digits-v0", "-a", "random", "--samples", 4, "--workers", 1]
+    result = run(*command, "--env-kwargs", "digit=3", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "environment           digit=3, as in SADA-Digits-3-v0" in result.stdout
+
+
+def test_the_result_is_all_that_stdout_gets(tmp_path):
+    result = attack(tmp_path / "out")
+    assert result.stdout.startswith("SADA-Analytic-v0 · toy:Greedy\n")
+    where = json.loads((tmp_path / "out" / "result.json").read_text())["where"]
+    assert f"where                 {where['sentence']}\n" in result.stdout
+    assert all(line == line.rstrip() for line in result.stdout.splitlines())
 
 
 def test_an_executor_is_opened_by_its_name_and_closed(tmp_path, monkeypatch):

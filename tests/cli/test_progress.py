@@ -109,6 +109,41 @@ def test_the_time_left_includes_the_learning_between_queries(monkeypatch):
     assert bars._detail("train") == ["30/100", "10/s", "0:03", "0:35 left"]
 
 
+def test_learning_and_pictures_show_the_time_left(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    bars = AttackProgress(pipe())
+    for stage in ("learn", "pictures"):
+        bars(stage, 0, 0, 0)
+        for done in range(1, 5):
+            now[0] += 2.0
+            bars(stage, done, 10, 0)
+        assert bars._detail(stage) == ["4/10", "0.5/s", "0:08", "0:12 left"]
+    assert not bars._started
+
+
+def test_a_second_training_counts_its_own_steps(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    bars = AttackProgress(pipe())
+    for pace in (10.0, 1.0):
+        for done in (1, 2, 3):
+            now[0] += pace
+            bars("learn", done, 10, 0)
+        bars("train", 10, 10, 0)
+    now[0] += 1.0
+    bars("learn", 1, 10, 0)
+    now[0] += 1.0
+    bars("learn", 2, 10, 0)
+    assert bars._left_s("learn") == pytest.approx(8.0)
+
+
+def test_what_an_agent_prints_stays_in_stdout(capsys):
+    with AttackProgress(terminal()):
+        print("of the agent")
+    assert capsys.readouterr().out == "of the agent\n"
+
+
 def test_what_the_store_knew_is_shown_and_is_no_speed():
     bars = AttackProgress(pipe())
     bars("train", 0, 100, 0)

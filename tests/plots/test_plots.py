@@ -2,17 +2,20 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 from toy import Blind, Toy
 
 from sada_gym.oracle import Evaluations
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.plots.attack import (
+    MAX_PARAMETERS,
     axis_label,
     contact_sheet,
     draw_attack,
     marginals,
     score_histogram,
 )
+from sada_gym.plots.legend import LegendEntry
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -52,6 +55,95 @@ def test_no_contact_sheet_without_frames_or_fooled_samples(tmp_path):
         blind = draw_attack(Blind(), drawn(20), drawn(9), tmp_path)
     for pictures in (blind, draw_attack(Toy(), unhurt, drawn(9), tmp_path)):
         assert {path.name for path in pictures} == {"marginals.png", "scores.png"}
+
+
+class Batched(Toy):
+    """It notes the batches that it draws."""
+
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords)
+        self.batches = []
+
+    def render_batch(self, mu, seeds):
+        self.batches.append(len(mu))
+        return super().render_batch(mu, seeds)
+
+    def _evaluate(self, mu, seeds):
+        raise AssertionError("a picture evaluated a sample again")
+
+
+def test_failures_are_drawn_in_one_batch_after_the_first_and_evaluated_never(tmp_path):
+    application, told = Batched(2), []
+    draw_attack(
+        application, drawn(90, 2), drawn(9, 2), tmp_path, on_progress=lambda *n: told.append(n)
+    )
+    assert application.batches == [1, 8]
+    assert told == [(done, 9) for done in range(1, 10)]
+
+
+def test_a_headline_stands_on_top(tmp_path):
+    heights = []
+    for headline in ("", "Half of the samples fool the agent."):
+        draw_attack(Toy(), drawn(50), drawn(9), tmp_path, headline=headline)
+        heights.append(Image.open(tmp_path / "fooled.png").height)
+    assert heights[0] < heights[1]
+
+
+class Declared(Toy):
+    legend = (LegendEntry("the angle", "#ff00ff", "disc"),)
+
+
+@pytest.mark.parametrize(("application", "shown"), [(Toy(), False), (Declared(), True)])
+def test_the_legend_is_what_the_application_declares(application, shown, tmp_path):
+    draw_attack(application, drawn(50), drawn(9), tmp_path)
+    pixels = np.asarray(Image.open(tmp_path / "fooled.png").convert("RGB"))
+    assert (pixels == (255, 0, 255)).all(axis=-1).any() == shown
+
+
+class Odd(Toy):
+    """It draws what is no frame, or fails."""
+
+    def __init__(self, frame):
+        super().__init__()
+        self.frame = frame
+
+    def render(self, mu, seed):
+        if self.frame is None:
+            raise RuntimeError("no window")
+        return self.frame
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (None, "No frames are drawn: Odd.render raised RuntimeError: no window"),
+        (np.zeros((8, 8)), r"Expected a frame .*uint8, got \(8, 8\) and float64. Mend Odd.render"),
+        (np.zeros((8, 8, 4), np.uint8), r"got \(8, 8, 4\) and uint8"),
+        (np.zeros((0, 8, 3), np.uint8), r"got \(0, 8, 3\)"),
+        ("a frame", "Expected a frame"),
+    ],
+)
+def test_a_bad_frame_costs_no_other_picture(frame, message, tmp_path):
+    with pytest.warns(UserWarning, match=message):
+        pictures = draw_attack(Odd(frame), drawn(50), drawn(9), tmp_path)
+    assert [path.name for path in pictures] == ["marginals.png", "scores.png"]
+
+
+def test_an_error_of_the_caller_is_the_callers(tmp_path):
+    def stop(done, total):
+        raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        draw_attack(Toy(), drawn(50), drawn(9), tmp_path, on_progress=stop)
+
+
+def test_of_many_parameters_the_least_uniform_are_drawn():
+    samples = drawn(60, 40)
+    samples.mu[:, 17] = 0.9
+    figure = marginals(Toy(40).parameters, samples, 0.3)
+    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_visible()]
+    assert len(labels) == MAX_PARAMETERS
+    assert "angle17 (°)" in labels
 
 
 def test_marginals_show_physical_units_and_shares():

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from toy import Greedy, Toy
 
+from sada_gym import adversaries
 from sada_gym.attack import RunProgress, attack
+from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
@@ -42,7 +44,7 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert reported[0] == RunProgress("train", 0, 100, 0)
     assert RunProgress("train", 100, 100, 0, evaluated=100) in reported
     assert RunProgress("test", 30, 30, 0, evaluated=130) in reported
-    assert reported[-2].evaluated == 130
+    assert [one.evaluated for one in reported if one.stage == "measure"][-1] == 130
     report = read_model(result.folder / "result.json", RunReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")
@@ -193,6 +195,211 @@ def test_no_path_is_refused_in_a_sentence():
         run(5)
     with pytest.raises(ValueError, match="its name holds a NUL"):
         run("a\0b")
+
+
+class Hungry(Greedy):
+    """Refuses small budgets, before or after its first queries."""
+
+    name = "hungry"
+
+    def __init__(self, dimension, *, seed=None, after=0):
+        super().__init__(dimension, seed=seed)
+        self.after = after
+
+    def train(self, oracle):
+        if self.after:
+            oracle(np.zeros((self.after, self.dimension)))
+        raise BudgetTooSmall(f"Expected a budget of at least 1,000, got {oracle.remaining}.")
+
+
+def test_a_refused_run_leaves_nothing_behind(tmp_path):
+    with pytest.raises(ValueError, match="at least 1,000, got 100"):
+        run(tmp_path / "a" / "b", adversary=Hungry)
+    assert list(tmp_path.iterdir()) == []
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="at least 1,000, got 100"):
+        run(mine, adversary=Hungry)
+    assert [path.name for path in mine.iterdir()] == ["notes.txt"]
+    run(mine)
+
+
+@pytest.mark.parametrize("name", sorted({*adversaries.names()} - {"random"}))
+def test_all_but_the_controls_refuse_a_budget_of_0(tmp_path, name):
+    with pytest.raises(ValueError, match="Expected a budget of at least"):
+        run(tmp_path / "a", adversary=name, budget=0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_fails_later_keeps_its_evaluations(tmp_path):
+    with pytest.raises(ValueError, match="at least 1,000, got 97"):
+        run(tmp_path / "a", adversary=Hungry, options={"after": 3})
+    with EvaluationStore(tmp_path / "a" / "run.sqlite") as store:
+        assert len(store) == 3
+    with pytest.raises(ValueError, match="at least 1,000, got 97"):
+        run(tmp_path / "a", adversary=Hungry, options={"after": 3}, resume=True)
+    assert (tmp_path / "a" / "attack.json").exists()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_world_that_breaks_at_once_leaves_nothing_behind(tmp_path, workers):
+    with pytest.raises(RuntimeError, match="the world collapsed"):
+        run(tmp_path / "a", Toy(fail_above=-2.0), workers=workers)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("environment", "adversary", "env_kwargs", "message"),
+    [
+        ("SADA-Detecton-v0", "random", {}, "Did you mean 'SADA-Detection-v0'"),
+        ("SADA-Detection-v0", "randm", {}, "Did you mean random"),
+        ("SADA-Detection-v0", "random", {"agent": "nofile.pt"}, "got nofile.pt: no such file"),
+        ("SADA-Detection-v0", "random", {"agent": "photografer"}, "Did you mean 'photographer'"),
+    ],
+)
+def test_misspelt_names_are_told_before_anything_is_made(
+    tmp_path, monkeypatch, environment, adversary, env_kwargs, message
+):
+    monkeypatch.setattr("sada_gym.attack.Evaluator", None)
+    with pytest.raises(ValueError, match=message):
+        attack(environment, adversary, env_kwargs=env_kwargs, out=tmp_path / "a")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_finished_run_is_read_and_not_done_again(tmp_path):
+    first = run(tmp_path, pictures=True)
+    before = contents(tmp_path)
+    reported = []
+
+    class Never(Greedy):
+        def train(self, oracle):
+            raise AssertionError("it trains again")
+
+    Never.name = "greedy"
+    again = run(tmp_path, adversary=Never, resume=True, pictures=True, on_progress=reported.append)
+    assert (first.was_finished, again.was_finished) == (False, True)
+    assert reported == []
+    assert again.report == first.report
+    for one, other in ((first.samples, again.samples), (first.queries, again.queries)):
+        np.testing.assert_array_equal(one.mu, other.mu)
+        np.testing.assert_array_equal(one.score, other.score)
+        np.testing.assert_array_equal(one.seed, other.seed)
+    assert again.pictures == tuple(sorted(first.pictures))
+    assert contents(tmp_path) == before
+
+
+def test_a_finished_run_without_queries_is_read(tmp_path):
+    for was_finished in (False, True):
+        done = attack(Toy(), "random", samples=10, out=tmp_path, pictures=False, resume=True)
+        assert done.was_finished == was_finished
+        assert done.queries.mu.shape == (0, 3)
+
+
+def test_only_the_pictures_are_made_where_only_they_are_missing(tmp_path):
+    run(tmp_path)
+    reported = []
+    done = run(tmp_path, resume=True, pictures=True, on_progress=reported.append)
+    assert done.was_finished
+    assert {one.stage for one in reported} == {"pictures"}
+    assert (tmp_path / "fooled.png") in done.pictures
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("name", ["result.json", "samples.npz", "run.sqlite", "adversary"])
+def test_what_is_missing_from_a_finished_run_is_made_anew(tmp_path, name):
+    run(tmp_path)
+    before = contents(tmp_path)
+    path = tmp_path / name
+    path.rename(tmp_path.parent / f"{tmp_path.name}-{name}")
+    assert not run(tmp_path, resume=True).was_finished
+    assert contents(tmp_path) == before
+
+
+def test_a_damaged_result_is_made_anew(tmp_path):
+    run(tmp_path)
+    before = contents(tmp_path)
+    (tmp_path / "result.json").write_text("{")
+    assert not run(tmp_path, resume=True).was_finished
+    assert contents(tmp_path) == before
+
+
+def test_a_result_of_an_earlier_version_is_read(tmp_path):
+    first = run(tmp_path)
+    path = tmp_path / "result.json"
+    report = json.loads(path.read_text())
+    del report["where"]
+    path.write_text(json.dumps(report))
+    assert read_model(path, RunReport).where is None
+    again = run(tmp_path, resume=True)
+    assert again.was_finished
+    assert again.report == first.report
+
+
+def test_a_result_prints_as_its_summary(tmp_path):
+    result = run(tmp_path / "a", pictures=True)
+    text = str(result)
+    assert repr(result) == text
+    lines = text.splitlines()
+    assert lines[0] == "Toy-v0 · greedy"
+    low, high = (100 * end for end in result.report.afr_interval_95)
+    assert f"{100 * result.report.afr:.1f} % (95 % interval {low:.1f} to {high:.1f})" in lines[1]
+    assert lines[2].split(None, 1) == ["where", result.report.where.sentence]
+    assert "uniform worlds        not known" in text
+    assert f"novelty               median distance {result.report.novelty.median:.3f} " in text
+    assert lines[-1].startswith(f"Results: {tmp_path / 'a'}/ (result.json, marginals.png")
+    assert "array(" not in text
+
+
+def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeypatch):
+    asked = {}
+
+    def draw(application, samples, queries, folder, *, headline, on_progress):
+        asked["headline"] = headline
+        on_progress(1, 2)
+        (folder / "sheet.png").write_bytes(b"new")
+        return (folder / "sheet.png",)
+
+    monkeypatch.setattr("sada_gym.plots.attack.draw_attack", draw)
+    reported = []
+    result = run(tmp_path, pictures=True, on_progress=reported.append)
+    assert asked["headline"] == result.report.where.sentence != ""
+    assert result.pictures == (tmp_path / "sheet.png",)
+    assert reported[-2:] == [RunProgress("pictures"), RunProgress("pictures", 1, 2)]
+
+
+def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
+    def fail(application, samples, queries, folder, **_):
+        (folder / "half.png").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("sada_gym.plots.attack.draw_attack", fail)
+        with pytest.raises(KeyboardInterrupt):
+            run(tmp_path, pictures=True)
+    assert not list(tmp_path.rglob("*.png"))
+    done = run(tmp_path, pictures=True, resume=True)
+    assert done.was_finished
+    assert len(done.pictures) == 3
+
+
+def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr("sada_gym.cli.progress.LINE_EVERY_S", 0.02)
+    slow = Toy(pause_s=0.002)
+    run(tmp_path / "a", slow)
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert "Querying: " in printed.err
+    run(tmp_path / "b", slow, progress=False)
+    run(tmp_path / "c", slow, on_progress=lambda now: None)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_steps_of_learning_are_reported(tmp_path):
+    reported = []
+    options = {"steps": 7, "batch": 16, "generator": (16,), "discriminator": (16,)}
+    run(tmp_path, adversary="bbgan", options=options, on_progress=reported.append)
+    assert RunProgress("learn", 7, 7, 0, evaluated=100) in reported
 
 
 def test_a_file_in_the_folders_place_is_refused(tmp_path):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.plots.legend import LegendEntry
 
 _AT_ONCE = 2**24
 """Numbers held in memory while distances are computed."""
@@ -124,8 +125,35 @@ class AnalyticApplication(Application):
         inside = np.maximum(self.half_sides - 1e-6, 0.0)
         return (self.centres[region] + offset * inside).astype(np.float32)
 
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the colours and lines in frames mean."""
+        blue, red = ("#{:02x}{:02x}{:02x}".format(*c) for c in (_UNHURT_RGB, _FOOLED_RGB))
+        return (
+            LegendEntry(f"fooled: Q ≤ {self.fooling_threshold:g}", red, "area"),
+            LegendEntry("not fooled", blue, "area"),
+            LegendEntry("border of the fooling set", "#000000", "line"),
+            LegendEntry("the sample", "#000000", "plus"),
+            LegendEntry("Across: x0. Up: x1. The other coordinates are the sample's."),
+        )
+
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw `observation`, and a line around where Q fools."""
+        frame, score = self._drawn(mu, seed)
+        fooled = score <= self.fooling_threshold
+        inside = fooled.copy()
+        for axis in (0, 1):
+            for step in (1, -1):
+                inside &= np.roll(fooled, step, axis)
+        frame[fooled & ~inside] = 0
+        return frame
+
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw Q over the first two coordinates, the others held at mu, and a cross at mu."""
+        return self._drawn(mu, seed)[0]
+
+    def _drawn(self, mu: npt.ArrayLike, seed: int) -> tuple[Frame, npt.NDArray[np.float64]]:
+        """Give that picture, and the scores in it, (rows, columns)."""
         world, seed = validate_world(self.parameters, mu, seed)
         point = world[0]
         axis = np.linspace(-1.0, 1.0, _IMAGE_SIZE, dtype=np.float32)
@@ -140,7 +168,7 @@ class AnalyticApplication(Application):
         row = round((1 - height) / 2 * (_IMAGE_SIZE - 1))
         frame[row, max(column - 5, 0) : column + 6] = 0
         frame[max(row - 5, 0) : row + 6, column] = 0
-        return frame
+        return frame, score
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         nearest, score = self._nearest(mu)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,16 +12,17 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
-from sada_gym.envs.detection.picture import annotate
+from sada_gym.envs.detection.picture import annotate, legend
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
 from sada_gym.envs.detection.renderers.base import DEFAULT, checked_renderer, checked_renderings
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, fingerprint, load_class
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.plots.legend import LegendEntry
 
 
 class DetectionApplication(Application):
@@ -90,9 +91,18 @@ class DetectionApplication(Application):
     sample_size = 250
     parameters = ParameterSpace(
         Parameter("camera_distance", 8.0, 14.5, "scene units"),
-        Parameter("camera_azimuth_deg", -180.0, 180.0, "deg"),
+        Parameter(
+            *("camera_azimuth_deg", -180.0, 180.0, "deg"),
+            directions=("in front", "on the left", "behind", "on the right"),
+        ),
         Parameter("camera_pitch_deg", 0.0, 51.6, "deg"),
-        Parameter("light_azimuth_deg", -180.0, 180.0, "deg"),
+        Parameter(
+            *("light_azimuth_deg", -180.0, 180.0, "deg"),
+            directions=(
+                *("behind the camera", "right of the camera"),
+                *("opposite the camera", "left of the camera"),
+            ),
+        ),
         Parameter("light_pitch_deg", 3.0, 90.0, "deg"),
         Parameter("colour_red", 0.0, 1.0),
         Parameter("colour_green", 0.0, 1.0),
@@ -122,6 +132,11 @@ class DetectionApplication(Application):
         self._detector = DetectorAgent(self.agent, tile, image_size)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
+
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the boxes in frames are."""
+        return legend(self.object_class)
 
     @property
     def tile(self) -> int:
@@ -185,13 +200,23 @@ class DetectionApplication(Application):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees, with the object's true box and the detections."""
-        rendering = self._rendering(mu, seed)
+        one: Any = [mu]
+        return next(self.render_batch(one, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose pictures the detector sees together."""
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        renderings = self._renderings(
+            [self.scene(row, seed) for row, seed in zip(batch, checked, strict=True)]
+        )
         names = {self.label: self.object_class}
         known = getattr(self.agent, "labels", None)
         if isinstance(known, Mapping):
             names = {label: name for name, label in known.items()}
-        detections = self._detector.act([rendering.image])[0]
-        return annotate(rendering, detections, names, self.label)
+        found = self._detector.act([rendering.image for rendering in renderings])
+        for rendering, detections in zip(renderings, found, strict=True):
+            yield annotate(rendering, detections, names, self.label)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees."""

@@ -7,16 +7,35 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.renderers import Rendering
+from sada_gym.plots.frames import dashed, dashed_box, font, rgb
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.style import ORANGE, SKY
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""
 
-TRUTH, HIT, OTHER = (255, 255, 255), (70, 230, 100), (255, 110, 90)
 FLOOR = 0.1
 """Detections with a lower score are left out."""
+
+_TRUTH, _TARGET, _OTHER = "#ffffff", SKY, ORANGE
+_EDGE = (0, 0, 0)
+_DASHES = {_TRUTH: (4.0, 3.0), _TARGET: (1.0, 0.0), _OTHER: (1.0, 1.0)}
+"""The lengths of dashes and gaps in widths of the line."""
+
+
+def legend(object_class: str) -> tuple[LegendEntry, ...]:
+    """Say what the boxes in a frame of an object's class are."""
+    return (
+        LegendEntry(f"the true {object_class}", _TRUTH, "dashed box"),
+        LegendEntry(f"the best detection of a {object_class}", _TARGET, "box"),
+        LegendEntry("the best detection of another class", _OTHER, "dotted box"),
+        LegendEntry(
+            f"Beside a detection stands its confidence; that in a {object_class} is the score Q."
+        ),
+    )
 
 
 def annotate(
@@ -25,7 +44,7 @@ def annotate(
     names: Mapping[int, str],
     target: int,
 ) -> npt.NDArray[np.uint8]:
-    """Draw the true box (white), the best detection of the class (green) and of others (red).
+    """Draw the true box, and the best detections of the class and of others, see `legend`.
 
     Args:
         rendering: The frame and its ground truth.
@@ -40,21 +59,41 @@ def annotate(
     side = scale * len(rendering.image)
     picture = Image.fromarray(rendering.image).resize((side, side), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(picture)
-    font = ImageFont.load_default(side // 18)
-    if rendering.box is not None:
-        draw.rectangle((scale * rendering.box).tolist(), outline=TRUTH)
-    y = side // 64
+    y, line = side // 64, side // 13
     for colour, chosen in (
-        (HIT, detections["labels"] == target),
-        (OTHER, detections["labels"] != target),
+        (_TARGET, detections["labels"] == target),
+        (_OTHER, detections["labels"] != target),
     ):
         chosen = np.flatnonzero(chosen & (detections["scores"] >= FLOOR))[:1]
         for i in chosen:
-            x0, y0, x1, y1 = np.clip(scale * detections["boxes"][i], 0, side - 1).tolist()
-            if x0 < x1 and y0 < y1:
-                draw.rectangle((x0, y0, x1, y1), outline=colour, width=2)
+            _box(draw, scale * detections["boxes"][i], colour, side)
             label = int(detections["labels"][i])
             text = f"{names.get(label, f'label {label}')} {detections['scores'][i]:.2f}"
-            draw.text((side // 64, y), text, fill=colour, font=font, stroke_width=2, stroke_fill=0)
-            y += side // 14
+            _write(draw, text, y, colour, side)
+            y += line
+        if colour == _TARGET and not len(chosen):
+            _write(draw, f"{names.get(target, f'label {target}')} below {FLOOR:g}", y, colour, side)
+            y += line
+    if rendering.box is not None:  # on top: its gaps show a detection that is in the same place
+        _box(draw, scale * rendering.box, _TRUTH, side)
     return np.asarray(picture)
+
+
+def _box(draw: ImageDraw.ImageDraw, box: npt.NDArray[Any], colour: str, side: int) -> None:
+    x0, y0, x1, y1 = np.clip(box, 0, side - 1).tolist()
+    if x0 < x1 and y0 < y1:
+        # the target's is wider: it shows beside another detection in the same place
+        width = max(2, side // 128) * (2 if colour == _TARGET else 1)
+        dash, gap = (width * length for length in _DASHES[colour])
+        dashed_box(draw, (x0, y0, x1, y1), rgb(colour), width, dash, gap, casing=_EDGE)
+
+
+def _write(draw: ImageDraw.ImageDraw, text: str, y: int, colour: str, side: int) -> None:
+    """Write a line behind a piece of the line of its box."""
+    left, start, width = side // 64, side // 10, max(2, side // 96)
+    of, middle = font(side / 17), y + side / 28
+    dash, gap = (width * length for length in _DASHES[colour])
+    ends = [(left, middle), (start, middle)]
+    dashed(draw, ends, rgb(colour), width, dash, gap, casing=_EDGE)
+    place = (start + side // 64, middle)
+    draw.text(place, text, rgb(colour), of, anchor="lm", stroke_width=2, stroke_fill=0)

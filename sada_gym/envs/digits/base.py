@@ -16,10 +16,11 @@ from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Frame, Scored, validate_world
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.images import checked_images, test_images
-from sada_gym.envs.digits.picture import beside, enlarged
+from sada_gym.envs.digits.picture import LEGEND, beside, enlarged
 from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
 from sada_gym.parameters import Mu
+from sada_gym.plots.legend import LegendEntry
 
 _PIXELS_AT_ONCE = 2**18
 
@@ -170,6 +171,11 @@ class ClassifierApplication(Application):
         row, seed = validate_world(self.parameters, mu, seed)
         positions = self._positions([seed])
         return self.images.images[self.indices[positions[0]]], self._change(row, positions)[0]
+
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the marks in frames mean."""
+        return LEGEND
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the unchanged image beside the changed one, with the classifier's answers."""

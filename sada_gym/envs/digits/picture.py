@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
+
+from sada_gym.plots.frames import dashed, font, rgb
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.style import GREEN, VERMILLION
 
 SIDE = 160
 """Pixels a side of an enlarged image, at least."""
 
-RIGHT, WRONG, INK, PAPER = (20, 110, 50), (178, 24, 43), (31, 41, 51), (255, 255, 255)
-_GAP, _CAPTION = 8, 42
+RIGHT, WRONG, INK, PAPER = rgb(GREEN), rgb(VERMILLION), (31, 41, 51), (255, 255, 255)
+_GAP, _LINE, _CAPTION = 8, 23, 80
+
+LEGEND = (
+    LegendEntry("seen as the class that it is", GREEN, "line"),
+    LegendEntry("seen as another class", VERMILLION, "dashed line"),
+    LegendEntry(
+        "Left: the image. Right: what the adversary made of it. p(5) is the classifier's "
+        "probability of 5, the true class."
+    ),
+)
 
 
 def enlarged(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
@@ -39,12 +52,15 @@ def beside(
     width = max(width, SIDE)  # room for the caption
     size = (2 * width + 3 * _GAP, height + _CAPTION + _GAP)
     picture = Image.new("RGB", size, PAPER)
-    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(14)
+    draw, of = ImageDraw.Draw(picture), font(20)
     for i, (title, panel) in enumerate(zip(("unchanged", "attacked"), panels, strict=True)):
         left = _GAP + i * (width + _GAP)
         guess = int(probabilities[i].argmax())
-        draw.text((left, 3), title, fill=INK, font=font)
-        said = f"seen as {guess}; p({label}) = {probabilities[i, label]:.2f}"
-        draw.text((left, 21), said, fill=RIGHT if guess == label else WRONG, font=font)
+        right = guess == label
+        said = (title, f"seen as {guess}", f"p({label}) = {probabilities[i, label]:.2f}")
+        for line, text in enumerate(said):
+            draw.text((left, 2 + line * _LINE), text, fill=INK, font=of)
+        ends = [(left, _CAPTION - 3), (left + panel.shape[1], _CAPTION - 3)]
+        dashed(draw, ends, RIGHT if right else WRONG, 5, 14, 0 if right else 8)
         picture.paste(Image.fromarray(panel), (left, _CAPTION))
     return np.asarray(picture)

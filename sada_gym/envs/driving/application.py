@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+
+if TYPE_CHECKING:
+    from sada_gym.plots.legend import LegendEntry
 
 
 class DrivingApplication(EpisodesApplication[Drives]):
@@ -90,6 +93,13 @@ class DrivingApplication(EpisodesApplication[Drives]):
         super().__init__(agent, agent_id)
 
     @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the marks in frames mean."""
+        from sada_gym.envs.driving.pictures import LEGEND
+
+        return LEGEND
+
+    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"task": self.task}
@@ -137,9 +147,15 @@ class DrivingApplication(EpisodesApplication[Drives]):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image where the driver first fails, above a map of all five drives."""
+        one: Any = [mu]
+        return next(self.render_batch(one, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose episodes go on in lockstep."""
         from sada_gym.envs.driving.pictures import summary
 
-        return summary(self.rollouts(mu, seed))
+        for rollouts in self.rollouts_batch(mu, seeds):
+            yield summary(rollouts)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start of the first route."""

@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.application import Frame
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
@@ -20,12 +20,28 @@ from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
+from sada_gym.plots.frames import dashed, font, rgb
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.style import BLUE, GREEN, VERMILLION, YELLOW
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2
 _EDGE_M = 22.0
-_ROUTE, _DRIVEN, _FAILED = (250, 204, 21), (37, 99, 235), (220, 38, 38)
+_ROUTE, _DRIVEN, _FAILED, _GOAL = rgb(YELLOW), rgb(BLUE), rgb(VERMILLION), rgb(GREEN)
+_TEXT = 20
 Rollouts = Sequence[Rollout[Start]]
+
+LEGEND = (
+    LegendEntry("route", YELLOW, "line"),
+    LegendEntry("way driven", BLUE, "dashed line"),
+    LegendEntry("start", "#ffffff", "disc"),
+    LegendEntry("goal", GREEN, "square"),
+    LegendEntry("failed here", VERMILLION, "cross"),
+    LegendEntry(
+        "Above: what the camera sees, on the first route that failed. Below: the town from above "
+        "with all five routes. Beside the weather stand the camera's height and pitch."
+    ),
+)
 
 _ENDING_TEXTS = {
     Ending.ARRIVED: "arrived",
@@ -43,13 +59,13 @@ def summary(rollouts: Rollouts) -> Frame:
     step = max(0, last - POLICY_HZ) if failed else last // 2
     image = Image.fromarray(_view(rollouts[which], step))
     arrived = len(rollouts) - len(failed)
-    title = f"{_world(rollouts)}: {arrived} of {len(rollouts)} arrived"
+    title = f"{_world(rollouts)}\n{arrived} of {len(rollouts)} routes driven to the goal"
     moment = "a second before it failed" if failed else "half-way"
     parts = [
-        caption(title, image.width),
+        caption(title, image.width, _TEXT),
         image,
         _map(_chart(image.width), dict(enumerate(rollouts))),
-        caption(f"route {which + 1}, {moment}", image.width),
+        caption(f"seen: route {which + 1}, {moment}", image.width, _TEXT),
     ]
     return stacked(parts)
 
@@ -109,23 +125,25 @@ def _map(
     """
     picture = chart.picture.copy()
     draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
-    font = ImageFont.load_default(3.6 * unit)
+    of = font(4.6 * unit, bold=True)
     routes = {i: chart.pixels(rollout.start.route.points) for i, rollout in rollouts.items()}
     shown = slice(None if until is None else until + 1)
     ways = {i: chart.pixels(rollout["states"][shown, :2]) for i, rollout in rollouts.items()}
     for route in routes.values():
         draw.line(route, fill=_ROUTE, width=max(3, round(1.5 * unit)))
     for way in ways.values():
-        draw.line(way, fill=_DRIVEN, width=max(2, round(0.7 * unit)))
+        width = max(2, round(0.7 * unit))
+        dashed(draw, way, _DRIVEN, width, 3 * unit, 1.2 * unit)
     for i, route in routes.items():
         draw.circle(route[0], 1.3 * unit, (255, 255, 255), INK)
-        draw.circle(route[-1], 1.3 * unit, (34, 197, 94), INK)
+        x, y = route[-1]
+        draw.rectangle((x - 1.3 * unit, y - 1.3 * unit, x + 1.3 * unit, y + 1.3 * unit), _GOAL, INK)
         for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
             draw.text(
-                (x + 2.2 * unit, y - 2.2 * unit),
+                (x + 3 * unit, y - 3 * unit),
                 str(i + 1),
                 fill=INK,
-                font=font,
+                font=of,
                 anchor="mm",
                 stroke_width=round(0.4 * unit),
                 stroke_fill="white",
@@ -135,6 +153,9 @@ def _map(
         over = len(way) == len(rollouts[i]["states"])
         if over and rollouts[i].score < 1:
             arm = 2.2 * unit
+            for s in (-1, 1):
+                ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
+                draw.line(ends, fill="white", width=max(4, round(2 * unit)))
             for s in (-1, 1):
                 ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
                 draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
@@ -165,7 +186,7 @@ class _Chart:
 @cache
 def _chart(width: int) -> _Chart:
     """Draw the benchmark's town without its outskirts."""
-    whole = _plan(camera(LAYOUT))
+    whole = town_plan(camera(LAYOUT))
     texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)
     low = np.floor((corners.min(axis=0) - _EDGE_M - whole.corner) / texel)
@@ -175,7 +196,7 @@ def _chart(width: int) -> _Chart:
     return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def _plan(of: TownCamera) -> _Chart:
+def town_plan(of: TownCamera) -> _Chart:
     """Draw the ground with the buildings' roofs and the trees."""
     picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
     chart = _Chart(picture, of.ground.origin, of.ground.texel_m * 2**_MAP_LEVEL)

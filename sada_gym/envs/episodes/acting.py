@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.tile import Batch
+from sada_gym.determinism import single_threaded
 from sada_gym.envs.episodes.base import Episodes, StartT
 
 EpisodesT = TypeVar("EpisodesT", bound=Episodes[Any])
@@ -21,18 +22,19 @@ def play(
     episodes: EpisodesT,
     on_step: Callable[[EpisodesT], None] | None = None,
 ) -> None:
-    """Let an agent act in all episodes to their ends.
+    """Let an agent act in all episodes to their ends, in one thread: see `single_threaded`.
 
     Args:
         agent: Chooses the actions.
         episodes: They may be at any step.
         on_step: Called before every step.
     """
-    agent.start(len(episodes))
-    while len(which := episodes.under_way()):
-        if on_step is not None:
-            on_step(episodes)
-        episodes.step(which, agent.act(episodes, which))
+    with single_threaded():  # for replays, too: they end with the same score
+        agent.start(len(episodes))
+        while len(which := episodes.under_way()):
+            if on_step is not None:
+                on_step(episodes)
+            episodes.step(which, agent.act(episodes, which))
 
 
 @dataclass(frozen=True)

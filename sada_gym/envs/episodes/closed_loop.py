@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, Generic
@@ -13,9 +13,12 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, known_as
-from sada_gym.application import Application, Frame, validate_world
+from sada_gym.application import Application, Frame, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import EpisodesT, Rollout, play, record
 from sada_gym.parameters import Mu
+
+_AT_ONCE = 4
+"""Worlds whose rollouts are held in memory together."""
 
 
 class EpisodesApplication(Application, Generic[EpisodesT]):
@@ -56,6 +59,19 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
         row, seed = validate_world(self.parameters, mu, seed)
         with closing(self.episodes(row, [seed])) as episodes:
             return record(self.acting, episodes)
+
+    def rollouts_batch(
+        self, mu: npt.ArrayLike, seeds: Sequence[int]
+    ) -> Iterator[list[Rollout[Any]]]:
+        """Give such rollouts of several worlds, (n, d), whose episodes go on in lockstep."""
+        batch = self.parameters.validate(mu)
+        checked = validate_seeds(seeds, len(batch))
+        for first in range(0, len(batch), _AT_ONCE):
+            rows, some = batch[first : first + _AT_ONCE], checked[first : first + _AT_ONCE]
+            with closing(self.episodes(rows, some)) as episodes:
+                found = record(self.acting, episodes)
+            count = len(found) // len(rows)
+            yield from (found[start : start + count] for start in range(0, len(found), count))
 
     @abstractmethod
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:

@@ -5,18 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.application import Frame
+from sada_gym.plots.frames import font
 
 INK = (31, 41, 51)
-_BAR = 26
+_SIZE = 15
 
 
-def caption(text: str, width: int) -> Image.Image:
-    """Write a line of text."""
-    bar = Image.new("RGB", (width, _BAR), "white")
-    ImageDraw.Draw(bar).text((8, 4), text, fill=INK, font=ImageFont.load_default(15))
+def caption(text: str, width: int, size: int = _SIZE) -> Image.Image:
+    """Write lines of text; what is too long for the width is written smaller.
+
+    The picture's size depends on the number of lines alone, so that frames have one shape.
+
+    Args:
+        text: The text, with line breaks.
+        width: The picture's width in pixels.
+        size: The font's size in pixels.
+    """
+    lines, height = text.split("\n"), 2 * round(0.75 * size) + 4  # even, for video encoders
+    bar = Image.new("RGB", (width, height * len(lines)), "white")
+    draw, room = ImageDraw.Draw(bar), width - 12
+    for i, line in enumerate(lines):
+        shrunk = min(1.0, room / max(1.0, font(size).getlength(line)))
+        middle = (6, (i + 0.5) * height)
+        draw.text(middle, line, fill=INK, font=font(int(shrunk * size)), anchor="lm")
     return bar
 
 

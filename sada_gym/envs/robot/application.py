@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,9 @@ from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 from sada_gym.parameters import Mu
+
+if TYPE_CHECKING:
+    from sada_gym.plots.legend import LegendEntry
 
 PLANS = 2
 """The floor plans of one evaluation."""
@@ -95,6 +98,13 @@ class RobotApplication(EpisodesApplication[Trips]):
     ) -> None:
         super().__init__(agent, agent_id)
 
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the marks in frames mean."""
+        from sada_gym.envs.robot.pictures import LEGEND
+
+        return LEGEND
+
     def _as_agent(self, given: Any) -> Agent[Trips, npt.NDArray[Any]]:
         return as_policy(given, Trips)
 
@@ -137,9 +147,15 @@ class RobotApplication(EpisodesApplication[Trips]):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the first trip that fails, above maps of all trips."""
+        one: Any = [mu]
+        return next(self.render_batch(one, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose episodes go on in lockstep."""
         from sada_gym.envs.robot.pictures import summary
 
-        return summary(self.rollouts(mu, seed))
+        for rollouts in self.rollouts_batch(mu, seeds):
+            yield summary(rollouts)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the hall, and what the lidar returns, at the start of the first trip."""

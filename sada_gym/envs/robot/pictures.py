@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.application import Frame
 from sada_gym.envs.episodes.acting import Rollout
@@ -16,6 +16,9 @@ from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.episodes import GOAL_M, POLICY_HZ, Ending, Start, Trips
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
+from sada_gym.plots.frames import font, rgb
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.style import BLUE, VERMILLION
 
 WIDTH = 700
 """The width of a map in pixels."""
@@ -23,15 +26,35 @@ _FINE = 2
 """Maps are drawn so many times larger, and made smaller afterwards, so that edges are smooth."""
 _FLOOR, _RACK, _SHELF = (236, 238, 240), (193, 154, 107), (148, 112, 70)
 _PILLAR, _BARREL, _LID, _CART = (110, 116, 124), (222, 120, 31), (246, 168, 92), (70, 110, 160)
-_WAY, _DRIVEN, _RETURN = (250, 204, 21), (37, 99, 235), (220, 38, 38)
-_GOAL, _FAILED, _ROBOT = (34, 197, 94), (220, 38, 38), (40, 44, 52)
+_WAY, _DRIVEN, _RETURN = (250, 204, 21), rgb(BLUE), (220, 38, 38)
+_GOAL, _FAILED, _ROBOT = (34, 197, 94), rgb(VERMILLION), (40, 44, 52)
+_TEXT = 28
+
+LEGEND = (
+    LegendEntry("way planned", "#facc15", "line"),
+    LegendEntry("way driven", BLUE, "line"),
+    LegendEntry("robot", "#282c34", "arrow"),
+    LegendEntry("goal (with a flag)", "#22c55e", "disc"),
+    LegendEntry("failed here", VERMILLION, "cross"),
+    LegendEntry("what the lidar returns", "#dc2626", "dots"),
+    LegendEntry("rack", "#c19a6b", "square"),
+    LegendEntry("pillar", "#6e747c", "disc"),
+    LegendEntry("barrel", "#de781f", "disc"),
+    LegendEntry("cart", "#466ea0", "disc"),
+    LegendEntry(
+        "Left: the end of the first trip that failed. Right: all ten trips, five on each of two "
+        "floor plans."
+    ),
+)
+
+_PENNANT = ((0.0, 1.0), (0.6, 0.8), (0.0, 0.6))
 
 Array = npt.NDArray[np.float64]
 Rollouts = Sequence[Rollout[Start]]
 
 
 def summary(rollouts: Rollouts) -> Frame:
-    """Draw the end of the first trip that failed, above maps of the trips of each floor plan."""
+    """Draw the end of the first trip that failed, beside maps of the trips of each floor plan."""
     failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
     which = failed[0] if failed else 0
     rollout = rollouts[which]
@@ -39,17 +62,13 @@ def summary(rollouts: Rollouts) -> Frame:
     arrived = len(rollouts) - len(failed)
     ending = _words(rollout["ending"][-1])
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
-    top = moment(rollout, last)
-    return stacked(
-        [
-            caption(f"{arrived} of {len(rollouts)} trips arrived", top.width),
-            *_conditions(rollout.start.conditions, top.width),
-            top,
-            caption(f"trip {which + 1}, {last / POLICY_HZ:.1f} s: {ending}", top.width),
-            beside(*maps),
-            caption("all trips of both floor plans; a cross is where one failed", top.width),
-        ]
+    pair = beside(moment(rollout, last), Image.fromarray(stacked(maps)))
+    text = (
+        f"{arrived} of {len(rollouts)} trips arrived; left: trip {which + 1} after "
+        f"{last / POLICY_HZ:.1f} s, {ending}\n"
     )
+    text += _conditions(rollout.start.conditions)
+    return stacked([caption(text, pair.width, _TEXT), pair])
 
 
 def frames(rollouts: Rollouts) -> list[Frame]:
@@ -95,6 +114,8 @@ def _view(
     for x, y in points[np.isfinite(points[..., 0])]:
         chart.disc(x, y, 0.03, _RETURN)
     chart.robot(pose)
+    if driven is not None:
+        chart.flag(goal_x, goal_y, 2 * GOAL_M)
     return chart.finished()
 
 
@@ -109,6 +130,8 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
         way = rollout.start.plan.ways[rollout.start.trip]
         for (x, y), colour in ((way[0], (255, 255, 255)), (way[-1], _GOAL)):
             chart.disc(x, y, 0.14, colour)
+        goal_x, goal_y = way[-1]
+        chart.flag(goal_x, goal_y, 0.7)
         x, y = way[len(way) // 2]
         chart.text(x, y, str(first + k + 1))
     for rollout in rollouts:
@@ -117,22 +140,16 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
     return chart.finished()
 
 
-def _conditions(of: Conditions, width: int) -> list[Image.Image]:
-    """Write the conditions."""
-    return [
-        caption(
-            f"friction {of.floor_friction:.2f}, payload {of.payload_kg:.1f} kg "
-            f"{100 * of.payload_offset_m:+.0f} cm ahead, wheels {100 * of.wheel_gain:+.0f} %, "
-            f"latency {of.latency_s:.2f} s, {of.barrels} barrels",
-            width,
-        ),
-        caption(
-            f"lidar: turned {_left(of.lidar_yaw_deg, '°')}, mounted "
-            f"{_left(100 * of.lidar_offset_m, ' cm')}, noise {100 * of.lidar_noise_m:.0f} cm, "
-            f"{100 * of.lidar_dropout:.0f} % lost",
-            width,
-        ),
-    ]
+def _conditions(of: Conditions) -> str:
+    """Write the conditions, in four lines."""
+    ahead = "ahead" if of.payload_offset_m >= 0 else "behind"
+    return (
+        f"friction {of.floor_friction:.2f}, payload {of.payload_kg:.1f} kg, "
+        f"{100 * abs(of.payload_offset_m):.0f} cm {ahead}\n"
+        f"wheels {100 * of.wheel_gain:+.0f} %, latency {of.latency_s:.2f} s, {of.barrels} barrels\n"
+        f"lidar: turned {_left(of.lidar_yaw_deg, '°')}, {_left(100 * of.lidar_offset_m, ' cm')},\n"
+        f"noise {100 * of.lidar_noise_m:.0f} cm, {100 * of.lidar_dropout:.0f} % of its rays lost"
+    )
 
 
 def _left(amount: float, unit: str) -> str:
@@ -221,7 +238,16 @@ class _Chart:
         """Draw a cross where a trip failed."""
         for side in (-1, 1):
             ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
+            self.line(ends, (255, 255, 255), 0.15)
+        for side in (-1, 1):
+            ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
             self.line(ends, _FAILED, 0.09)
+
+    def flag(self, x: float, y: float, height: float) -> None:
+        """Draw a flag at a goal, which tells it from barrels without its colour."""
+        self.line(np.array([[x, y], [x, y + height]]), INK, 0.05)
+        tip = [self._at(x + dx * height, y + dy * height) for dx, dy in _PENNANT]
+        self._draw.polygon(tip, (255, 255, 255), INK)
 
     def text(self, x: float, y: float, text: str) -> None:
         """Write a number."""
@@ -229,7 +255,7 @@ class _Chart:
             self._at(x, y),
             text,
             INK,
-            ImageFont.load_default(0.4 * self._unit),
+            font(0.9 * self._unit, bold=True),
             "mm",
             stroke_width=round(0.05 * self._unit),
             stroke_fill="white",

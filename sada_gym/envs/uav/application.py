@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,9 @@ from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.parameters import Mu
+
+if TYPE_CHECKING:
+    from sada_gym.plots.legend import LegendEntry
 
 LOCKSTEP = 64
 """The most races that are flown at a time."""
@@ -100,6 +103,13 @@ class UAVApplication(EpisodesApplication[Races]):
         super().__init__(agent, agent_id)
 
     @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the marks in frames mean."""
+        from sada_gym.envs.uav.pictures import LEGEND
+
+        return LEGEND
+
+    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"anchors": self.anchors}
@@ -162,9 +172,15 @@ class UAVApplication(EpisodesApplication[Races]):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image where the pilot first misses, beside a map of the race."""
+        one: Any = [mu]
+        return next(self.render_batch(one, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose episodes go on in lockstep."""
         from sada_gym.envs.uav.pictures import summary
 
-        return summary(self.rollouts(mu, seed)[0])
+        for rollouts in self.rollouts_batch(mu, seeds):
+            yield summary(rollouts[0])
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.application import Frame
 from sada_gym.envs.episodes.acting import Rollout
@@ -17,6 +18,10 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import line
+from sada_gym.plots.frames import dashed, font, rgb
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.style import BLUE, GREEN, VERMILLION
+from sada_gym.plots.style import INK as INK_HEX
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0
@@ -29,11 +34,25 @@ from the camera's axis."""
 
 Colour = tuple[int, int, int]
 _FIELD: Colour = (226, 236, 214)
-_LINE: Colour = (190, 203, 174)
-_FLOWN: Colour = (37, 99, 235)
-_PASSED: Colour = (22, 163, 74)
-_MISSED: Colour = (220, 38, 38)
+_LINE: Colour = (176, 190, 160)
+_FLOWN: Colour = rgb(BLUE)
+_PASSED: Colour = rgb(GREEN)
+_MISSED: Colour = rgb(VERMILLION)
 _AHEAD: Colour = (107, 114, 128)
+_TEXT = 26
+
+LEGEND = (
+    LegendEntry("gate passed", GREEN, "line"),
+    LegendEntry("gate missed", VERMILLION, "dashed line"),
+    LegendEntry("way flown", BLUE, "line"),
+    LegendEntry("line of the track", "#b0bea0", "dotted line"),
+    LegendEntry("hit something here", INK_HEX, "cross"),
+    LegendEntry("the drone at the time of the view", INK_HEX, "arrow"),
+    LegendEntry(
+        "Left: what the drone's camera sees before the first miss. Right: the track from above. "
+        "After a miss the drone is set back into the last gate that it passed."
+    ),
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -44,10 +63,10 @@ def summary(rollout: Rollout[Start]) -> Frame:
     passed = int((rollout["endings"][-1] == Ending.PASSED).sum())
     pair = _pair(rollout, step, len(rollout["states"]))
     text = (
-        f"{_track(rollout)}: {passed} of {len(rollout.start.gates)} gates passed in "
-        f"{rollout['time_s'][-1]:.1f} s   {moment}"
+        f"{passed} of {len(rollout.start.gates)} gates passed in {rollout['time_s'][-1]:.1f} s   "
+        f"({_track(rollout)})\n{moment}"
     )
-    return stacked([pair, caption(text, pair.width)])
+    return stacked([pair, caption(text, pair.width, _TEXT)])
 
 
 def frames(rollout: Rollout[Start]) -> list[Frame]:
@@ -61,11 +80,11 @@ def frames(rollout: Rollout[Start]) -> list[Frame]:
         ahead = len(endings) - passed - missed
         goal = f"to gate {passed + missed + 1}" if ahead else "over"
         text = (
-            f"{_track(rollout)}   {rollout['time_s'][step]:4.1f} s   "
-            f"{np.linalg.norm(state[7:10]):4.1f} m/s   {passed} passed   {missed} missed   {goal}"
+            f"{rollout['time_s'][step]:4.1f} s   {np.linalg.norm(state[7:10]):4.1f} m/s   {goal}   "
+            f"({_track(rollout)})\n{passed} gates passed   {missed} missed"
         )
         pair = _pair(rollout, step, step + 1)
-        drawn.append(stacked([pair, caption(text, pair.width)]))
+        drawn.append(stacked([pair, caption(text, pair.width, _TEXT)]))
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
 
@@ -161,18 +180,19 @@ class Plan:
         side = self.size * _FINER
         picture = Image.new("RGB", (side, side), _FIELD)
         draw = ImageDraw.Draw(picture)
-        draw.line(self._pixels(np.vstack([self.line, self.line[:1]])), fill=_LINE, width=5)
+        closed = self._pixels(np.vstack([self.line, self.line[:1]]))
+        dashed(draw, closed, _LINE, 6, 8, 8)
         for way in flown:
             draw.line(self._pixels(way), fill=_FLOWN, width=4)
         codes = np.zeros(len(self.gates), int) if endings is None else np.asarray(endings)
-        font = ImageFont.load_default(11 * _FINER)
+        of = font(19 * _FINER, bold=True)
         for number, (gate, code) in enumerate(zip(self.gates, codes.tolist(), strict=True), 1):
             colour = _AHEAD if code == Ending.AHEAD else _MISSED
             colour = _PASSED if code == Ending.PASSED else colour
-            self._gate(draw, gate, colour)
-            aside = gate[:2] + 2.9 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
+            self._gate(draw, gate, colour, code)
+            aside = gate[:2] + 3.2 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
             (place,) = self._pixels(aside[None])
-            draw.text(place, str(number), fill=colour, font=font, anchor="mm")
+            draw.text(place, str(number), fill=colour, font=of, anchor="mm")
         for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
             for ink, width in (((255, 255, 255), 14), (INK, 6)):
                 for up in (-_CROSS, _CROSS):
@@ -181,11 +201,14 @@ class Plan:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)
 
-    def _gate(self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour) -> None:
+    def _gate(self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour, code: int) -> None:
         ahead = np.array([np.cos(gate[3]), np.sin(gate[3])])
         left = np.array([-ahead[1], ahead[0]]) * OUTER_WIDTH_M / 2
         ends = self._pixels(np.stack([gate[:2] + left, gate[:2] - left]))
-        draw.line(ends, fill=colour, width=4 * _FINER)
+        length = math.dist(*ends)
+        dash, gap = (0.26 * length, 0.11 * length) if code > Ending.PASSED else (length, 0.0)
+        width = (2 if code == Ending.AHEAD else 4) * _FINER  # thin, and never dashed, where ahead
+        dashed(draw, ends, colour, width, dash, gap)
         draw.line(self._pixels(np.stack([gate[:2], gate[:2] + 1.2 * ahead])), fill=colour, width=4)
 
     def _drone(self, draw: ImageDraw.ImageDraw, drone: Array) -> None:

@@ -30,6 +30,7 @@ from sada_gym.envs.wrapped.scores import Own, ScoreLike, as_score
 from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.plots.legend import LegendEntry
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
@@ -345,6 +346,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
                 f"{self.game.maker.name} draws no pictures: it has no render_mode='rgb_array'."
             )
         return self.episodes(row, [seed], pictures=True)
+
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """Which frame of an episode is drawn."""
+        of = "the episode" if self._count == 1 else f"the worst of {self._count} episodes"
+        return (LegendEntry(f"The last frame of {of}, as {self.game.maker.name} draws it."),)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the last frame of the episode, of several that with the lowest score."""

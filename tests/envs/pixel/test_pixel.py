@@ -127,7 +127,7 @@ def test_pictures():
     env.reset(seed=0)
     before = env.render()
     info = env.step(MU[0])[4]
-    assert before.shape == env.render().shape == (210, 344, 3)
+    assert before.shape == env.render().shape == (248, 344, 3)
     frames, score = env.unwrapped.replay(MU[0], info["seed"])
     assert score == info["score"]
     np.testing.assert_array_equal(frames[0], env.render())

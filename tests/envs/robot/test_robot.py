@@ -85,12 +85,12 @@ def test_pictures_show_the_trip_that_failed():
     application = blind()
     mu = np.zeros(D)
     picture = application.render(mu, 3)
-    assert picture.shape[1] == WIDTH
+    assert picture.shape[1] == 1.5 * WIDTH
     assert application.observation(mu, 3).shape == (560, WIDTH, 3)
     rollouts = application.rollouts(mu, 3)
     assert len(rollouts) == PLANS * TRIPS
-    red = (np.abs(picture.astype(int) - (220, 38, 38)) < 12).all(axis=-1)
-    assert red[600:].any() == any(rollout.score < 1 for rollout in rollouts)
+    crosses = (np.abs(picture.astype(int) - (213, 94, 0)) < 12).all(axis=-1)
+    assert crosses[:, WIDTH:].any() == any(rollout.score < 1 for rollout in rollouts)
 
 
 def test_a_replay_shows_every_step():

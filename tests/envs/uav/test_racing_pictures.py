@@ -17,7 +17,7 @@ from sada_gym.envs.uav.pictures import (
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import GATES, line
 
-GREEN, RED = (22, 163, 74), (220, 38, 38)
+GREEN, RED = (0, 158, 115), (213, 94, 0)
 BLIND = (3, 6)
 MISSED = (3, 4, 6)
 """Where it is blind, and where it hits the frame of the gate that it missed."""

@@ -11,6 +11,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 import wrapped_toys as toys
 from gymnasium import spaces
 from stable_baselines3 import DQN, PPO
@@ -538,6 +539,35 @@ def test_an_agent_with_the_contract_of_agents_acts_as_it_is():
     mu, seeds = worlds(cart_pole())
     scores = cart_pole(agent=Mine()).evaluate(mu, seeds).score
     assert (scores == cart_pole().evaluate(mu, seeds).score).all()
+
+
+class NotesThreads:
+    """Keeps the contract of agents, and notes in how many threads torch computes."""
+
+    fingerprint = "notes"
+
+    def __init__(self):
+        self.threads = set()
+
+    def start(self, count):
+        self.threads.add(torch.get_num_threads())
+
+    def act(self, episodes, which):
+        self.threads.add(torch.get_num_threads())
+        return [0 for _ in which]
+
+
+def test_agents_act_in_one_thread_and_their_caller_keeps_its_own(tmp_path):
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        application = cart_pole(agent=NotesThreads())
+        attack(application, "random", budget=4, samples=2, out=tmp_path / "run")
+        application.replay([0.0, 0.0], 0)
+        assert application.agent.threads == {1}
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_the_class_is_loaded_by_its_name_alone():

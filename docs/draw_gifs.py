@@ -1,0 +1,107 @@
+"""Draw the landing page's films, docs/images/failure-*.gif: `python docs/draw_gifs.py [NAME]`.
+
+Each is a sample of an attack, replayed as `sada-gym replay` does it. It takes about ten minutes.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sada_gym import make_application
+from sada_gym.attack import AttackResult, attack
+from sada_gym.replay import replay
+
+IMAGES = Path(__file__).parent / "images"
+SECONDS = 4.4
+MOST_BYTES = 2_000_000
+WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film of the landing page.
+
+    Attributes:
+        track: What is attacked.
+        adversary: By what.
+        budget: The training queries.
+        samples: The test samples.
+        liking: How well a sample that fools suits the film, by its info.
+        ending: What its ending must say, so that a person sees the failure.
+    """
+
+    track: str
+    adversary: str
+    budget: int
+    samples: int
+    liking: Callable[[dict[str, Any]], float]
+    ending: str = ""
+
+
+def wrongly_sure(info: dict[str, Any]) -> float:
+    """Tell how sure the detector is of another class; of a pickup people might say the same."""
+    best = info["detections"][0] if info["detections"] else {"score": 0.0}
+    return best["score"] - info["score"] - ("pickup" in info["shape"])
+
+
+def rainy(info: dict[str, Any]) -> float:
+    """Prefer rain, and among such worlds those in which drives go wrong late."""
+    return 10.0 * ("Rain" in info["weather"]) + float(info["progress"].mean())
+
+
+def hits_late(info: dict[str, Any]) -> float:
+    """Prefer a frame that is hit after some gates were passed."""
+    endings = info["endings"]
+    return min(next((i for i, one in enumerate(endings) if one == "hit"), 0), 3)
+
+
+FILMS = {
+    "driving": Film("SADA-Driving-Navigation-v0", "cross-entropy", 60, 20, rainy, "on the right"),
+    "racing": Film("SADA-UAV-4Anchors-v0", "bbgan", 500, 60, hits_late),
+    "detection": Film("SADA-Detection-Car-v0", "bbgan", 2_000, 120, wrongly_sure),
+}
+
+
+def chosen(film: Film, result: AttackResult) -> int:
+    """Choose the sample that suits best, of those whose film ends as it should."""
+    application, samples = make_application(film.track), result.samples
+    infos = application.evaluate(samples.mu, samples.seed.tolist()).infos
+    rows = [row for row, info in enumerate(infos) if info["fooled"]]
+    rows.sort(key=lambda row: -film.liking(infos[row]))
+    for row in rows if film.ending else ():
+        (played,) = replay(result.folder, sample=row, seconds=1, application=application).samples
+        if film.ending in played.endings[0]:
+            return row
+    return rows[0]
+
+
+def draw(name: str, folder: Path) -> None:
+    """Attack, choose a sample, and write its film."""
+    film = FILMS[name]
+    result = attack(
+        film.track,
+        film.adversary,
+        out=folder / name,
+        budget=film.budget,
+        samples=film.samples,
+        seed=0,
+        workers=WORKERS,
+        pictures=False,
+        resume=True,
+    )
+    row = chosen(film, result)
+    made = replay(result.folder, sample=row, out=IMAGES / f"failure-{name}.gif", seconds=SECONDS)
+    assert made.size <= MOST_BYTES, made.size
+    said = "; ".join(made.samples[0].endings)
+    print(f"{made.path}: {said}; {made.seconds:.1f} s, {made.size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as runs:
+        for each in sys.argv[1:] or FILMS:
+            draw(each, Path(runs))

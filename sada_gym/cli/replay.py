@@ -1,0 +1,85 @@
+"""`sada-gym replay`: a film of how the agent fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.status import Status
+
+from sada_gym.cli.console import err, errors_as_sentences, option, out, say
+
+
+def replay(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote.")
+    ],
+    out_file: Annotated[
+        Path,
+        option("The film; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"),
+    ],
+    worst: Annotated[
+        int | None, option("Show so many of the samples with the lowest scores.", default="1")
+    ] = None,
+    sample: Annotated[
+        int | None,
+        option("Show this one sample: its row in samples.npz, from 0.", metavar="I"),
+    ] = None,
+    seconds: Annotated[float, option("The length of a sample, about.")] = 10.0,
+    application: Annotated[
+        str | None,
+        option(
+            "What was attacked, where RUN cannot say it.",
+            metavar="ID|FILE.toml",
+            default="what RUN names",
+        ),
+    ] = None,
+) -> None:
+    """Replay samples of a run as a film, so that a person sees how the agent fails.
+
+    The film shows how the episodes that failed end, and says why. Each score must be the one that
+    the run stored. A GIF has at most 2 MB for ten seconds.
+    """
+    with errors_as_sentences():
+        from sada_gym.cli.kernels import COMPILING, will_compile
+        from sada_gym.replay.film import Stage
+        from sada_gym.replay.film import replay as make
+
+        status = Status("Opening the run", console=out)
+        compiling = False
+
+        def progress(stage: Stage, done: int, total: int) -> None:
+            nonlocal compiling
+            if stage == "play" and not compiling and will_compile():
+                compiling = True
+                say("", COMPILING, console=err)
+            text = {
+                "open": "Opening the run",
+                "play": f"Replaying sample {done + 1} of {total}",
+                "write": f"Writing {out_file.name}",
+            }[stage]
+            if out.is_terminal:
+                status.update(text)
+            else:
+                say("", text)
+
+        if out.is_terminal:
+            status.start()
+        try:
+            film = make(
+                run,
+                worst=worst,
+                sample=sample,
+                out=out_file,
+                application=application,
+                seconds=seconds,
+                on_progress=progress,
+            )
+        finally:
+            status.stop()
+    for one in film.samples:
+        say("", f"Sample {one.sample}: Q = {one.score:.3g}; {'; '.join(one.endings)}")
+        if one.score != one.stored:
+            say("", f"  The run stored {one.stored!r}: another processor rounds otherwise.")
+    say("", f"{film.path}: {film.seconds:.1f} s, {film.size / 1e6:.2f} MB")

@@ -1,0 +1,365 @@
+"""Says where an agent fails: the few parameter ranges in which its failures crowd."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.files import OneLine, Strict
+from sada_gym.parameters import Mu, Parameter, ParameterSpace
+
+LEAST_FAILURES = 10
+"""The least number of different failures of which anything is said."""
+
+MOST_CONDITIONS = 3
+"""A sentence with more of them is no answer."""
+
+ALPHA = 0.01
+"""The chance that a condition is named although failures are uniform, whatever the dimension."""
+
+LEAST_GAINS, LEAST_SHARES = (0.15, 0.25, 0.25), (0.5, 0.6, 0.6)
+"""The first, second and third condition has to hold for this much more of the failures than of
+uniform worlds, and all of them so far for this share of the failures."""
+
+_MOSTLY = 0.6
+
+_LEAST_CELLS = 10
+_OCTANTS = 8
+
+Array = npt.NDArray[np.float64]
+
+
+class Condition(Strict):
+    """A range of one parameter, or several ranges.
+
+    Attributes:
+        parameter: The parameter's name.
+        ranges: (low, high) in physical values; any of them will do.
+        text: The condition as people say it, such as `camera pitch is above 35°`.
+    """
+
+    parameter: str
+    ranges: tuple[tuple[float, float], ...]
+    text: OneLine
+
+
+class Where(Strict):
+    """Where the agent fails.
+
+    Attributes:
+        sentence: The finding in one sentence.
+        conditions: The conditions that hold for most failures, the strongest first; none where
+            failures are too few, or no range stands out.
+        share: The share of the failures for which all conditions hold; None without any.
+        uniform: The same share of uniform worlds.
+    """
+
+    sentence: OneLine
+    conditions: tuple[Condition, ...] = ()
+    share: float | None = None
+    uniform: float | None = None
+
+
+def where(space: ParameterSpace, failures: Mu) -> Where:
+    """Find the ranges of one to three parameters in which failures crowd, against uniform worlds.
+
+    One parameter after another is chosen, each among those failures for which the conditions so
+    far hold: the range whose likelihood ratio against uniform is largest, as in Kulldorff's scan
+    statistic (1997). A range counts if n KL(p, v) >= log(tests / ALPHA), where p of n failures and
+    v of uniform worlds lie in it. By Chernoff's bound and the sum over all tests, that happens with
+    a chance of at most ALPHA where failures are uniform.
+
+    It says where the *given* failures lie. An adversary that found one kind of failure shows that
+    kind only.
+
+    Args:
+        space: The parameters.
+        failures: (n, d), the mu of the samples that fooled the agent. Repeated rows count once.
+
+    Raises:
+        ValueError: If the failures are not as described.
+    """
+    mu = space.validate(failures)
+    different = np.unique(mu + np.float32(0.0), axis=0)
+    if len(different) < LEAST_FAILURES:
+        return Where(sentence=_too_few(len(mu), len(different)))
+    values, among = space.physical(different), np.ones(len(different), dtype=np.bool_)
+    found: dict[int, _Finding] = {}
+    uniform = 1.0
+    while len(found) < MOST_CONDITIONS:
+        best = _strongest(space, values, among, found)
+        if best is None:
+            break
+        index, finding, inside = best
+        among, uniform, found[index] = inside, uniform * finding.uniform, finding
+    if not found:
+        return Where(
+            sentence="Nowhere in particular: no range of a parameter holds clearly more of the "
+            f"{len(different):,} failures than of uniform worlds."
+        )
+    conditions = tuple(
+        _condition(space.parameters[index], finding) for index, finding in found.items()
+    )
+    share = float(among.mean())
+    mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
+    listed = " and ".join(condition.text for condition in conditions)
+    return Where(
+        sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} "
+        f"failures, against {_percent(uniform)} of uniform worlds.",
+        conditions=conditions,
+        share=share,
+        uniform=uniform,
+    )
+
+
+def _too_few(failures: int, different: int) -> str:
+    if not failures:
+        return "No sample fooled the agent."
+    if different < failures:
+        worlds = "one world" if different == 1 else f"{different} different worlds"
+        return f"The {failures:,} failures are {worlds}, too few to say where the agent fails."
+    count = "Only one sample" if failures == 1 else f"Only {failures} samples"
+    return f"{count} fooled the agent, too few to say where it fails."
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The cells into which a parameter's range is cut, and the sets of cells that are tried.
+
+    Attributes:
+        edges: (k + 1,) physical values; cell i lies between edges i and i + 1.
+        sets: (m, k) bool, the sets that are tried; None tries all sets, for choices.
+        weights: (k,) the shares of uniform worlds in the cells.
+    """
+
+    edges: Array
+    sets: npt.NDArray[np.bool_] | None
+
+    @property
+    def weights(self) -> Array:
+        widths: Array = np.diff(self.edges) / (self.edges[-1] - self.edges[0])
+        return widths
+
+    @property
+    def log_tests(self) -> float:
+        """The logarithm of the number of sets."""
+        if self.sets is None:
+            return (len(self.edges) - 1) * math.log(2.0)
+        return math.log(len(self.sets))
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """A set of cells in which failures crowd.
+
+    Attributes:
+        grid: The grid of its parameter.
+        cells: (k,) bool.
+        uniform: The share of uniform worlds in it.
+    """
+
+    grid: _Grid
+    cells: npt.NDArray[np.bool_]
+    uniform: float
+
+
+def _strongest(
+    space: ParameterSpace,
+    values: Array,
+    among: npt.NDArray[np.bool_],
+    known: dict[int, _Finding],
+) -> tuple[int, _Finding, npt.NDArray[np.bool_]] | None:
+    """Find the parameter with the strongest condition, and the failures for which that holds."""
+    open_ = [index for index in range(len(space)) if index not in known]
+    best, best_ratio = None, 0.0
+    for index in open_:
+        parameter = space.parameters[index]
+        grid = _grid(parameter)
+        cell = _cells(parameter, grid, values[:, index])
+        counts = np.bincount(cell[among], minlength=len(grid.weights)).astype(np.float64)
+        sets = _largest_sets(counts) if grid.sets is None else grid.sets
+        total = counts.sum()
+        inside, uniform = sets @ counts, sets @ grid.weights
+        ratio = _likelihood_ratio(inside / total, uniform) * total
+        counts_as = (
+            (ratio >= grid.log_tests + math.log(len(open_) / ALPHA))
+            & (inside / total >= uniform + LEAST_GAINS[len(known)])
+            & (inside >= LEAST_SHARES[len(known)] * len(values))
+        )
+        ratio = np.where(counts_as, ratio, 0.0)
+        row = int(np.argmax(ratio))
+        if ratio[row] > best_ratio:
+            best_ratio = float(ratio[row])
+            finding = _Finding(grid, sets[row], float(uniform[row]))
+            best = index, finding, among & sets[row][cell]
+    return best
+
+
+def _likelihood_ratio(share: Array, uniform: Array) -> Array:
+    """Give the Kullback-Leibler divergence of shares from those of uniform; 0 where they are less.
+
+    It is the logarithm of the likelihood ratio, for each failure.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside = np.where(share > 0.0, share * np.log(share / uniform), 0.0)
+        outside = np.where(share < 1.0, (1.0 - share) * np.log((1.0 - share) / (1.0 - uniform)), 0)
+    return np.where(share > uniform, inside + outside, 0.0)
+
+
+def _grid(parameter: Parameter) -> _Grid:
+    low, high, choices = parameter.low, parameter.high, parameter.choices
+    if parameter.directions:
+        return _Grid(np.linspace(0.0, 360.0, _OCTANTS + 1), _sectors())
+    if choices:
+        edges = np.linspace(low, high, len(choices) + 1)
+        return _Grid(edges, _ranges(len(choices)) if _is_ordered(parameter) else None)
+    step = _round_step((high - low) / _LEAST_CELLS)
+    first, last = math.floor(low / step + 1e-9) + 1, math.ceil(high / step - 1e-9)
+    edges = np.array([low, *(step * i for i in range(first, last)), high])
+    return _Grid(edges, _ranges(len(edges) - 1))
+
+
+def _cells(parameter: Parameter, grid: _Grid, values: Array) -> npt.NDArray[np.intp]:
+    """Say in which cell of the grid values lie: (n,)."""
+    if parameter.directions:
+        values = values % 360.0
+    return np.searchsorted(grid.edges[1:-1], values, side="right")
+
+
+def _round_step(most: float) -> float:
+    """Give the largest of 1, 2 and 5 times a power of ten that is at most `most`."""
+    power = 10.0 ** math.floor(math.log10(most) + 1e-9)
+    return float(max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-9)) * power)
+
+
+@cache
+def _ranges(cells: int) -> npt.NDArray[np.bool_]:
+    """Give all ranges of neighbouring cells and what is outside of them, but none and all."""
+    at = np.arange(cells)
+    inside = [(at >= i) & (at < j) for i in range(cells) for j in range(i + 1, cells + 1)]
+    outside = [(at < i) | (at >= j) for i in range(1, cells - 1) for j in range(i + 1, cells)]
+    return np.array([one for one in [*inside, *outside] if not one.all()])
+
+
+@cache
+def _sectors() -> npt.NDArray[np.bool_]:
+    """Give sets of the four quarters around each direction, and the four between directions."""
+    quarter = np.roll(np.arange(_OCTANTS) < 2, -1)  # from -45 to 45 degrees
+    quarters = np.array([np.roll(quarter, 2 * i) for i in range(4)])
+    members = np.arange(1, 15)[:, None] >> np.arange(4) & 1
+    between = [np.roll(quarter, 2 * i + 1) for i in range(4)]
+    return np.concatenate([members @ quarters > 0, between])
+
+
+def _largest_sets(counts: Array) -> npt.NDArray[np.bool_]:
+    """Give for each size the set of choices that holds most: no other set of its size is better."""
+    order = np.argsort(-counts, kind="stable")
+    rank = np.empty(len(counts), np.intp)
+    rank[order] = np.arange(len(counts))
+    return np.array([rank < size for size in range(1, len(counts))], dtype=np.bool_).reshape(
+        -1, len(counts)
+    )
+
+
+def _is_ordered(parameter: Parameter) -> bool:
+    """Whether the choices are whole numbers one after another."""
+    names = parameter.choices
+    try:
+        numbers = list(map(int, names))
+    except ValueError:
+        return False
+    return numbers == list(range(numbers[0], numbers[0] + len(names)))
+
+
+def _condition(parameter: Parameter, finding: _Finding) -> Condition:
+    text = f"{parameter_label(parameter)} is {_describe(parameter, finding)}"
+    edges, runs = finding.grid.edges, _runs(finding.cells)
+    ranges = tuple((float(edges[i]), float(edges[j])) for i, j in runs)
+    return Condition(parameter=parameter.name, ranges=ranges, text=text)
+
+
+def _runs(cells: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Give the runs of cells that belong to a set, as (first, last + 1)."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(np.int8), [0]])))
+    return [(int(i), int(j)) for i, j in changes.reshape(-1, 2)]
+
+
+def _describe(parameter: Parameter, finding: _Finding) -> str:
+    cells, names = finding.cells, parameter.choices
+    if parameter.directions:
+        return _describe_directions(parameter.directions, cells)
+    if names and not _is_ordered(parameter):
+        chosen = [name for name, taken in zip(names, cells, strict=True) if taken]
+        others = [name for name, taken in zip(names, cells, strict=True) if not taken]
+        return _either(chosen) if len(chosen) <= len(others) else f"not {_either(others)}"
+    if names:
+        return _either(
+            [
+                names[i]
+                if j == i + 1
+                else f"at most {names[j - 1]}"
+                if i == 0
+                else f"at least {names[i]}"
+                if j == len(names)
+                else f"{names[i]} to {names[j - 1]}"
+                for i, j in _runs(cells)
+            ]
+        )
+    ends = [_quantity(float(edge), parameter) for edge in finding.grid.edges]
+    return _either(
+        [
+            f"below {ends[j]}"
+            if i == 0
+            else f"above {ends[i]}"
+            if j == len(cells)
+            else f"between {ends[i]} and {ends[j]}"
+            for i, j in _runs(cells)
+        ]
+    )
+
+
+def _describe_directions(names: tuple[str, ...], cells: npt.NDArray[np.bool_]) -> str:
+    # the quarter around direction i has the octants before and after 90 i degrees
+    around = [bool(cells[2 * i - 1] and cells[2 * i]) for i in range(4)]
+    chosen = [name for name, taken in zip(names, around, strict=True) if taken]
+    if not chosen:  # a quarter between two directions
+        first = next(i for i in range(4) if cells[2 * i])
+        ahead, aside = sorted((first, (first + 1) % 4), key=lambda i: i % 2)
+        return f"{names[ahead]} and {names[aside]}"
+    if len(chosen) == 3:
+        return f"not {names[around.index(False)]}"
+    return _either(chosen)
+
+
+def _either(parts: list[str]) -> str:
+    return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def parameter_label(parameter: Parameter) -> str:
+    """Give a parameter's name as people say it: without underscores, unit and `azimuth`."""
+    name = parameter.name
+    if parameter.unit:
+        name = name.removesuffix(f"_{parameter.unit}")
+    if parameter.directions:
+        name = name.removesuffix("_azimuth")
+    return name.replace("_", " ")
+
+
+def _quantity(value: float, parameter: Parameter) -> str:
+    number = f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+    if not parameter.unit:
+        return number
+    return f"{number}°" if parameter.unit == "deg" else f"{number} {parameter.unit}"
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    if 0.0 < percent < 0.1:
+        return "under 0.1 %"
+    # what is not all of them never reads as 100 %
+    shown = min(percent, 99.0) if share < 1.0 else percent
+    return f"{shown:.1f} %" if percent < 1.0 else f"{shown:.0f} %"

@@ -1,0 +1,170 @@
+"""Which failures a picture shows: the worst, typical ones, and ones that differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.parameters import ParameterSpace
+
+ALIKE = 0.02
+"""Two samples are alike where no parameter differs by more: a hundredth of its range."""
+
+_MOST = 2_000
+"""Fooling samples that are compared; those of a larger number that come first stand for all."""
+_ROUNDS = 20
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A sample that fooled the agent.
+
+    Attributes:
+        sample: Its row among the samples.
+        alike: The number of other fooling samples that are hardly different.
+        stands_for: The share of all fooling samples that a typical one is nearest to, else None.
+    """
+
+    sample: int
+    alike: int
+    stands_for: float | None = None
+
+
+@dataclass(frozen=True)
+class Failures:
+    """Three groups of failures, without a sample twice.
+
+    Attributes:
+        worst: Those with the lowest Q; of equal ones the most typical.
+        typical: The medoids of the rest: each stands for the samples nearest to it.
+        diverse: Those that lie farthest from all that are shown already.
+    """
+
+    worst: tuple[Failure, ...]
+    typical: tuple[Failure, ...]
+    diverse: tuple[Failure, ...]
+
+    @property
+    def shown(self) -> tuple[Failure, ...]:
+        """All of them."""
+        return self.worst + self.typical + self.diverse
+
+
+def choose_failures(
+    space: ParameterSpace, samples: Evaluations, threshold: float, counts: tuple[int, int, int]
+) -> Failures:
+    """Choose samples that fool the agent, the same ones for the same samples.
+
+    Of samples that are `ALIKE` only the one with the lowest Q may be shown.
+
+    Args:
+        space: The d parameters.
+        samples: The n test samples.
+        threshold: The agent is fooled where Q is at most this.
+        counts: The numbers of worst, typical and diverse failures. There are fewer where there are
+            not as many different samples.
+    """
+    rows = np.flatnonzero(samples.score <= threshold)[:_MOST]
+    if not len(rows):
+        return Failures((), (), ())
+    places, score = features(space, samples.mu[rows]), samples.score[rows]
+    apart = _distances(places)
+    unlike, leader = _unlike(places, apart, np.lexsort((apart.mean(axis=1), score)))
+    alike = np.bincount(leader, minlength=len(rows)) - 1
+    worst = unlike[: counts[0]]
+    typical, shares = _medoids(apart, unlike[counts[0] :], counts[1])
+    rest = np.setdiff1d(unlike[counts[0] :], typical)
+    diverse = _farthest(apart, np.concatenate([worst, typical]), rest, counts[2])
+    return Failures(
+        tuple(Failure(int(rows[i]), int(alike[i])) for i in worst),
+        tuple(
+            Failure(int(rows[i]), int(alike[i]), float(share))
+            for i, share in zip(typical, shares, strict=True)
+        ),
+        tuple(Failure(int(rows[i]), int(alike[i])) for i in diverse),
+    )
+
+
+def features(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> Array:
+    """Give places (n, k) whose distances say how different the worlds of mu (n, d) are.
+
+    A parameter is its own place in [-1, 1]. One with choices has a column for each of them, so
+    that any two choices are 1 apart, and places within a choice are the same.
+    """
+    columns = []
+    for parameter, values in zip(space.parameters, mu.astype(np.float64).T, strict=True):
+        count = len(parameter.choices)
+        if count:
+            choice = np.clip(((values + 1) / 2 * count).astype(int), 0, count - 1)
+            columns.append(np.eye(count)[choice] / np.sqrt(2))
+        else:
+            columns.append(values[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def _distances(places: Array) -> Array:
+    """Give the Euclidean distance of each pair, (n, n)."""
+    squares = (places**2).sum(axis=1)
+    squared = squares[:, None] + squares - 2 * places @ places.T
+    np.fill_diagonal(squared, 0.0)
+    distances: Array = np.sqrt(np.maximum(squared, 0.0))
+    return distances
+
+
+def _unlike(places: Array, apart: Array, order: Indices) -> tuple[Indices, Indices]:
+    """Give the first of each group of samples that are alike, and the first of each sample (n,)."""
+    leader = np.full(len(places), -1, np.intp)
+    firsts = []
+    for i in order:
+        if leader[i] < 0:
+            near = np.flatnonzero((leader < 0) & (apart[i] <= ALIKE * places.shape[1] ** 0.5))
+            alike = np.abs(places[near] - places[i]).max(axis=1) <= ALIKE
+            leader[near[alike]] = i
+            firsts.append(i)
+    return np.array(firsts, np.intp), leader
+
+
+def _medoids(apart: Array, candidates: Indices, count: int) -> tuple[Indices, Array]:
+    """Find candidates near which all samples lie, and the share of the samples nearest to each."""
+    count = min(count, len(candidates))
+    if not count:
+        return np.empty(0, np.intp), np.empty(0)
+    to = apart[candidates]
+    chosen: list[int] = []
+    nearest = np.full(apart.shape[1], np.inf)
+    for _ in range(count):  # each lessens the distances most
+        sums = np.minimum(to, nearest).sum(axis=1)
+        sums[chosen] = np.inf
+        chosen.append(int(sums.argmin()))
+        nearest = np.minimum(nearest, to[chosen[-1]])
+    for _ in range(_ROUNDS):
+        member = to[chosen].argmin(axis=0)
+        moved = list(chosen)
+        for k in range(count):
+            sums = to[:, member == k].sum(axis=1)
+            sums[[one for one in moved if one != moved[k]]] = np.inf
+            moved[k] = int(sums.argmin()) if (member == k).any() else moved[k]
+        if moved == chosen:
+            break
+        chosen = moved
+    sizes = np.bincount(to[chosen].argmin(axis=0), minlength=count)
+    order = np.argsort(-sizes, kind="stable")
+    return candidates[np.array(chosen)[order]], sizes[order] / apart.shape[1]
+
+
+def _farthest(apart: Array, shown: Indices, candidates: Indices, count: int) -> Indices:
+    """Choose candidates one by one, each the farthest from all that are shown by then."""
+    chosen: list[int] = []
+    nearest = apart[shown][:, candidates].min(axis=0, initial=np.inf)
+    for _ in range(min(count, len(candidates))):
+        best = int(nearest.argmax())
+        chosen.append(int(candidates[best]))
+        nearest = np.minimum(nearest, apart[candidates[best], candidates])
+        nearest[best] = -1.0
+    return np.array(chosen, np.intp)

@@ -1,0 +1,129 @@
+"""Pictures of failures: chosen, drawn and captioned on one sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from sada_gym.application import Application, Frame
+from sada_gym.errors import UserError
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.parameters import Parameter, ParameterSpace
+from sada_gym.plots.choice import Failure, choose_failures
+from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.sheet import Group, columns_for, failure_sheet
+from sada_gym.plots.style import axis_label
+
+_MOST_VALUES = 6
+
+
+class NotDrawnError(Exception):
+    """Drawing failed; the text goes on with why."""
+
+
+def draw_failures(
+    application: Application,
+    samples: Evaluations,
+    headline: str,
+    on_progress: Callable[[int, int], None],
+) -> Image.Image:
+    """Draw the worst, typical and diverse failures: the first alone, all others in one batch.
+
+    Args:
+        application: The application that was attacked.
+        samples: The adversary's test samples; some fool the agent.
+        headline: A sentence or two for the top.
+        on_progress: Called with the numbers of frames drawn and of all frames, after each frame.
+
+    Raises:
+        NotDrawnError: If the application draws no frames, or its drawing fails.
+    """
+    space, threshold = application.parameters, application.fooling_threshold
+
+    def frames(shown: Sequence[Failure]) -> Iterator[Frame]:
+        rows = [failure.sample for failure in shown]
+        try:
+            drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
+            for frame, _ in zip(drawn, rows, strict=True):
+                yield _checked(frame, application)
+        except NotImplementedError as error:
+            raise NotDrawnError(f". {error}") from error
+        except Exception as error:  # drawing is a user's code, too, and must not cost the result
+            name = f"{type(application).__name__}.render"
+            raise NotDrawnError(f": {name} raised {type(error).__name__}: {error}") from error
+
+    with application.contained():
+        (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
+        legend = application.legend or (
+            LegendEntry(f"Frames as {type(application).__name__} draws them."),
+        )
+        plain = all(entry.mark == "note" for entry in legend)
+        columns = columns_for(first, plain=plain)
+        counts = (columns, columns, 4 if columns == 2 else columns)  # whole rows
+        chosen = choose_failures(space, samples, threshold, counts)
+        pictures, total = [first], len(chosen.shown)
+        on_progress(1, total)
+        for frame in frames(chosen.shown[1:]) if total > 1 else ():
+            pictures.append(frame)
+            on_progress(len(pictures), total)
+    rest, told = iter(pictures), space if plain else None
+    groups = [
+        Group(name, note, [next(rest) for _ in shown], [_caption(f, samples, told) for f in shown])
+        for name, note, shown in (
+            ("Worst", "the lowest scores Q", chosen.worst),
+            ("Typical", "each stands for the failures nearest to it", chosen.typical),
+            ("Diverse", "those that are least like the others here", chosen.diverse),
+        )
+    ]
+    fooled = int((samples.score <= threshold).sum())
+    title = (
+        f"{total} of {fooled} samples that fool the agent (score Q ≤ {threshold:g}). "
+        "#0 is the first row of samples.npz."
+    )
+    if any(failure.alike for failure in chosen.shown):
+        title += " +1 alike: one more of them is hardly different."
+    return failure_sheet(groups, columns, legend, title, headline)
+
+
+def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | None) -> str:
+    """Write a sample's number and score, what it stands for, and its world in a line if asked."""
+    parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
+    if failure.stands_for is not None:
+        parts.append(f"stands for {100 * failure.stands_for:.0f} %")
+    if failure.alike:
+        parts.append(f"+{failure.alike} alike")
+    line = ", ".join(parts)
+    return line if space is None else f"{line}\n{_world(space, samples.mu[failure.sample])}"
+
+
+def _world(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> str:
+    """Write the first parameters of mu, (d,), and their values."""
+    values = space.physical(mu[None])[0].tolist()
+    shown = [
+        f"{axis_label(parameter)} {_value(parameter, value)}"
+        for parameter, value in zip(space.parameters[:_MOST_VALUES], values, strict=False)
+    ]
+    return ", ".join(shown) + (", …" if len(space) > _MOST_VALUES else "")
+
+
+def _value(parameter: Parameter, value: float) -> str:
+    count = len(parameter.choices)
+    if not count:
+        return f"{value:.3g}"
+    share = (value - parameter.low) / (parameter.high - parameter.low)
+    return parameter.choices[min(int(share * count), count - 1)]
+
+
+def _checked(frame: Any, application: Application) -> Frame:
+    """Refuse what is no frame."""
+    found = np.asarray(frame)
+    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
+        raise UserError(
+            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
+            f"{found.dtype}. Mend {type(application).__name__}.render."
+        )
+    return found

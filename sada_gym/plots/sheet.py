@@ -1,0 +1,196 @@
+"""The sheet of failures: the worst, typical and different ones, with the frames' legend."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from PIL import Image, ImageDraw
+
+from sada_gym.application import Frame
+from sada_gym.plots.frames import font, rgb, wrapped
+from sada_gym.plots.legend import LegendEntry, swatch
+from sada_gym.plots.style import GRID, INK, MUTED
+
+WIDTH = 1400
+"""The width of a sheet in pixels. It can be read at half of that."""
+
+_MARGIN, _GAP = 24, 20
+_HEADLINE, _HEADING, _TEXT = 32, 30, 24  # font sizes
+_LINE = 1.35
+_SWATCH = (48, 26)
+_MOST_COLUMNS, _READABLE = 4, 0.5
+_TALLEST = 1.6  # times a cell's width
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some frames under a heading.
+
+    Attributes:
+        title: The heading, such as `Worst`.
+        note: A few words that say what the group is.
+        frames: RGB images.
+        captions: A short line for each.
+    """
+
+    title: str
+    note: str
+    frames: Sequence[Frame]
+    captions: Sequence[str]
+
+
+def columns_for(frame: Frame, *, plain: bool = False) -> int:
+    """Say how many frames stand in a row, 2 to 4, so that text in them can be read.
+
+    A sheet that is shown at half its width shows them at half their size or larger.
+
+    Args:
+        frame: One of the frames.
+        plain: Whether nothing is written on them, so that three in a row will always do.
+    """
+    if plain:
+        return 3
+    return max(2, min(_MOST_COLUMNS, int(WIDTH / 2 / (_READABLE * frame.shape[1]))))
+
+
+def failure_sheet(
+    groups: Sequence[Group],
+    columns: int,
+    legend: Sequence[LegendEntry],
+    title: str,
+    headline: str = "",
+) -> Image.Image:
+    """Lay groups of frames out below one another, under a headline and the frames' legend.
+
+    Args:
+        groups: The groups; empty ones are left out.
+        columns: The number of frames in a row.
+        legend: What the marks in the frames mean; may be empty.
+        title: A line above the legend.
+        headline: A sentence or two on top, broken into lines.
+    """
+    page = _Page()
+    if headline:
+        page.write(headline, _HEADLINE, bold=True)
+        page.skip(6)
+    page.write(title, _TEXT, colour=MUTED)
+    page.skip(8)
+    page.legend(legend)
+    for group in [group for group in groups if len(group.frames)]:
+        page.rule()
+        page.heading(group.title, group.note)
+        for first in range(0, len(group.frames), columns):
+            row = slice(first, first + columns)
+            page.row(group.frames[row], group.captions[row], columns)
+    return page.finished()
+
+
+def png_of(picture: Image.Image) -> bytes:
+    """Give a picture as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    picture.save(buffer, format="png")
+    return buffer.getvalue()
+
+
+class _Page:
+    """A white page that grows as things are put below one another."""
+
+    def __init__(self) -> None:
+        self._picture = Image.new("RGB", (WIDTH, 2 * WIDTH), "white")
+        self._top = _MARGIN
+        self._grow(0)
+
+    def _grow(self, room: int) -> None:
+        """Make sure that there is room below."""
+        if self._top + room > self._picture.height:
+            taller = Image.new("RGB", (WIDTH, 2 * (self._top + room)), "white")
+            taller.paste(self._picture, (0, 0))
+            self._picture = taller
+        self._draw = ImageDraw.Draw(self._picture)
+
+    def skip(self, height: int) -> None:
+        """Leave some room."""
+        self._top += height
+
+    def write(self, text: str, size: int, *, bold: bool = False, colour: str = INK) -> None:
+        """Write a text in lines."""
+        of = font(size, bold=bold)
+        for line in wrapped(text, of, WIDTH - 2 * _MARGIN):
+            self._grow(2 * size)
+            self._draw.text((_MARGIN, self._top), line, rgb(colour), of)
+            self._top += round(_LINE * size)
+
+    def rule(self) -> None:
+        """Draw a thin line across."""
+        self._top += 10
+        self._grow(20)
+        ends = [(_MARGIN, self._top), (WIDTH - _MARGIN, self._top)]
+        self._draw.line(ends, rgb(GRID), 2)
+        self._top += 14
+
+    def heading(self, title: str, note: str) -> None:
+        """Write a bold word, and what it means beside it."""
+        bold, plain = font(_HEADING, bold=True), font(_TEXT)
+        self._grow(2 * _HEADING)
+        base = self._top + _HEADING
+        self._draw.text((_MARGIN, base), title, rgb(INK), bold, anchor="ls")
+        after = _MARGIN + bold.getlength(title) + 18
+        self._draw.text((after, base), note, rgb(MUTED), plain, anchor="ls")
+        self._top += round(1.5 * _HEADING)
+
+    def legend(self, entries: Sequence[LegendEntry]) -> None:
+        """Draw marks, each before what it means, in as many lines as they need."""
+        of, right = font(_TEXT), WIDTH - _MARGIN
+        width, height = _SWATCH
+        line = round(_LINE * _TEXT) + 8
+        left = _MARGIN
+        for entry in entries:
+            if entry.mark == "note":
+                continue
+            room = width + 12 + of.getlength(entry.text)
+            if left > _MARGIN and left + room > right:
+                left, self._top = _MARGIN, self._top + line
+            self._grow(line)
+            top = self._top + (line - height) // 2
+            swatch(self._draw, entry, (left, top, left + width, top + height))
+            middle = (left + width + 12, self._top + line // 2)
+            self._draw.text(middle, entry.text, rgb(INK), of, anchor="lm")
+            left = round(left + room + 36)
+        self._top += line if left > _MARGIN else 0
+        for entry in entries:
+            if entry.mark == "note":
+                self.write(entry.text, _TEXT)
+
+    def row(self, frames: Sequence[Frame], captions: Sequence[str], columns: int) -> None:
+        """Put frames beside one another, each with its caption above."""
+        cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
+        shown = [_fitted(frame, cell) for frame in frames]
+        of = font(_TEXT)
+        lines = [wrapped(caption, of, cell) for caption in captions]
+        line = round(_LINE * _TEXT)
+        above = line * max(map(len, lines)) + 6
+        self._grow(above + max(picture.height for picture in shown) + _GAP)
+        for i, (picture, text) in enumerate(zip(shown, lines, strict=True)):
+            left = _MARGIN + i * (cell + _GAP)
+            for k, words in enumerate(text):
+                self._draw.text((left, self._top + k * line), words, rgb(INK), of)
+            self._picture.paste(picture, (left, self._top + above))
+            edge = (left, self._top + above)
+            corner = (left + picture.width - 1, self._top + above + picture.height - 1)
+            self._draw.rectangle((*edge, *corner), outline=rgb(GRID))
+        self._top += above + max(picture.height for picture in shown) + _GAP
+
+    def finished(self) -> Image.Image:
+        """Give the page without the room below."""
+        return self._picture.crop((0, 0, WIDTH, self._top + _MARGIN - _GAP))
+
+
+def _fitted(frame: Frame, width: int) -> Image.Image:
+    """Scale a frame to a cell's width; small ones keep their pixels' edges."""
+    height, across = frame.shape[:2]
+    scale = min(width / across, _TALLEST * width / height)
+    size = (max(1, round(across * scale)), max(1, round(height * scale)))
+    how = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS
+    return Image.fromarray(frame).resize(size, how)

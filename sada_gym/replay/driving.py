@@ -1,0 +1,145 @@
+"""Drives as shots: what the camera sees, and a map of the streets around the car."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from sada_gym.envs.driving.camera.pinhole import Lens, camera
+from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Start
+from sada_gym.envs.driving.pictures import town_plan  # the whole town from above
+from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
+from sada_gym.envs.driving.world.route import COMMANDS
+from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
+from sada_gym.envs.driving.world.weather import NAMES
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.replay import shots
+from sada_gym.replay.lettering import FAILED, INK, PAPER, WIDTH, cross
+from sada_gym.replay.shots import Shot, Take, number
+
+if TYPE_CHECKING:
+    from sada_gym.envs.driving.application import DrivingApplication
+
+ROWS = 270
+_BETWEEN = 2
+"""Pictures for each step of the driver; the places between two steps are interpolated."""
+_INSET, _SPAN_M, _FINER = 124, 62.0, 3
+_WAY, _DRIVEN = (240, 228, 66), (86, 180, 233)
+_TOLD = {"follow": "follow the road", "left": "turn left", "right": "turn right"}
+_TOLD["straight"] = "straight on"
+
+Array = npt.NDArray[np.float64]
+
+
+def take(application: DrivingApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+    """Show how the drives that failed ended."""
+    rollouts = application.rollouts(mu, seed)
+    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
+    chosen, each_s = shots.shared(failed, seconds)
+    made = [_shot(rollouts[i], f"route {i + 1} of {len(rollouts)}", each_s) for i in chosen]
+    return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
+
+
+def _shot(rollout: Rollout[Start], name: str, seconds: float) -> Shot:
+    states, last = rollout["states"], len(rollout["states"]) - 1
+    steps = shots.steps_before(last, seconds * POLICY_HZ)
+    moments = np.linspace(steps[0], last, (len(steps) - 1) * _BETWEEN + 1)
+    places = np.stack([np.interp(moments, np.arange(last + 1), column) for column in states.T], 1)
+    views = _views(rollout.start, places, moments)
+    ending = Ending(int(rollout["ending"][-1]))
+    pictures, notes = [], []
+    for i, (view, place, moment) in enumerate(zip(views, places, moments, strict=True)):
+        driven = np.vstack([states[: int(moment) + 1, :2], place[None, :2]])
+        picture = Image.fromarray(view)
+        over = i == len(places) - 1 and ending != Ending.ARRIVED
+        inset = _map(rollout.start, place, driven, failed=over)
+        picture.paste(inset, (WIDTH - inset.width - 8, 8))
+        pictures.append(picture)
+        told = _TOLD[COMMANDS[int(rollout["command"][int(moment)])]]
+        notes.append(
+            f"{name}  ·  {moment / POLICY_HZ:.1f} s  ·  {3.6 * place[3]:.0f} km/h  ·  told: {told}"
+        )
+    mount = rollout.start.mount
+    world = (
+        f"{_weather(rollout.start.weather)}; camera {mount.height_m:.2f} m high, pitch "
+        f"{number(mount.pitch_deg)}°"
+    )
+    told_end = _ending(ending, last / POLICY_HZ, _side(rollout))
+    return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, told_end)
+
+
+def _side(rollout: Rollout[Start]) -> str:
+    """Say on which side of its route the car is at the end; y points to the right of x."""
+    route, place = rollout.start.route, rollout["states"][-1, :2]
+    off = place - route.points
+    nearest = int((off**2).sum(axis=1).argmin())
+    heading = route.heading[nearest]
+    right = -np.sin(heading) * off[nearest, 0] + np.cos(heading) * off[nearest, 1]
+    return "right" if right > 0 else "left"
+
+
+def _ending(ending: Ending, after_s: float, side: str) -> shots.Ending:
+    texts = {
+        Ending.ARRIVED: f"arrived after {after_s:.0f} s",
+        Ending.LEFT_LANE: f"left its lane on the {side} after {after_s:.1f} s",
+        Ending.TOO_LATE: f"not there after {after_s:.0f} s",
+    }
+    return shots.Ending(texts[ending], ending != Ending.ARRIVED)
+
+
+def _weather(index: int) -> str:
+    """Write a weather's name as words, such as `hard rain noon`."""
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in NAMES[index]).strip()
+
+
+def _views(start: Start, places: Array, moments: Array) -> npt.NDArray[np.uint8]:
+    """Draw what the camera sees from places (n, 4), at some steps of the driver, (n,)."""
+    count, lens = len(places), Lens(ROWS, WIDTH)
+    poses = np.column_stack([places[:, :3], np.full(count, start.mount.height_m)])
+    keys = np.round(moments * _BETWEEN).astype(np.uint64) + np.uint64(start.seed * (1 << 20))
+    rays = lens.rays(start.mount.pitch_deg)[None]
+    of, weathers = np.zeros(count, np.int64), np.full(count, start.weather, np.int64)
+    return camera(LAYOUT).draw(lens, rays, of, poses, weathers, keys)
+
+
+def _map(start: Start, place: Array, driven: Array, *, failed: bool) -> Image.Image:
+    """Draw the streets around the car from above, its route, and the way that it drove."""
+    side = _INSET * _FINER
+    chart = _town()
+    half = _SPAN_M / 2 / chart.pixel_m
+    ((x, y),) = chart.pixels(place[None, :2])
+    box = (x - half, y - half, x + half, y + half)
+    picture = chart.picture.transform(
+        (side, side), Image.Transform.EXTENT, box, Image.Resampling.BICUBIC, fillcolor=(60, 80, 50)
+    )
+    draw, unit = ImageDraw.Draw(picture), side / _SPAN_M
+
+    def pixels(points: Array) -> list[tuple[float, float]]:
+        return [
+            (side / 2 + unit * float(dx), side / 2 + unit * float(dy))
+            for dx, dy in points - place[:2]
+        ]
+
+    draw.line(pixels(start.route.points), fill=_WAY, width=round(0.9 * unit), joint="curve")
+    draw.line(pixels(driven), fill=_DRIVEN, width=round(0.9 * unit), joint="curve")
+    forward = np.array([np.cos(place[2]), np.sin(place[2])])
+    left = np.array([-forward[1], forward[0]])
+    corners = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
+    car = np.array([a * LENGTH_M / 2 * forward + b * WIDTH_M / 2 * left for a, b in corners])
+    draw.polygon(
+        pixels(place[:2] + 1.25 * car), fill=FAILED if failed else INK, outline=PAPER, width=5
+    )
+    if failed:
+        cross(draw, side / 2, side / 2, 2.4 * unit)
+    small: Image.Image = picture.resize((_INSET, _INSET), Image.Resampling.BOX)
+    ImageDraw.Draw(small).rectangle((0, 0, _INSET - 1, _INSET - 1), outline=PAPER, width=2)
+    return small
+
+
+@cache
+def _town() -> Any:
+    return town_plan(camera(LAYOUT))

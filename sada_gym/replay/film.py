@@ -1,0 +1,261 @@
+"""Replays the samples of a run, and writes them as a film."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sada_gym.application import Application, Frame
+from sada_gym.errors import FileError, UserError, UserTypeError
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.files import as_path, write_file
+from sada_gym.replay.lettering import as_frame, lettered
+from sada_gym.replay.run import choose, open_application, read_run
+from sada_gym.replay.shots import Take, maker_of
+from sada_gym.runs.packages import version
+from sada_gym.runs.record import RunSettings
+
+SECONDS = 10.0
+MOST_SECONDS = 60.0
+"""A film is kept in memory while it is made."""
+CLOSE = 1e-4
+"""Another processor rounds otherwise: a score may be so far from the stored one."""
+
+Stage = Literal["open", "play", "write"]
+OnProgress = Callable[[Stage, int, int], None]
+"""Gets the stage, how many samples of it are done, and their number."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One sample, played again.
+
+    Attributes:
+        sample: Its row in samples.npz, from 0.
+        seed: Its evaluation seed.
+        score: Its Q.
+        stored: The Q that the run stored.
+        fooled: Whether the agent is fooled.
+        endings: How each shot ends, such as `left its lane after 6.2 s`.
+    """
+
+    sample: int
+    seed: int
+    score: float
+    stored: float
+    fooled: bool
+    endings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A film.
+
+    Attributes:
+        frames: Its frames, (height, width, 3) uint8.
+        times_s: How long each is shown.
+        samples: The samples that it shows, in this order.
+        path: The file that it was written to, if any.
+        size: The file's size in bytes; 0 without a file.
+    """
+
+    frames: tuple[Frame, ...]
+    times_s: tuple[float, ...]
+    samples: tuple[Replayed, ...]
+    path: Path | None = None
+    size: int = 0
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return sum(self.times_s)
+
+
+def _ignore(stage: Stage, done: int, total: int) -> None:
+    """Do nothing."""
+
+
+def replay(
+    run: str | Path,
+    *,
+    worst: int | None = None,
+    sample: int | None = None,
+    out: str | Path | None = None,
+    application: Application | str | None = None,
+    seconds: float = SECONDS,
+    on_progress: OnProgress = _ignore,
+) -> Replay:
+    """Play samples of a run again, and write them as a film.
+
+    Each sample's score must be the one that the run stored. A film shows how episodes end: a
+    failure stands for 1.5 s with its reason. Where an episode is a single image, the film goes from
+    the nominal world to the sample's.
+
+    Args:
+        run: The folder that `attack` wrote.
+        worst: How many of the samples with the lowest scores to show; None shows one.
+        sample: Shows one sample instead: its row in samples.npz, from 0.
+        out: The file to write, `.gif` or `.mp4`; None writes none.
+        application: What was attacked: an `Application`, an environment's id, or a TOML file. None
+            opens what the run's settings name.
+        seconds: The length of a sample, about. A longer episode shows its end, and several failures
+            share the time. With 1.5 s for each ending the film gets a little longer.
+        on_progress: Called as the film is made.
+
+    Raises:
+        UserError: If an argument is bad, the application is another one, or a score differs.
+        FileError: If the folder holds no finished run, or the film cannot be written.
+        MissingExtra: If an MP4 is asked for and imageio-ffmpeg is not installed.
+    """
+    path = None if out is None else _checked_out(out)
+    settings, samples = read_run(run)
+    rows = choose(samples, worst=worst, sample=sample)
+    _check_seconds(seconds, len(rows))
+    folder = Path(run)
+    on_progress("open", 0, len(rows))
+    opened = open_application(settings, folder, application)
+    frames: list[Frame] = []
+    times: list[float] = []
+    shown: list[Replayed] = []
+    try:
+        for done, row in enumerate(rows):
+            on_progress("play", done, len(rows))
+            take = _played(opened, samples, row, settings, seconds)
+            replayed = _replayed(opened, samples, row, take)
+            shown.append(replayed)
+            for shot in take.shots:
+                for picture, time_s in lettered(shot, _last_line(opened, replayed)):
+                    frames.append(as_frame(picture))
+                    times.append(time_s)
+    finally:
+        if opened is not application:
+            opened.close()
+    even = _one_size(frames)
+    film = Replay(tuple(even), tuple(times), tuple(shown), path)
+    if path is None:
+        return film
+    on_progress("write", len(rows), len(rows))
+    content = _content(film, path)
+    write_file(path, content)
+    return Replay(film.frames, film.times_s, film.samples, path, len(content))
+
+
+def _content(film: Replay, path: Path) -> bytes:
+    if path.suffix.lower() == ".mp4":
+        from sada_gym.replay.mp4 import mp4
+
+        return mp4(film.frames, film.times_s)
+    from sada_gym.replay.gif import BYTES_PER_10_S, gif
+
+    most = round(BYTES_PER_10_S * max(1.0, film.seconds / 10.0))
+    return gif(film.frames, film.times_s, most)
+
+
+def _checked_out(out: str | Path) -> Path:
+    """Refuse a file of another kind, before anything is played."""
+    path = as_path(out, "the film")
+    if path.suffix.lower() not in (".gif", ".mp4"):
+        raise UserError(f"Expected a file that ends in .gif or .mp4, got {path}.")
+    if path.is_dir():
+        raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
+    if not path.absolute().parent.is_dir():
+        raise FileError(
+            f"Expected to write {path}, but its folder does not exist. Make the folder first."
+        )
+    if path.suffix.lower() == ".mp4":
+        from sada_gym.replay.mp4 import require_encoder
+
+        require_encoder()
+    return path
+
+
+def _check_seconds(seconds: float, count: int) -> None:
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+        raise UserTypeError(f"Expected seconds to be a number, got {seconds!r}.")
+    if not 1.0 <= seconds <= MOST_SECONDS:
+        raise UserError(f"Expected seconds from 1 to {MOST_SECONDS:g}, got {seconds:g}.")
+    if seconds * count > MOST_SECONDS:
+        raise UserError(
+            f"Expected a film of at most {MOST_SECONDS:g} s, got {count} samples of {seconds:g} s. "
+            f"Take --seconds {int(MOST_SECONDS / count) or 1}, or fewer samples."
+        )
+
+
+def _played(
+    application: Application, samples: Evaluations, row: int, settings: RunSettings, seconds: float
+) -> Take:
+    mu, seed = samples.mu[row], int(samples.seed[row])
+    if mu.shape != (len(application.parameters),):
+        raise UserError(
+            f"Expected samples of {len(application.parameters)} parameters, got {len(mu)}. The "
+            "run's samples.npz is of another run."
+        )
+    try:
+        with application.contained():
+            take = maker_of(application)(application, mu, seed, seconds)
+    except NotImplementedError as error:
+        raise UserError(
+            f"Expected an application that draws pictures, got {application.name}: {error}"
+        ) from error
+    stored = float(samples.score[row])
+    same_verdict = (take.score <= application.fooling_threshold) == (
+        stored <= application.fooling_threshold
+    )
+    if abs(take.score - stored) > CLOSE or not same_verdict:
+        raise UserError(
+            f"Expected Q = {stored:.6g} of sample {row}, as the run stored it, got "
+            f"{take.score:.6g}. {_why(settings)}"
+        )
+    return take
+
+
+def _why(settings: RunSettings) -> str:
+    """Say what differs from the machine of the run."""
+    import platform
+    from importlib.metadata import PackageNotFoundError
+
+    changed = []
+    for name, was in settings.packages.items():
+        try:
+            now = platform.python_version() if name == "python" else version(name)
+        except PackageNotFoundError:
+            now = "missing"
+        if now != was:
+            changed.append(f"{name} was {was} and is {now}")
+    if changed:
+        return f"Other versions are installed: {'; '.join(changed)}. Install those of the run."
+    return (
+        "The versions are those of the run, so another processor rounds otherwise, or the agent or "
+        "the environment is random. Replay on the machine of the run, or use `sada-gym check`."
+    )
+
+
+def _replayed(application: Application, samples: Evaluations, row: int, take: Take) -> Replayed:
+    return Replayed(
+        sample=row,
+        seed=int(samples.seed[row]),
+        score=take.score,
+        stored=float(samples.score[row]),
+        fooled=bool(take.score <= application.fooling_threshold),
+        endings=tuple(shot.ending.text for shot in take.shots),
+    )
+
+
+def _last_line(application: Application, of: Replayed) -> str:
+    threshold = application.fooling_threshold
+    return f"sample {of.sample}: Q = {of.score:.2f}; fooled where Q ≤ {threshold:g}"
+
+
+def _one_size(frames: list[Frame]) -> list[Frame]:
+    """Pad frames below, so that all have the height of the highest."""
+    height = max(len(frame) for frame in frames)
+    return [
+        frame
+        if len(frame) == height
+        else np.pad(frame, ((0, height - len(frame)), (0, 0), (0, 0)), mode="edge")
+        for frame in frames
+    ]

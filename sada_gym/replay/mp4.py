@@ -1,0 +1,82 @@
+"""Writes a film as an MP4 that browsers and slides play."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.application import Frame
+from sada_gym.errors import FileError, MissingExtra
+
+FPS = 20
+
+
+def require_encoder() -> None:
+    """Refuse to go on without an encoder.
+
+    Raises:
+        MissingExtra: If imageio-ffmpeg is not installed.
+    """
+    try:
+        import imageio_ffmpeg  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingExtra(
+            "Expected imageio-ffmpeg to write an MP4, but it is not installed. Install it with: "
+            "pip install 'sada-gym[video]'. Or write a .gif, which needs nothing else."
+        ) from error
+
+
+def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
+    """Give a film as the bytes of an MP4 (H.264).
+
+    Args:
+        frames: The frames, all of one size.
+        times_s: How long each is shown.
+
+    Raises:
+        MissingExtra: If imageio-ffmpeg is not installed.
+        FileError: If its encoder fails.
+    """
+    require_encoder()
+    import imageio_ffmpeg
+
+    height, width = (side + side % 2 for side in frames[0].shape[:2])  # H.264 takes even sides
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "film.mp4")
+        writer = imageio_ffmpeg.write_frames(
+            str(path),
+            (width, height),
+            fps=FPS,
+            codec="libx264",
+            pix_fmt_out="yuv420p",
+            quality=None,
+            macro_block_size=1,
+            ffmpeg_log_level="error",
+            output_params=["-crf", "20", "-preset", "slow", "-movflags", "+faststart"],
+        )
+        try:
+            writer.send(None)
+            for frame in _at_one_rate(frames, times_s):
+                padded = np.pad(
+                    frame,
+                    ((0, height - frame.shape[0]), (0, width - frame.shape[1]), (0, 0)),
+                    mode="edge",
+                )
+                writer.send(np.ascontiguousarray(padded))
+            writer.close()
+            return path.read_bytes()
+        except OSError as error:
+            raise FileError(
+                f"Expected ffmpeg to write an MP4, but it failed: {error}. Write a .gif instead."
+            ) from error
+
+
+def _at_one_rate(frames: Sequence[Frame], times_s: Sequence[float]) -> Iterator[Frame]:
+    """Repeat frames, so that each is shown for its time at `FPS`."""
+    ends = np.round(np.cumsum([0.0, *times_s]) * FPS).astype(int)
+    for frame, count in zip(frames, np.diff(ends).tolist(), strict=True):
+        for _ in range(count):
+            yield frame

@@ -1,0 +1,80 @@
+"""Trips as shots: the hall from above, with the robot and what its lidar returned."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from PIL import ImageDraw
+
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start
+from sada_gym.envs.robot.pictures import WIDTH, moment
+from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
+from sada_gym.replay import shots
+from sada_gym.replay.lettering import ring
+from sada_gym.replay.shots import Shot, Take
+
+if TYPE_CHECKING:
+    from sada_gym.envs.robot.application import RobotApplication
+
+FASTER = 2
+"""A trip is shown so many times faster: the robot drives at 0.6 m/s."""
+
+Array = npt.NDArray[np.float64]
+
+
+def take(application: RobotApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+    """Show how the trips that failed ended."""
+    rollouts = application.rollouts(mu, seed)
+    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
+    chosen, each_s = shots.shared(failed, seconds)
+    world = shots.world_words(application, mu)
+    made = [_shot(rollouts[i], f"trip {i + 1} of {len(rollouts)}", world, each_s) for i in chosen]
+    return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
+
+
+def _shot(rollout: Rollout[Start], name: str, world: str, seconds: float) -> Shot:
+    last = len(rollout["poses"]) - 1
+    steps = shots.steps_before(last, seconds * FASTER * POLICY_HZ)
+    ending = Ending(int(rollout["ending"][-1]))
+    pictures = [moment(rollout, step) for step in steps]
+    if ending != Ending.ARRIVED:
+        unit, (x, y, _) = WIDTH / HALL_M[0], rollout["poses"][-1]
+        ring(ImageDraw.Draw(pictures[-1]), x * unit, (HALL_M[1] - y) * unit, 28)
+    notes = [f"{name}  ·  {step / POLICY_HZ:.1f} s  ·  twice as fast" for step in steps]
+    after_s = last / POLICY_HZ
+    goal = rollout.start.plan.ways[rollout.start.trip][-1]
+    away_m = float(np.hypot(*(rollout["poses"][-1, :2] - goal)))
+    texts = {
+        Ending.ARRIVED: f"arrived after {after_s:.0f} s",
+        Ending.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
+        Ending.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
+    }
+    told = shots.Ending(texts[ending], ending != Ending.ARRIVED)
+    return Shot(pictures, FASTER * POLICY_HZ, notes, world, told)
+
+
+def _hit(rollout: Rollout[Start]) -> str:
+    """Name what is nearest to the robot at the end."""
+    plan, (x, y, _) = rollout.start.plan, rollout["poses"][-1]
+    barrels = plan.barrels[: rollout.start.conditions.barrels]
+    carts = rollout["carts"][-1][: len(plan.lanes)]
+    around = np.array([x, y])
+
+    def round_ones(circles: Array) -> float:
+        away = np.hypot(*(circles[:, :2] - around).T) - circles[:, 2]
+        return float(away.min(initial=np.inf))
+
+    racks = plan.racks
+    outside = np.maximum(np.maximum(racks[:, :2] - around, around - racks[:, 2:]), 0.0)
+    walls = min(x, y, HALL_M[0] - x, HALL_M[1] - y)
+    distances = {
+        "a barrel": round_ones(barrels),
+        "a pillar": round_ones(plan.pillars),
+        "a cart": round_ones(np.column_stack([carts, np.full(len(carts), CART_RADIUS_M)])),
+        "a rack": float(np.hypot(*outside.T).min(initial=np.inf)),
+        "the wall": float(walls),
+    }
+    return min(distances, key=lambda name: distances[name])

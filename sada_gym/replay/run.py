@@ -1,0 +1,157 @@
+"""Reads a run's folder: opens the application that was attacked, and chooses samples."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sada_gym.application import Application
+from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
+from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.store import Context
+from sada_gym.files import as_path, read_model, shown
+from sada_gym.registration import make_application, names_file
+from sada_gym.runs.record import (
+    SAMPLES_FILE,
+    SETTINGS_FILE,
+    RunSettings,
+    differences,
+    read_samples,
+)
+
+
+def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
+    """Read the settings and the test samples of a run.
+
+    Raises:
+        FileError: If the folder holds no run, the run is not finished, or a file is damaged.
+    """
+    folder = as_path(run, "a run's folder")
+    if not (folder / SETTINGS_FILE).is_file():
+        raise FileError(
+            f"Expected a folder that `sada-gym attack` wrote, got {folder}, which holds no "
+            f"{SETTINGS_FILE}. Name the folder that --out (out=) named."
+        )
+    settings = read_model(folder / SETTINGS_FILE, RunSettings)
+    if not (folder / SAMPLES_FILE).exists():
+        raise FileError(
+            f"Expected the run in {folder} to be finished, got no {SAMPLES_FILE} in it. Finish it "
+            "with --resume (resume=True)."
+        )
+    samples = read_samples(folder / SAMPLES_FILE)
+    if not len(samples):
+        raise FileError(f"Expected samples in {folder / SAMPLES_FILE}, got none.")
+    return settings, samples
+
+
+def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> list[int]:
+    """Give the rows of the samples to replay: the worst ones, or the one that is named.
+
+    Args:
+        samples: All samples of the run.
+        worst: How many of those with the lowest scores; None takes one.
+        sample: The row of one sample, from 0.
+
+    Raises:
+        UserError: If both are given, or there are not as many samples.
+    """
+    if worst is not None and sample is not None:
+        raise UserError("Expected the number of worst samples or one sample, got both.")
+    if sample is not None:
+        refuse_number("sample", sample, 0, len(samples) - 1)
+        return [int(sample)]
+    count = 1 if worst is None else worst
+    refuse_number("worst", count, 1, len(samples))
+    rows: list[int] = np.argsort(samples.score, kind="stable")[:count].tolist()
+    return rows
+
+
+def open_application(
+    settings: RunSettings, folder: Path, given: Application | str | None
+) -> Application:
+    """Open what a run attacked, and check that it is the same application, agent and version.
+
+    Args:
+        settings: The run's settings.
+        folder: The run's folder, for messages.
+        given: The application, an environment's id or a TOML file; None takes what the settings
+            name.
+
+    Raises:
+        UserError: If it cannot be opened, or differs.
+    """
+    if isinstance(given, Application):
+        application, own = given, False
+    else:
+        application, own = _made(settings, folder, given), True
+    found = _identity(application)
+    wanted = {
+        "application": settings.application,
+        "version": settings.version,
+        "settings": settings.application_settings,
+        "fingerprint": settings.fingerprint,
+    }
+    changes = differences(wanted, found)
+    if changes:
+        if own:
+            application.close()
+        raise UserError(
+            f"Expected the application and the agent that the run in {folder} attacked, got "
+            f"others: {shown('; '.join(changes))}. {_mend(folder)}"
+        )
+    return application
+
+
+def _made(settings: RunSettings, folder: Path, given: Any) -> Application:
+    if given is not None and not isinstance(given, str):
+        raise UserTypeError(
+            f"Expected an Application, an environment's id or a TOML file, got {given!r}."
+        )
+    if given is not None and names_file(given):
+        return make_application(given)
+    if given is None and {"environment", "order"} <= set(settings.application_settings):
+        raise UserError(
+            f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
+            f"attacked {shown(settings.track)} in an application of yours. "
+            f"{_mend(folder)}"
+        )
+    track, agent = given or settings.track, {"agent": settings.agent} if settings.agent else {}
+    try:
+        application = make_application(track, **agent)
+        now = _identity(application)["settings"]
+        other = {
+            key: value
+            for key, value in settings.application_settings.items()
+            if now.get(key) != value
+        }
+        if other:
+            application.close()
+            application = make_application(track, **agent, **other)
+    except UserError as error:
+        raise UserError(
+            f"Expected to open {track} with the agent {shown(settings.agent)} as the run in "
+            f"{folder} did, but: {error} {_mend(folder)}"
+        ) from error
+    return application
+
+
+def _identity(application: Application) -> dict[str, Any]:
+    context = Context.of(application)
+    return {
+        "application": context.name,
+        "version": context.version,
+        "settings": json.loads(context.settings),
+        "fingerprint": context.fingerprint,
+    }
+
+
+def _mend(folder: Path) -> str:
+    """Say how to replay what the settings cannot open."""
+    where = "If a TOML file describes it, name that by --application FILE.toml. "
+    return (
+        f"{where}If you made it in Python: sada_gym.replay.replay({str(folder)!r}, "
+        "application=YOURS, out='failure.gif')."
+    )

@@ -1,0 +1,72 @@
+"""Draws the pictures of an attack, unless an earlier call has drawn them."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sada_gym.files import file_errors
+from sada_gym.runs.run import OnProgress, RunProgress
+
+if TYPE_CHECKING:
+    from sada_gym.application import Application
+    from sada_gym.evaluation.oracle import Evaluations
+    from sada_gym.runs.record import RunReport
+
+_UNFINISHED = ".pictures.tmp"
+
+
+def draw_missing(
+    application: Application,
+    report: RunReport,
+    samples: Evaluations,
+    queries: Evaluations,
+    folder: Path,
+    on_progress: OnProgress,
+    *,
+    anew: bool = False,
+) -> tuple[Path, ...]:
+    """Draw all pictures of an attack into its folder; give those that are there already.
+
+    Args:
+        application: What was attacked.
+        report: The run's report, whose sentence on where the agent fails is the headline.
+        samples: The test samples.
+        queries: The training queries.
+        folder: The run's folder.
+        on_progress: Called after each frame.
+        anew: Whether to draw them again.
+
+    Returns:
+        The picture files.
+    """
+    known = tuple(sorted(folder.glob("*.png")))
+    if known and not anew:
+        return known
+    from sada_gym.plots.attack import draw_attack  # matplotlib
+
+    on_progress(RunProgress("pictures"))
+    beside = folder / _UNFINISHED
+    with file_errors("write the folder", beside):
+        shutil.rmtree(beside, ignore_errors=True)
+        beside.mkdir()
+    try:
+        drawn = draw_attack(
+            application,
+            samples,
+            queries,
+            beside,
+            headline=report.where.sentence if report.where else "",
+            on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
+        )
+        # moved when all are there: a run that was stopped meanwhile draws them again
+        with file_errors("write", folder):
+            for made in beside.iterdir():
+                place = folder / made.name
+                if place.is_dir() and not place.is_symlink():
+                    shutil.rmtree(place)
+                made.replace(place)
+        return tuple(folder / path.relative_to(beside) for path in drawn)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)

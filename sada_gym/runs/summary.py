@@ -1,0 +1,99 @@
+"""The summary of an attack for people: how often the agent failed, where, and by which files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from sada_gym import adversaries
+from sada_gym.envs.catalogue import find_card
+from sada_gym.errors import UserError
+from sada_gym.runs.record import RESULT_FILE, RunReport
+
+AFR = "attack fooling rate"
+
+
+def title(report: RunReport) -> str:
+    """Name a run: what was attacked, and by which adversary."""
+    return f"{report.settings.track} · {report.settings.label}"
+
+
+def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
+    """Give the name and the text of each finding."""
+    if (world := _world(report)) is not None:
+        yield "environment", world
+    low, high = report.afr_interval_95
+    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
+    of_samples = f"{report.fooled} of {report.settings.samples:,} samples"
+    yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
+    if report.where is not None:
+        yield "where", report.where.sentence
+    yield "uniform worlds", _uniform_rate(report)
+    feasible = report.feasible
+    if feasible is not None and feasible.afr is not None:
+        yield (
+            "over feasible worlds",
+            f"{_percent(feasible.afr)}, {feasible.fooled} of {feasible.worlds} samples",
+        )
+    if report.search.fooling_rate is not None:
+        rate = _percent(report.search.fooling_rate)
+        yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
+    yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
+    if report.relative_coverage is not None:
+        yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
+    if report.novelty is not None:
+        yield "novelty", f"median distance {report.novelty.median:.3f} to the nearest query"
+    for flag in report.flags:
+        yield "mind", flag
+
+
+def results_line(folder: Path, pictures: Iterable[Path]) -> str:
+    """Say where the results lie."""
+    files = [RESULT_FILE, *(path.name for path in pictures)]
+    return f"Results: {folder}/ ({', '.join(files)})"
+
+
+def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
+    """Write a run's summary, a line for each finding."""
+    rows = list(summary_rows(report))
+    width = max(len(name) for name, _ in rows)
+    lines = [f"  {name:<{width}}   {text}" for name, text in rows]
+    return "\n".join([title(report), *lines, results_line(folder, pictures)])
+
+
+def _world(report: RunReport) -> str | None:
+    """Say which keywords a general id had; None for an id that says so itself."""
+    settings = report.settings
+    card = find_card(settings.application)
+    if card is None or settings.track.rpartition(":")[2] != card.id:
+        return None
+    for suffix, keywords in card.tracks.items():
+        given = settings.application_settings
+        if keywords and all(given.get(name) == value for name, value in keywords.items()):
+            listed = ", ".join(f"{name}={value}" for name, value in keywords.items())
+            return f"{listed}, as in {card.track_id(suffix)}"
+    return None
+
+
+def _uniform_rate(report: RunReport) -> str:
+    """Say how often uniform worlds fool the agent, and where the figure is from."""
+    settings, reference = report.settings, report.settings.reference
+    if reference is not None:
+        return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
+    if settings.adversary == "random":
+        return f"{_percent(report.afr)} (these samples are uniform)"
+    rate = report.search.fooling_rate
+    if rate is not None and _asks_uniformly(settings.adversary):
+        return f"{_percent(rate)} (its {report.search.queries:,} training queries are uniform)"
+    return "not known: run --adversary random"
+
+
+def _asks_uniformly(adversary: str) -> bool:
+    try:
+        return adversaries.find(adversary).uniform_queries
+    except UserError:  # a class that has no place in the registry
+        return False
+
+
+def _percent(rate: float) -> str:
+    return f"{100 * rate:.1f} %"

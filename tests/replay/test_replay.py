@@ -1,0 +1,291 @@
+"""Replays: which samples, which application, the same scores, the right reasons."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from families import family
+from PIL import Image
+
+from sada_gym import Application, Parameter, ParameterSpace, Scored, make_application
+from sada_gym.attack import attack
+from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.uav.episodes import Start
+from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.errors import FileError, UserError
+from sada_gym.replay import replay
+from sada_gym.replay.lettering import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
+from sada_gym.replay.racing import _ending
+from sada_gym.replay.shots import any_take, maker_of, paced, shared, way_to, world_words
+from sada_gym.runs.record import read_samples, write_samples
+
+
+def run(folder: Path, environment="SADA-Analytic-v0", **keywords) -> Path:
+    given = {"budget": 0, "samples": 12, "pictures": False, **keywords}
+    return attack(environment, "random", seed=0, out=folder, **given).folder
+
+
+@pytest.fixture(scope="module")
+def analytic(tmp_path_factory) -> Path:
+    return run(tmp_path_factory.mktemp("run") / "analytic")
+
+
+class Counting(Application):
+    """Counts up to mu; its episode has frames, and its info says how it ended."""
+
+    name = "Counting"
+    fooling_threshold = 0.5
+    sample_size = 5
+    render_fps = 10
+    parameters = ParameterSpace(Parameter("speed_m_s", 0.0, 1.0, "m/s"))
+    frames = 30
+
+    def _evaluate(self, mu, seeds):
+        score = self.parameters.physical(mu)[:, 0]
+        return Scored(score, [{"ending": f"stopped at {s:.1f}"} for s in score])
+
+    def render(self, mu, seed):
+        return np.full((50, 80, 3), 200, np.uint8)
+
+    def replay(self, mu, seed):
+        score = float(self.evaluate(mu[None], [seed]).score[0])
+        return [np.full((50, 80, 3), i, np.uint8) for i in range(self.frames)], score
+
+
+def test_the_worst_samples_follow_one_another(analytic):
+    samples = read_samples(analytic / "samples.npz")
+    film = replay(analytic, worst=3, seconds=2)
+    scores = [one.score for one in film.samples]
+    assert scores == sorted(samples.score.tolist())[:3]
+    assert [one.sample for one in film.samples] == np.argsort(samples.score)[:3].tolist()
+    assert film.times_s.count(HOLD_S) == 3
+    assert {frame.shape for frame in film.frames} == {(400 + BAR, WIDTH, 3)}
+    assert replay(analytic, seconds=2).samples == film.samples[:1]
+
+
+def test_one_sample_by_its_row_ends_in_blue_where_the_agent_did_well(analytic):
+    samples = read_samples(analytic / "samples.npz")
+    best, worst = int(samples.score.argmax()), int(samples.score.argmin())
+    for row, colour in ((best, DONE), (worst, FAILED)):
+        film = replay(analytic, sample=row, seconds=2)
+        assert film.samples[0].sample == row
+        assert tuple(film.frames[-1][-1, -1]) == colour
+        assert film.samples[0].fooled == (colour == FAILED)
+
+
+@pytest.mark.parametrize(
+    ("track", "keywords"),
+    [
+        ("SADA-Analytic-v0", {"dimension": 3, "volume": 0.2}),
+        ("SADA-Digits-v0", {"digit": 3, "parameters": ["scale", "shear"]}),
+        ("SADA-Pixel-v0", {"radius": 0.3}),
+    ],
+)
+def test_settings_open_the_application_again(tmp_path, track, keywords):
+    folder = run(tmp_path / "run", track, env_kwargs=keywords)
+    assert (
+        replay(folder, seconds=1).samples[0].score
+        == read_samples(folder / "samples.npz").score.min()
+    )
+
+
+def test_an_application_of_ones_own_is_passed(tmp_path):
+    folder = run(tmp_path / "run", Counting(), samples=3)
+    with pytest.raises(UserError, match=r"In Python|in Python: sada_gym.replay.replay\("):
+        replay(folder)
+    film = replay(folder, application=Counting(), seconds=2)
+    assert film.samples[0].endings == (f"stopped at {film.samples[0].score:.1f}",)
+    # the last two seconds, and the ending
+    assert len(film.frames) == 21
+    assert film.seconds == pytest.approx(2 + HOLD_S)
+
+
+def test_an_application_that_differs_is_refused(tmp_path, analytic):
+    with pytest.raises(UserError, match=r"settings.dimension was 2 and is 3"):
+        replay(analytic, application=make_application("SADA-Analytic-v0", dimension=3))
+    with pytest.raises(UserError, match="Expected an Application, an environment's id or a TOML"):
+        replay(analytic, application=3)
+
+
+def altered(source: Path, folder: Path, **changes) -> Path:
+    """Copy a run with other settings."""
+    folder.mkdir()
+    settings = json.loads((source / "attack.json").read_text())
+    (folder / "attack.json").write_text(json.dumps({**settings, **changes}))
+    (folder / "samples.npz").write_bytes((source / "samples.npz").read_bytes())
+    return folder
+
+
+def test_another_agent_or_version_is_one_clear_error(tmp_path, analytic):
+    folder = altered(analytic, tmp_path / "a", fingerprint="0" * 64)
+    with pytest.raises(UserError, match=r"got others: fingerprint was '000000"):
+        replay(folder)
+    folder = altered(analytic, tmp_path / "b", version=7)
+    with pytest.raises(UserError, match=r"version was 7 and is 0"):
+        replay(folder)
+    folder = altered(analytic, tmp_path / "c", agent="no-such-agent")
+    with pytest.raises(UserError, match="Expected to open SADA-Analytic-v0 with the agent no-such"):
+        replay(folder)
+
+
+def test_another_score_is_refused_and_a_rounding_is_told(tmp_path, analytic):
+    folder = altered(analytic, tmp_path / "run")
+    samples = read_samples(folder / "samples.npz")
+    row = int(samples.score.argmin())
+    for off, refused in ((0.01, True), (1e-9, False)):
+        score = samples.score.copy()
+        score[row] += off
+        write_samples(folder / "samples.npz", type(samples)(samples.mu, score, samples.seed))
+        if refused:
+            with pytest.raises(UserError, match=rf"Expected Q = \S+ of sample {row}, as the run"):
+                replay(folder, sample=row, out=tmp_path / "film.gif")
+            assert not (tmp_path / "film.gif").exists()
+        else:
+            (one,) = replay(folder, sample=row, seconds=1).samples
+            assert one.score != one.stored
+
+
+def test_versions_that_differ_are_named_with_another_score(tmp_path, analytic):
+    packages = json.loads((analytic / "attack.json").read_text())["packages"]
+    folder = altered(analytic, tmp_path / "run", packages={**packages, "numpy": "0.1"})
+    assert replay(folder, seconds=1).samples  # other versions alone are no reason
+    samples = read_samples(folder / "samples.npz")
+    write_samples(
+        folder / "samples.npz", type(samples)(samples.mu, samples.score / 2, samples.seed)
+    )
+    with pytest.raises(UserError, match=r"numpy was 0\.1 and is"):
+        replay(folder)
+
+
+def test_a_folder_without_a_finished_run_is_refused(tmp_path, analytic):
+    with pytest.raises(FileError, match=r"which holds no attack\.json"):
+        replay(tmp_path)
+    folder = altered(analytic, tmp_path / "run")
+    (folder / "samples.npz").unlink()
+    with pytest.raises(FileError, match=r"Finish it with --resume"):
+        replay(folder)
+
+
+def test_an_application_without_pictures_is_refused(tmp_path):
+    class Blind(Counting):
+        def replay(self, mu, seed):
+            return Application.replay(self, mu, seed)
+
+        render = Application.render
+
+    folder = run(tmp_path / "run", Blind(), samples=2)
+    with pytest.raises(UserError, match="draws no pictures"):
+        replay(folder, application=Blind())
+
+
+def test_bad_frames_are_refused(tmp_path):
+    class Grey(Counting):
+        def replay(self, mu, seed):
+            return [np.zeros((5, 5))] * 9, super().replay(mu, seed)[1]
+
+    folder = run(tmp_path / "run", Grey(), samples=2)
+    with pytest.raises(UserError, match=r"type uint8, got \(5, 5\) and float64"):
+        replay(folder, application=Grey())
+
+
+def test_an_own_replay_goes_before_ours():
+    class Mine(type(make_application("SADA-Digits-v0"))):
+        def replay(self, mu, seed):
+            return super().replay(mu, seed)
+
+    assert maker_of(Mine()) is any_take
+    assert maker_of(make_application("SADA-Digits-v0")) is not any_take
+    assert maker_of(Counting()) is any_take
+
+
+def test_the_way_to_a_world_ends_there_exactly():
+    mu = np.array([0.3, -0.9], np.float32)
+    way = way_to(mu, 10)
+    assert (way[0] == 0).all()
+    assert (way[-1] == mu).all()
+    assert len(way_to(mu, 1)) == 8
+
+
+def test_failures_share_the_time():
+    assert shared([], 10) == ([0], 10)
+    assert shared([3], 10) == ([3], 10)
+    assert shared([1, 2, 4], 10) == ([1, 2], 5)
+    assert shared([1, 2, 4], 3) == ([1], 3)
+
+
+def test_pace():
+    assert paced(500, 50, 4)[:2] == (range(499, 499 - 67 * 3, -3)[::-1], 50 / 3)
+    kept, fps, remark = paced(10, 50, 4)
+    assert (list(kept), fps) == ([*range(10)], 5)
+    assert "slow" in remark
+    assert paced(1000, 1, 10)[0] == range(990, 1000)
+
+
+def test_worlds_in_words():
+    application = make_application("SADA-Driving-Navigation-v0")
+    mu = np.array([-0.9, 0.1, 0.5], np.float32)
+    words = world_words(application, mu, 2)
+    assert (
+        words == "camera height 1.05 m, weather SoftRainSunset"[: len(words)] or "weather" in words
+    )
+    assert "camera pitch" not in words
+
+
+@pytest.mark.parametrize("size", [(600, 400), (84, 84), (160, 210), (2000, 100), (3, 900)])
+def test_pictures_of_any_size_fit(size):
+    fitted = fit(Image.new("RGB", size, "red"))
+    assert fitted.width == WIDTH
+    assert 1 <= fitted.height <= 400
+
+
+@pytest.mark.parametrize(
+    ("code", "at", "text"),
+    [
+        (Ending.HIT, (10.0, 1.2, 2.0), "hit the frame of gate 2"),
+        (Ending.HIT, (5.0, 0.0, 0.02), "hit the ground before gate 2"),
+        (Ending.LATE, (5.0, 0.0, 2.0), "not through gate 2 in 10 s"),
+        (Ending.LOST, (90.0, 0.0, 2.0), "lost on the way to gate 2"),
+    ],
+)
+def test_a_race_says_how_a_gate_was_missed(code, at, text):
+    gates = np.array([[0.0, 0.0, 2.0, 0.0], [10.0, 0.0, 2.0, 0.0]])
+    endings = np.array([[Ending.PASSED, code]])
+    rollout = Rollout(Start(gates, (0, 0, 2, 0)), {"endings": endings}, 0.5)
+    assert _ending(rollout, 1, np.array(at), 3.0).text == text
+
+
+TRACKS = family(
+    [
+        *("SADA-Digits-3-v0", "SADA-Pixel-v0", "SADA-Detection-Car-v0", "SADA-UAV-3Anchors-v0"),
+        *("SADA-Driving-Straight-v0", "SADA-Robot-v0"),
+    ],
+    "SADA-Digits-3-v0",
+    "SADA-Pixel-v0",
+    "SADA-Detection-Car-v0",
+)
+
+
+@pytest.mark.parametrize("track", TRACKS)
+def test_every_application_tells_its_endings(tmp_path, track):
+    """The score is the application's own, and so is the verdict that the film gives."""
+    folder = run(tmp_path / "run", track, samples=4)
+    film = replay(folder, worst=2, seconds=5, out=tmp_path / "film.gif")
+    samples = read_samples(folder / "samples.npz")
+    application = make_application(track)
+    for one in film.samples:
+        assert one.score == samples.score[one.sample]
+        colour = FAILED if one.fooled else DONE
+        assert all(one.endings)
+        if track.startswith(("SADA-Digits", "SADA-Pixel", "SADA-Detection")):
+            held = [f for f, t in zip(film.frames, film.times_s, strict=True) if t == HOLD_S]
+            assert tuple(held[film.samples.index(one)][-1, -1]) == colour
+        (info,) = application.evaluate(samples.mu[[one.sample]], [one.seed]).infos
+        said = {"left_lane": "left its lane on the ", "hit": "hit the", "collided": "hit "}
+        for ending in info.get("endings", [])[:1]:
+            assert said.get(ending, "") in one.endings[0]
+    assert film.size <= 2_000_000 * max(1, film.seconds / 10)
+    assert film.path is not None
+    assert Image.open(film.path).is_animated
