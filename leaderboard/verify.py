@@ -36,6 +36,9 @@ def verify(
     again: Annotated[
         bool, option("Evaluate again what was verified with this nonce.", "--again")
     ] = False,
+    missing: Annotated[
+        bool, option("Leave alone what was verified with any nonce.", "--missing")
+    ] = False,
     check: Annotated[
         bool,
         option("Write nothing; compare with the files that are there.", "--check"),
@@ -59,7 +62,13 @@ def verify(
         from sada_gym.leaderboard.verification import verify as verify_entries
 
         findings = verify_entries(
-            entries, nonce, workers=workers, again=again, check=check, against=against
+            entries,
+            nonce,
+            workers=workers,
+            again=again,
+            missing=missing,
+            check=check,
+            against=against,
         )
         for finding in findings:
             failed |= finding.state in {"refused", "differs"}
@@ -73,7 +82,7 @@ def _show(finding: Finding) -> None:
     verified = finding.verified
     says = {
         "verified": "verified",
-        "unchanged": "verified before with this nonce, and unchanged",
+        "unchanged": "verified before, and unchanged",
         "outdated": f"outdated, so it was not evaluated: {finding.reason}",
         "differs": f"not as it should be: {finding.reason}",
         "refused": f"refused: {finding.reason}",

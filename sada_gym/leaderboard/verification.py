@@ -68,6 +68,7 @@ def verify(
     *,
     workers: int = 1,
     again: bool = False,
+    missing: bool = False,
     check: bool = False,
     against: Path | None = None,
 ) -> Iterator[Finding]:
@@ -82,6 +83,7 @@ def verify(
             which needs `check`, takes that of each file.
         workers: The number of processes that evaluate; the findings do not depend on it.
         again: Whether to evaluate results again that were verified with this nonce.
+        missing: Whether to leave alone what was verified with any nonce.
         check: Whether to compare with the files that are there instead of writing any.
         against: The folder of the entries whose samples are compared; None takes each entry's own
             neighbours.
@@ -110,7 +112,7 @@ def verify(
                 reason = "nothing of these samples is verified"
                 yield Finding(entry.about.name, stem, "differs", reason)
                 continue
-            if found is not None and found.nonce == told and not again and not check:
+            if found is not None and not again and not check and (missing or found.nonce == told):
                 yield Finding(entry.about.name, stem, "unchanged", verified=found)
                 continue
             try:

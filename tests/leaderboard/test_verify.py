@@ -99,6 +99,7 @@ def test_verifying_twice_and_in_any_order_gives_the_same_bytes(entry, tmp_path):
     assert [one.state for one in verify([other, entry], "nonce")] == ["unchanged"] * 2
     assert [one.state for one in verify([other, entry], "nonce", again=True)] == ["verified"] * 2
     assert [verified_file(folder).read_bytes() for folder in (entry, other)] == first
+    assert [one.state for one in verify([entry], "another", missing=True)] == ["unchanged"]
     list(verify([entry], "another", workers=2))
     assert verified_file(entry).read_bytes() != first[0]
     list(verify([entry], "nonce", workers=2))
@@ -247,7 +248,7 @@ def test_the_command_says_what_it_found(entry):
     assert done.exit_code == 0
     assert f"honest {STEM}: verified" in done.output
     assert "seed 1: AFR" in done.output
-    assert "verified before with this nonce" in run(entry, "--nonce", "2026-11").output
+    assert "verified before, and unchanged" in run(entry, "--nonce", "2026-11").output
     missing = run(entry, entry.parent / "missing", "--nonce", "2026-11")
     assert missing.exit_code == 1
     assert "missing: refused:" in missing.output
