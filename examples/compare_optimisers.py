@@ -21,6 +21,7 @@ from sada_gym.adversaries.omega import Omega, evaluate
 from sada_gym.attack import attack
 
 BATCH = 10  # queries at a time
+SIZES = (1, 2, 4, 8, 16, 32)  # of the mixtures to try, as `bayesian` does
 SEEDS = 3
 
 
@@ -28,7 +29,8 @@ class Optimiser(MixtureLearner):
     """Minimises Q, and fits a mixture to the 100 lowest points that fooled."""
 
     def _fit(self, omega: Omega) -> None:
-        self._mixture = fit_best_mixture(self._induce(omega, 100).chosen, (1, 2, 4, 8), self.rng)
+        chosen = self._induce(omega, 100).chosen
+        self._mixture = fit_best_mixture(chosen, SIZES, self.rng)
 
 
 class TPE(Optimiser):
