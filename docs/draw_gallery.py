@@ -128,7 +128,7 @@ def analytic() -> Image.Image:
 
 def driving() -> Image.Image:
     """The driver about to leave its lane."""
-    return with_map("SADA-Driving-OneCurve-v0", (0, 26, 450, 224), (0, 224, 450, 566))
+    return with_map("SADA-Driving-OneCurve-v0", (0, 68, 450, 266), (0, 266, 450, 608))
 
 
 def uav() -> Image.Image:
