@@ -122,7 +122,7 @@ def pixel() -> Image.Image:
 
 def analytic() -> Image.Image:
     """Q over the plane: four boxes of failures."""
-    frame = make_application("SADA-Analytic-v0").render([1, 1], 0)
+    frame = make_application("SADA-Analytic-v0").render([1, 1], 0)[6:, :-6]  # less the cross
     return Image.fromarray(frame).resize((WIDTH, HEIGHT))
 
 
