@@ -50,8 +50,8 @@ def driving() -> Panel:
     worst = int(outcomes.score.argmin())
     info = outcomes.infos[worst]
     failed = sum(ending != "arrived" for ending in info["endings"])
-    bar = 26  # a line of text above and below the picture
-    picture = Image.fromarray(application.render(mu[worst], seeds[worst])[bar:-bar])
+    frame = application.render(mu[worst], seeds[worst])
+    picture = Image.fromarray(frame[68:-34])  # less the lines of text
     return picture, f"Driving: {failed} of 5 drives fail,\n{info['weather']}"
 
 

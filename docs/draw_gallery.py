@@ -122,13 +122,13 @@ def pixel() -> Image.Image:
 
 def analytic() -> Image.Image:
     """Q over the plane: four boxes of failures."""
-    frame = make_application("SADA-Analytic-v0").render([1, 1], 0)
+    frame = make_application("SADA-Analytic-v0").render([1, 1], 0)[6:, :-6]  # less the cross
     return Image.fromarray(frame).resize((WIDTH, HEIGHT))
 
 
 def driving() -> Image.Image:
     """The driver about to leave its lane."""
-    return with_map("SADA-Driving-OneCurve-v0", (0, 26, 450, 224), (0, 224, 450, 566))
+    return with_map("SADA-Driving-OneCurve-v0", (0, 68, 450, 266), (0, 266, 450, 608))
 
 
 def uav() -> Image.Image:
