@@ -49,7 +49,7 @@ def estimate(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[Es
     took: dict[tuple[str, ...], list[float]] = {}
     for one in costs:
         for like in _LIKE:
-            took.setdefault(like(one), []).append(one.wall_s)
+            took.setdefault(like(one), []).append(one.core_s or one.wall_s)
     by_place: dict[tuple[str, str], list[RunSettings]] = {}
     for run in runs:
         by_place.setdefault((run.table, run.track), []).append(run)

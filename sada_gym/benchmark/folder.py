@@ -41,6 +41,7 @@ class Timing(Strict):
         evaluated: The number of evaluations made.
         known: The number of evaluations that the store knew from other runs or earlier calls.
         wall_s: All seconds, measuring included.
+        core_s: All process seconds, measuring included, without other worker processes.
         peak_memory_mib: The process's peak memory; None where the system does not measure it.
     """
 
@@ -49,6 +50,7 @@ class Timing(Strict):
     evaluated: int
     known: int
     wall_s: float
+    core_s: float | None = None
     peak_memory_mib: int | None
 
 

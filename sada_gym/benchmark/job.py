@@ -78,7 +78,7 @@ def do_run(job: RunJob) -> RunDone:
 
 def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: bool) -> RunDone:
     settings, group = job.settings, job.group
-    started = time.monotonic()
+    started, worked = time.monotonic(), time.process_time()
     _forget_peak_memory()
     adversary = make_adversary(
         settings.adversary,
@@ -116,6 +116,7 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
             evaluated=run.evaluated,
             known=run.known,
             wall_s=round(time.monotonic() - started, 3),
+            core_s=round(time.process_time() - worked, 3),
             peak_memory_mib=_peak_memory_mib(),
         ),
         samples=run.samples if isinstance(result, RunReport) else None,
