@@ -39,9 +39,8 @@ def png(figure: Figure) -> bytes:
 
 def axis_label(parameter: Parameter) -> str:
     """Write a parameter as people read it: its name, and its unit in brackets."""
-    name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
     unit = "°" if parameter.unit == "deg" else parameter.unit
-    return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
+    return f"{parameter.label} ({unit})" if unit else parameter.label
 
 
 def name_choices(axes: Axes, parameter: Parameter) -> None:

@@ -13,7 +13,6 @@ from PIL import Image
 from sada_gym.application import Application, Frame
 from sada_gym.errors import UserError
 from sada_gym.lazy import load
-from sada_gym.parameters import Parameter
 
 MORPH_STEPS, MORPH_FPS = 32, 8
 """A world of one image is reached from the nominal one in so many pictures."""
@@ -193,26 +192,7 @@ def world_words(application: Application, mu: Mu, most: int = 3) -> str:
     parameters = application.parameters.parameters
     values = application.parameters.physical(mu).tolist()
     far = sorted(range(len(mu)), key=lambda i: -abs(float(mu[i])))[:most]
-    return ", ".join(_value_words(parameters[i], values[i]) for i in sorted(far))
-
-
-def _value_words(parameter: Parameter, value: float) -> str:
-    name = parameter.name
-    if parameter.unit:
-        name = name.removesuffix(f"_{parameter.unit}")
-    name = name.replace("_", " ")
-    if parameter.choices:
-        span = parameter.high - parameter.low
-        place = (value - parameter.low) / span * len(parameter.choices)
-        return f"{name} {parameter.choices[min(int(place), len(parameter.choices) - 1)]}"
-    unit = "°" if parameter.unit == "deg" else f" {parameter.unit}" if parameter.unit else ""
-    return f"{name} {number(value)}{unit}"
-
-
-def number(value: float) -> str:
-    """Write a number with three digits and a real minus sign."""
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
-    return text.replace("-", "\N{MINUS SIGN}")
+    return ", ".join(parameters[i].text(values[i]) for i in sorted(far))
 
 
 def steps_before(last: int, count: float) -> range:

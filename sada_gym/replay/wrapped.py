@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sada_gym.parameters import number
 from sada_gym.replay import shots
-from sada_gym.replay.shots import Shot, Take, number
+from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
     from sada_gym.envs.wrapped.application import GymnasiumApplication
