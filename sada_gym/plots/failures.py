@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application, Frame
-from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.choice import Failure, choose_failures
+from sada_gym.plots.frames import checked_frame
 from sada_gym.plots.legend import LegendEntry, Mark
 from sada_gym.plots.sheet import Group, columns_for, failure_sheet
 
@@ -49,7 +49,7 @@ def draw_failures(
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
             for frame, _ in zip(drawn, rows, strict=True):
-                yield _checked(frame, application)
+                yield checked_frame(frame, f"{type(application).__name__}.render")
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result
@@ -125,14 +125,3 @@ def _world(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> str:
         for parameter, value in zip(space.parameters[:_MOST_VALUES], values, strict=False)
     ]
     return ", ".join(shown) + (", …" if len(space) > _MOST_VALUES else "")
-
-
-def _checked(frame: Any, application: Application) -> Frame:
-    """Refuse what is no frame."""
-    found = np.asarray(frame)
-    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
-        raise UserError(
-            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
-            f"{found.dtype}. Mend {type(application).__name__}.render."
-        )
-    return found

@@ -181,14 +181,44 @@ def test_an_application_without_pictures_is_refused(tmp_path):
         replay(folder, application=Blind())
 
 
-def test_bad_frames_are_refused(tmp_path):
-    class Grey(Counting):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (([np.zeros((5, 5))] * 9, 0.1), r"type uint8, got \(5, 5\) and float64. Mend Bad.replay"),
+        (([], 0.1), "Expected frames from Bad.replay, got none"),
+        ([np.zeros((5, 5, 3), np.uint8)], "a list of frames and a score from Bad.replay, got"),
+        ((3, 0.1), r"a score from Bad.replay, got \(3, 0.1\)"),
+        (([np.zeros((5, 5, 3), np.uint8)], None), "a score from Bad.replay, got"),
+    ],
+)
+def test_a_bad_replay_is_refused(tmp_path, given, message):
+    class Bad(Counting):
         def replay(self, mu, seed):
-            return [np.zeros((5, 5))] * 9, super().replay(mu, seed)[1]
+            return given
 
-    folder = run(tmp_path / "run", Grey(), samples=2)
-    with pytest.raises(UserError, match=r"type uint8, got \(5, 5\) and float64"):
-        replay(folder, application=Grey())
+    folder = run(tmp_path / "run", Bad(), samples=2)
+    with pytest.raises(UserError, match=message):
+        replay(folder, application=Bad())
+
+
+def test_frames_need_a_pace(tmp_path):
+    class Still(Counting):
+        render_fps = 0
+
+    folder = run(tmp_path / "run", Still(), samples=2)
+    with pytest.raises(UserError, match="Expected `render_fps` of Still above 0, got 0"):
+        replay(folder, application=Still())
+
+
+def test_frames_may_differ_in_size_and_come_one_by_one(tmp_path):
+    class Growing(Counting):
+        def replay(self, mu, seed):
+            drawn = (np.full((10 + i, 40, 3), 9 * i, np.uint8) for i in range(20))
+            return drawn, super().replay(mu, seed)[1]
+
+    folder = run(tmp_path / "run", Growing(), samples=2)
+    film = replay(folder, application=Growing(), seconds=np.int64(3))
+    assert len({frame.shape for frame in film.frames}) == 1
 
 
 def test_an_own_replay_goes_before_ours():
