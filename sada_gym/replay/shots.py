@@ -152,7 +152,7 @@ def way_to(mu: Mu, seconds: float) -> Mu:
 def scored_ending(score: float, threshold: float, reason: object = None) -> Ending:
     """End with what the application says, else with the score."""
     fooled = score <= threshold
-    said = reason if isinstance(reason, str) and reason else None
+    said = shown(reason) if isinstance(reason, str) else None
     return Ending(said or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
 
 

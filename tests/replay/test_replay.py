@@ -19,7 +19,15 @@ from sada_gym.errors import FileError, UserError
 from sada_gym.replay import replay
 from sada_gym.replay.lettering import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
 from sada_gym.replay.racing import _ending
-from sada_gym.replay.shots import any_take, maker_of, paced, shared, way_to, world_words
+from sada_gym.replay.shots import (
+    any_take,
+    maker_of,
+    paced,
+    scored_ending,
+    shared,
+    way_to,
+    world_words,
+)
 from sada_gym.runs.record import read_samples, write_samples
 
 
@@ -199,6 +207,12 @@ def test_a_bad_replay_is_refused(tmp_path, given, message):
     folder = run(tmp_path / "run", Bad(), samples=2)
     with pytest.raises(UserError, match=message):
         replay(folder, application=Bad())
+
+
+def test_an_ending_is_one_line():
+    assert scored_ending(0.2, 0.5, "hit a wall").text == "hit a wall"
+    assert scored_ending(0.2, 0.5, "").text == "Q = 0.20: fooled"
+    assert scored_ending(0.2, 0.5, "hit\x1b[31m\na wall").text == r"hit\x1b[31m\na wall"
 
 
 def test_frames_need_a_pace(tmp_path):
