@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import ClassVar
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from families import family
 from PIL import Image
 
-from sada_gym import Application, Parameter, ParameterSpace, Scored, make_application
+from sada_gym import (
+    Application,
+    GymnasiumApplication,
+    Parameter,
+    ParameterSpace,
+    Scored,
+    make_application,
+)
 from sada_gym.attack import attack
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.uav.episodes import Start
@@ -213,6 +222,58 @@ def test_an_ending_is_one_line():
     assert scored_ending(0.2, 0.5, "hit a wall").text == "hit a wall"
     assert scored_ending(0.2, 0.5, "").text == "Q = 0.20: fooled"
     assert scored_ending(0.2, 0.5, "hit\x1b[31m\na wall").text == r"hit\x1b[31m\na wall"
+
+
+class Drawing(gym.Env):
+    """Its episodes have five steps; `draw` says what its frames are."""
+
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 10}
+    observation_space = gym.spaces.Box(-1.0, 1.0, (1,))
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self, draw, size=1.0, render_mode=None):
+        self.draw, self.size, self.render_mode = draw, size, render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.steps += 1
+        return np.zeros(1, np.float32), self.size, self.steps == 5, False, {}
+
+    def render(self):
+        return self.draw(self.steps)
+
+
+def no_screen(step):
+    raise RuntimeError("no OpenGL")
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (no_screen, "Expected .*make to draw a frame, got RuntimeError: no OpenGL"),
+        (lambda step: np.zeros((9 + step, 9, 3), np.uint8), r"one size from .*\(10, 9, 3\) after"),
+    ],
+)
+def test_an_environment_that_draws_badly_is_named(tmp_path, draw, message):
+    def make(size=1.0, render_mode=None):
+        return Drawing(draw, size, render_mode)
+
+    application = GymnasiumApplication(
+        make,
+        agent=lambda observation: 0,
+        agent_id="still",
+        parameters={"size": (0.0, 1.0)},
+        score=("return", 0.0, 5.0),
+        fooling_threshold=0.5,
+        max_steps=9,
+    )
+    folder = run(tmp_path / "run", application, samples=2)
+    with pytest.raises(UserError, match=message):
+        replay(folder, application=application)
 
 
 def test_frames_need_a_pace(tmp_path):
