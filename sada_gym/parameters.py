@@ -54,6 +54,30 @@ class Parameter:
                 f"{self.directions!r} from {self.low:g} to {self.high:g}. Leave directions out."
             )
 
+    @property
+    def label(self) -> str:
+        """The name as people say it: without its unit and underscores."""
+        suffix = f"_{self.unit.replace('/', '_')}" if self.unit else ""
+        return self.name.removesuffix(suffix).replace("_", " ")
+
+    def text(self, value: float) -> str:
+        """Write a physical value as people say it, such as `camera pitch 35°` or `light low`."""
+        count = len(self.choices)
+        if count:
+            place = (value - self.low) / (self.high - self.low) * count
+            return f"{self.label} {self.choices[min(int(place), count - 1)]}"
+        return f"{self.label} {self.with_unit(number(value))}"
+
+    def with_unit(self, written: str) -> str:
+        """Add the unit to a number, as in `35°` or `3 m`."""
+        return f"{written}°" if self.unit == "deg" else f"{written} {self.unit}".rstrip()
+
+
+def number(value: float) -> str:
+    """Write a number with three digits and a real minus sign."""
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
+    return text.replace("-", "\N{MINUS SIGN}")
+
 
 class ParameterSpace:
     """An ordered set of parameters, which makes the box that an adversary acts in.

@@ -128,3 +128,16 @@ def test_a_space_without_parameters_is_refused() -> None:
 def test_doubled_names_are_refused() -> None:
     with pytest.raises(ValueError, match=r"Expected distinct parameter names, got \['a', 'a'\]"):
         ParameterSpace(Parameter("a", 0, 1), Parameter("a", 0, 2))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "text"),
+    [
+        (Parameter("camera_pitch_deg", -90, 90, "deg"), -12.34, "camera pitch \N{MINUS SIGN}12.3°"),
+        (Parameter("wind_speed_m_s", 0, 9, "m/s"), 3.0, "wind speed 3 m/s"),
+        (Parameter("mass", 0, 5000), 4321.0, "mass 4,321"),
+        (Parameter("light", 0, 2, choices=("low", "high")), 2.0, "light high"),
+    ],
+)
+def test_values_in_words(parameter: Parameter, value: float, text: str) -> None:
+    assert parameter.text(value) == text

@@ -118,7 +118,7 @@ class AttackProgress(Display):
             console=console,
             refresh_per_second=8,
             # what an agent prints belongs into the file that it is written to
-            redirect_stdout=sys.stdout.isatty(),
+            redirect_stdout=getattr(sys.stdout, "isatty", bool)(),
         )
 
     def __exit__(self, *error: object) -> None:

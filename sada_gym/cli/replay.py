@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.status import Status
 
-from sada_gym.cli.console import err, errors_as_sentences, option, out, say
+from sada_gym.cli.console import err, errors_as_sentences, option, say
 
 
 def replay(
@@ -46,7 +46,7 @@ def replay(
         from sada_gym.replay.film import Stage
         from sada_gym.replay.film import replay as make
 
-        status = Status("Opening the run", console=out)
+        status = Status("Opening the run", console=err)
         compiling = False
 
         def progress(stage: Stage, done: int, total: int) -> None:
@@ -59,12 +59,12 @@ def replay(
                 "play": f"Replaying sample {done + 1} of {total}",
                 "write": f"Writing {out_file.name}",
             }[stage]
-            if out.is_terminal:
+            if err.is_terminal:
                 status.update(text)
             else:
-                say("", text)
+                say("", text, console=err)
 
-        if out.is_terminal:
+        if err.is_terminal:
             status.start()
         try:
             film = make(

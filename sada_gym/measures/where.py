@@ -28,6 +28,8 @@ uniform worlds, and all of them so far for this share of the failures."""
 _MOSTLY = 0.6
 
 _LEAST_CELLS = 10
+_MOST_CELLS = 50
+"""Of more choices in an order neighbours share a cell: all ranges are tried."""
 _OCTANTS = 8
 
 Array = npt.NDArray[np.float64]
@@ -179,6 +181,8 @@ def _strongest(
     for index in open_:
         parameter = space.parameters[index]
         grid = _grid(parameter)
+        if len(grid.weights) < 2:  # a single choice
+            continue
         cell = _cells(parameter, grid, values[:, index])
         counts = np.bincount(cell[among], minlength=len(grid.weights)).astype(np.float64)
         sets = _largest_sets(counts) if grid.sets is None else grid.sets
@@ -216,7 +220,11 @@ def _grid(parameter: Parameter) -> _Grid:
         return _Grid(np.linspace(0.0, 360.0, _OCTANTS + 1), _sectors())
     if choices:
         edges = np.linspace(low, high, len(choices) + 1)
-        return _Grid(edges, _ranges(len(choices)) if _is_ordered(parameter) else None)
+        if not _is_ordered(parameter):
+            return _Grid(edges, None)
+        edges = edges[:: -(-len(choices) // _MOST_CELLS)]
+        edges = np.append(edges[edges < high], high)
+        return _Grid(edges, _ranges(len(edges) - 1))
     step = _round_step((high - low) / _LEAST_CELLS)
     first, last = math.floor(low / step + 1e-9) + 1, math.ceil(high / step - 1e-9)
     edges = np.array([low, *(step * i for i in range(first, last)), high])
@@ -276,7 +284,8 @@ def _is_ordered(parameter: Parameter) -> bool:
 
 
 def _condition(parameter: Parameter, finding: _Finding) -> Condition:
-    text = f"{parameter_label(parameter)} is {_describe(parameter, finding)}"
+    said = f"{_label(parameter)} is {_describe(parameter, finding)}"
+    text = "".join(letter if letter.isprintable() else " " for letter in said)
     edges, runs = finding.grid.edges, _runs(finding.cells)
     ranges = tuple((float(edges[i]), float(edges[j])) for i, j in runs)
     return Condition(parameter=parameter.name, ranges=ranges, text=text)
@@ -297,6 +306,8 @@ def _describe(parameter: Parameter, finding: _Finding) -> str:
         others = [name for name, taken in zip(names, cells, strict=True) if not taken]
         return _either(chosen) if len(chosen) <= len(others) else f"not {_either(others)}"
     if names:
+        share = (finding.grid.edges - parameter.low) / (parameter.high - parameter.low)
+        first = np.rint(share * len(names)).astype(int).tolist()  # each cell's first choice
         return _either(
             [
                 names[i]
@@ -306,7 +317,7 @@ def _describe(parameter: Parameter, finding: _Finding) -> str:
                 else f"at least {names[i]}"
                 if j == len(names)
                 else f"{names[i]} to {names[j - 1]}"
-                for i, j in _runs(cells)
+                for i, j in ((first[start], first[end]) for start, end in _runs(cells))
             ]
         )
     ends = [_quantity(float(edge), parameter) for edge in finding.grid.edges]
@@ -339,21 +350,14 @@ def _either(parts: list[str]) -> str:
     return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
-def parameter_label(parameter: Parameter) -> str:
-    """Give a parameter's name as people say it: without underscores, unit and `azimuth`."""
-    name = parameter.name
-    if parameter.unit:
-        name = name.removesuffix(f"_{parameter.unit}")
-    if parameter.directions:
-        name = name.removesuffix("_azimuth")
-    return name.replace("_", " ")
+def _label(parameter: Parameter) -> str:
+    """Give a parameter's name; what has directions needs no `azimuth`."""
+    return parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
 
 
 def _quantity(value: float, parameter: Parameter) -> str:
-    number = f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
-    if not parameter.unit:
-        return number
-    return f"{number}°" if parameter.unit == "deg" else f"{number} {parameter.unit}"
+    # edges are round numbers; those of a narrow range far from zero need many digits
+    return parameter.with_unit(f"{value:.12g}".replace("-", "\N{MINUS SIGN}"))
 
 
 def _percent(share: float) -> str:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application, Frame
-from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.parameters import Parameter, ParameterSpace
+from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.choice import Failure, choose_failures
-from sada_gym.plots.legend import LegendEntry
+from sada_gym.plots.frames import checked_frame
+from sada_gym.plots.legend import LegendEntry, Mark
 from sada_gym.plots.sheet import Group, columns_for, failure_sheet
-from sada_gym.plots.style import axis_label
 
 _MOST_VALUES = 6
 
@@ -49,7 +49,7 @@ def draw_failures(
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
             for frame, _ in zip(drawn, rows, strict=True):
-                yield _checked(frame, application)
+                yield checked_frame(frame, f"{type(application).__name__}.render")
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result
@@ -58,9 +58,7 @@ def draw_failures(
 
     with application.contained():
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
-        legend = application.legend or (
-            LegendEntry(f"Frames as {type(application).__name__} draws them."),
-        )
+        legend = _legend(application)
         plain = all(entry.mark == "note" for entry in legend)
         columns = columns_for(first, plain=plain)
         counts = (columns, columns, 4 if columns == 2 else columns)  # whole rows
@@ -89,6 +87,25 @@ def draw_failures(
     return failure_sheet(groups, columns, legend, title, headline)
 
 
+def _legend(application: Application) -> tuple[LegendEntry, ...]:
+    """Give what the marks in frames mean, as the application says it: a user's code, too."""
+    name = type(application).__name__
+    try:
+        entries = tuple(application.legend)
+    except Exception as error:
+        raise NotDrawnError(f": {name}.legend raised {type(error).__name__}: {error}") from error
+    for entry in entries:
+        if (
+            not isinstance(entry, LegendEntry)
+            or entry.mark not in get_args(Mark)
+            or not re.fullmatch("#[0-9a-fA-F]{6}", entry.colour)
+        ):
+            raise NotDrawnError(
+                f": expected LegendEntry(text, '#rrggbb', mark) in {name}.legend, got {entry!r}"
+            )
+    return entries or (LegendEntry(f"Frames as {name} draws them."),)
+
+
 def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | None) -> str:
     """Write a sample's number and score, what it stands for, and its world in a line if asked."""
     parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
@@ -102,28 +119,9 @@ def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | Non
 
 def _world(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> str:
     """Write the first parameters of mu, (d,), and their values."""
-    values = space.physical(mu[None])[0].tolist()
+    values = space.physical(mu).tolist()
     shown = [
-        f"{axis_label(parameter)} {_value(parameter, value)}"
+        parameter.text(value)
         for parameter, value in zip(space.parameters[:_MOST_VALUES], values, strict=False)
     ]
     return ", ".join(shown) + (", …" if len(space) > _MOST_VALUES else "")
-
-
-def _value(parameter: Parameter, value: float) -> str:
-    count = len(parameter.choices)
-    if not count:
-        return f"{value:.3g}"
-    share = (value - parameter.low) / (parameter.high - parameter.low)
-    return parameter.choices[min(int(share * count), count - 1)]
-
-
-def _checked(frame: Any, application: Application) -> Frame:
-    """Refuse what is no frame."""
-    found = np.asarray(frame)
-    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
-        raise UserError(
-            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
-            f"{found.dtype}. Mend {type(application).__name__}.render."
-        )
-    return found

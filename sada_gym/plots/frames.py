@@ -1,4 +1,4 @@
-"""Text and lines on frames: fonts, wrapped text, dashes, and lines with an edge."""
+"""Frames and what is drawn on them: fonts, wrapped text, dashes, and lines with an edge."""
 
 from __future__ import annotations
 
@@ -6,12 +6,35 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import ImageDraw, ImageFont
 
+from sada_gym.application import Frame
+from sada_gym.errors import UserError
+
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
+
+
+def checked_frame(given: Any, source: str) -> Frame:
+    """Give what an application drew, if it is a frame.
+
+    Args:
+        given: Anything.
+        source: Where it is from, such as `MyApplication.render`.
+
+    Raises:
+        UserError: If it is no frame.
+    """
+    found = np.asarray(given)
+    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
+        raise UserError(
+            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
+            f"{found.dtype}. Mend {source}."
+        )
+    return found
 
 
 def rgb(colour: str) -> Colour:

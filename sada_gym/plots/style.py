@@ -39,16 +39,20 @@ def png(figure: Figure) -> bytes:
 
 def axis_label(parameter: Parameter) -> str:
     """Write a parameter as people read it: its name, and its unit in brackets."""
-    name = parameter.name.removesuffix(f"_{parameter.unit}") if parameter.unit else parameter.name
     unit = "°" if parameter.unit == "deg" else parameter.unit
-    return f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " ")
+    return _plain(f"{parameter.label} ({unit})" if unit else parameter.label)
+
+
+def _plain(text: str) -> str:
+    """Keep matplotlib from taking dollars for formulae, which fails where they are none."""
+    return text.replace("$", r"\$")
 
 
 def name_choices(axes: Axes, parameter: Parameter) -> None:
     """Write a parameter's choices below the axis along which it is drawn, if it has any."""
     if parameter.choices:
         edges = np.linspace(parameter.low, parameter.high, len(parameter.choices) + 1)
-        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(parameter.choices))
+        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(map(_plain, parameter.choices)))
         axes.tick_params(axis="x", length=0, labelsize=7)
         for label in axes.get_xticklabels():
             label.set(rotation=35, ha="right", rotation_mode="anchor")

@@ -11,8 +11,10 @@ from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.picture import FLOOR
 from sada_gym.envs.detection.renderers import default_renderer
+from sada_gym.plots.frames import Colour, dashed_box, font, rgb
+from sada_gym.plots.style import ORANGE, SKY
 from sada_gym.replay import shots
-from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, SOFT, WIDTH, font
+from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, SOFT, WIDTH
 from sada_gym.replay.shots import MORPH_FPS, Shot, Take
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 SIDE = 270
 _FINER = 2
-_SEEN, _WRONG = (86, 180, 233), (230, 130, 40)
+_SEEN, _WRONG = rgb(SKY), rgb(ORANGE)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 14, 44, 40
 """The margins of the chart."""
 
@@ -113,38 +115,15 @@ def _boxed(
         one, colour = max(found, key=lambda pair: float(pair[0]["score"]))
         box = np.clip(scale * np.array(one["box"]), 3, view.width - 4).tolist()
         if box[0] < box[2] and box[1] < box[3]:
-            _box(draw, box, colour, dashed=one is wrong)
+            dash, gap = (19, 11) if one is wrong else (1, 0)
+            dashed_box(draw, box, colour, 6, dash, gap)
             text = f"{names.get(one['label'], '?')} {one['score']:.2f}"
             _tag(draw, box, text, colour, view.width)
     return view.resize((SIDE, SIDE), Image.Resampling.BOX)
 
 
-def _box(
-    draw: ImageDraw.ImageDraw, box: Sequence[float], colour: tuple[int, ...], *, dashed: bool
-) -> None:
-    if not dashed:
-        draw.rectangle(tuple(box), outline=colour, width=6)
-        return
-    x0, y0, x1, y1 = box
-    for (ax, ay), (bx, by) in (
-        ((x0, y0), (x1, y0)),
-        ((x1, y0), (x1, y1)),
-        ((x1, y1), (x0, y1)),
-        ((x0, y1), (x0, y0)),
-    ):
-        length = abs(bx - ax) + abs(by - ay)
-        count = max(1, round(length / 30))
-        for k in range(count):
-            s, e = k / count, (k + 0.62) / count
-            ends = [
-                (ax + s * (bx - ax), ay + s * (by - ay)),
-                (ax + e * (bx - ax), ay + e * (by - ay)),
-            ]
-            draw.line(ends, fill=colour, width=6)
-
-
 def _tag(
-    draw: ImageDraw.ImageDraw, box: Sequence[float], text: str, colour: tuple[int, ...], side: int
+    draw: ImageDraw.ImageDraw, box: Sequence[float], text: str, colour: Colour, side: int
 ) -> None:
     """Write what a box is taken for, above it or, at the picture's edge, in it."""
     letters = font(13 * _FINER, bold=True)

@@ -17,9 +17,12 @@ from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.parameters import number
+from sada_gym.plots.frames import rgb
+from sada_gym.plots.style import SKY, YELLOW
 from sada_gym.replay import shots
 from sada_gym.replay.lettering import FAILED, INK, PAPER, WIDTH, cross
-from sada_gym.replay.shots import Shot, Take, number
+from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication
@@ -28,7 +31,7 @@ ROWS = 270
 _BETWEEN = 2
 """Pictures for each step of the driver; the places between two steps are interpolated."""
 _INSET, _SPAN_M, _FINER = 124, 62.0, 3
-_WAY, _DRIVEN = (240, 228, 66), (86, 180, 233)
+_WAY, _DRIVEN = rgb(YELLOW), rgb(SKY)
 _TOLD = {"follow": "follow the road", "left": "turn left", "right": "turn right"}
 _TOLD["straight"] = "straight on"
 

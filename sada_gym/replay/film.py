@@ -13,7 +13,7 @@ from sada_gym.application import Application, Frame
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import as_path, write_file
-from sada_gym.replay.lettering import as_frame, lettered
+from sada_gym.replay.lettering import lettered
 from sada_gym.replay.run import choose, open_application, read_run
 from sada_gym.replay.shots import Take, maker_of
 from sada_gym.runs.packages import version
@@ -128,8 +128,8 @@ def replay(
             replayed = _replayed(opened, samples, row, take)
             shown.append(replayed)
             for shot in take.shots:
-                for picture, time_s in lettered(shot, _last_line(opened, replayed)):
-                    frames.append(as_frame(picture))
+                for frame, time_s in lettered(shot, _last_line(opened, replayed)):
+                    frames.append(frame)
                     times.append(time_s)
     finally:
         if opened is not application:
@@ -174,7 +174,7 @@ def _checked_out(out: str | Path) -> Path:
 
 
 def _check_seconds(seconds: float, count: int) -> None:
-    if isinstance(seconds, bool) or not isinstance(seconds, int | float):
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float | np.number):
         raise UserTypeError(f"Expected seconds to be a number, got {seconds!r}.")
     if not 1.0 <= seconds <= MOST_SECONDS:
         raise UserError(f"Expected seconds from 1 to {MOST_SECONDS:g}, got {seconds:g}.")

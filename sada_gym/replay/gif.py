@@ -121,7 +121,6 @@ def _steadied(
 
 def _paletted(indices: npt.NDArray[np.uint8], palette: Palette) -> Image.Image:
     picture = Image.fromarray(indices)
-    picture = picture.copy()
     picture.putpalette(palette.colours.tobytes())
     return picture
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
-from pathlib import Path
 
-import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from sada_gym.application import Frame
+from sada_gym.envs.episodes.sheet import stacked
+from sada_gym.plots import style
+from sada_gym.plots.frames import Colour, font, rgb
 from sada_gym.replay.shots import Shot
 
 WIDTH = 480
@@ -19,9 +19,10 @@ TALLEST = 400
 HOLD_S = 1.5
 """The time for which an ending stands."""
 
-INK, PAPER, SOFT = (31, 41, 51), (255, 255, 255), (190, 199, 208)
+INK, PAPER, SOFT = rgb(style.INK), (255, 255, 255), (190, 199, 208)
 FAILED, DONE = (194, 65, 12), (0, 98, 155)
-"""Orange and blue, which colour-blind people tell apart; a cross and a tick say the same."""
+"""Orange and blue, which colour-blind people tell apart, dark enough for white letters on them; a
+cross and a tick say the same."""
 
 BAR = 54
 _EDGE = 4
@@ -29,16 +30,7 @@ _LEFT, _FIRST, _SECOND = 10, 16, 38
 _MARK = 7
 
 
-@cache
-def font(size: float, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Give a font that has all signs of units; it comes with matplotlib."""
-    from matplotlib import get_data_path
-
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(get_data_path(), "fonts", "ttf", name)), size)
-
-
-def lettered(shot: Shot, last_line: str) -> Iterator[tuple[Image.Image, float]]:
+def lettered(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
     """Give each frame of a shot with its time in seconds; the last one tells the ending.
 
     Args:
@@ -47,13 +39,13 @@ def lettered(shot: Shot, last_line: str) -> Iterator[tuple[Image.Image, float]]:
     """
     for i, (picture, note) in enumerate(zip(shot.pictures, shot.notes, strict=True)):
         fitted = fit(picture)
-        yield _stacked(fitted, _bar(note, shot.world)), 1.0 / shot.fps
+        yield stacked([fitted, _bar(note, shot.world)]), 1.0 / shot.fps
         if i == len(shot.pictures) - 1:
             colour = FAILED if shot.ending.failed else DONE
             ImageDraw.Draw(fitted).rectangle(
                 (0, 0, fitted.width - 1, fitted.height - 1), outline=colour, width=_EDGE
             )
-            yield _stacked(fitted, _ending_bar(shot, last_line, colour)), HOLD_S
+            yield stacked([fitted, _ending_bar(shot, last_line, colour)]), HOLD_S
 
 
 def fit(picture: Image.Image) -> Image.Image:
@@ -100,7 +92,7 @@ def _bar(note: str, world: str) -> Image.Image:
     return bar
 
 
-def _ending_bar(shot: Shot, last_line: str, colour: tuple[int, int, int]) -> Image.Image:
+def _ending_bar(shot: Shot, last_line: str, colour: Colour) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), colour)
     draw = ImageDraw.Draw(bar)
     mark(draw, _LEFT + _MARK, _FIRST, _MARK, failed=shot.ending.failed)
@@ -115,7 +107,7 @@ def _write(
     middle: int,
     text: str,
     size: int,
-    colour: tuple[int, int, int],
+    colour: Colour,
     *,
     bold: bool = False,
 ) -> None:
@@ -131,15 +123,3 @@ def _write(
             line = line[:-1]
         line = f"{line.rstrip()}…"
     draw.text((left, middle), line, fill=colour, font=chosen, anchor="lm")
-
-
-def _stacked(picture: Image.Image, bar: Image.Image) -> Image.Image:
-    whole = Image.new("RGB", (picture.width, picture.height + bar.height))
-    whole.paste(picture, (0, 0))
-    whole.paste(bar, (0, picture.height))
-    return whole
-
-
-def as_frame(picture: Image.Image) -> Frame:
-    """Give a picture as an array, (height, width, 3) uint8."""
-    return np.asarray(picture)

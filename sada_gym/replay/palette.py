@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sada_gym.application import Frame
 
 _BITS = 6
-_LOOKUP_BITS = 6
+"""Colours are looked up, and counted, on a grid of so many bits a channel."""
 _MOST_COLOURS = 6_000
 _RARE = 0.4
 """A colour that fills a hundred times the area gets 100 ** 0.4 times the weight."""
@@ -36,10 +36,15 @@ class Palette:
 
     def indices(self, frame: Frame) -> Pixels:
         """Give the index of the nearest colour for each pixel, (height, width)."""
-        shift = 8 - _LOOKUP_BITS
-        red, green, blue = (frame[..., k].astype(np.int32) >> shift for k in range(3))
-        found: Pixels = self._nearest[(red << 2 * _LOOKUP_BITS) | (green << _LOOKUP_BITS) | blue]
+        found: Pixels = self._nearest[_cells(frame)]
         return found
+
+
+def _cells(pixels: Pixels) -> npt.NDArray[np.int32]:
+    """Give the cell of the grid, (...), in which each of the colours (..., 3) lies."""
+    red, green, blue = (pixels[..., k].astype(np.int32) >> (8 - _BITS) for k in range(3))
+    cells: npt.NDArray[np.int32] = (red << 2 * _BITS) | (green << _BITS) | blue
+    return cells
 
 
 def _histogram(frames: Sequence[Frame]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -48,9 +53,8 @@ def _histogram(frames: Sequence[Frame]) -> tuple[npt.NDArray[np.float64], npt.ND
     counts, sums = np.zeros(cells), np.zeros((cells, 3))
     step = max(1, len(frames) // 40)
     for frame in [*frames[::step], frames[-1]]:
-        pixels = frame.reshape(-1, 3).astype(np.int32)
-        red, green, blue = (pixels[:, k] >> (8 - _BITS) for k in range(3))
-        at = (red << 2 * _BITS) | (green << _BITS) | blue
+        pixels = frame.reshape(-1, 3)
+        at = _cells(pixels)
         counts += np.bincount(at, minlength=cells)
         for k in range(3):
             sums[:, k] += np.bincount(at, pixels[:, k], minlength=cells)
@@ -80,7 +84,7 @@ def _lookup(colours: Pixels) -> Pixels:
     """Give the nearest colour of every colour of a grid, by index."""
     from scipy.spatial import cKDTree
 
-    size = 1 << _LOOKUP_BITS
+    size = 1 << _BITS
     levels = (np.arange(size) + 0.5) * (256 / size)
     grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
     _, nearest = cKDTree(_seen(colours.astype(np.float64))).query(_seen(grid))

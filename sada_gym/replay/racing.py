@@ -18,8 +18,10 @@ from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M, TOP_M
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import line
+from sada_gym.plots.frames import font, rgb
+from sada_gym.plots.style import SKY, YELLOW
 from sada_gym.replay import shots
-from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, WIDTH, cross, font, ring
+from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
 from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
@@ -34,7 +36,7 @@ _LAG = 4
 """The camera turns like the mean of so many decisions."""
 _ROTOR_M = 0.075
 _INSET, _FINER, _MARGIN_M = 124, 3, 4.0
-_FIELD, _LINE, _AHEAD, _FLOWN = (226, 236, 214), (190, 203, 174), (107, 114, 128), (86, 180, 233)
+_FIELD, _LINE, _AHEAD, _FLOWN = (226, 236, 214), (190, 203, 174), (107, 114, 128), rgb(SKY)
 _FINE = 4
 
 Array = npt.NDArray[np.float64]
@@ -189,7 +191,7 @@ def _drone(picture: Image.Image, of: DroneCamera, eye: Array, state: Array) -> N
     for deck in (-0.02, 0.02):
         draw.polygon(seen(body + np.array([0, 0, deck])), fill=(*INK, 255), outline=(*PAPER, 255))
     for x, y, _ in arms:
-        colour = (240, 228, 66) if x > 0 else (220, 226, 232)
+        colour = rgb(YELLOW) if x > 0 else (220, 226, 232)
         rotor = seen(ring + np.array([x, y, 0.03]))
         draw.polygon(rotor, fill=(*colour, 150))
         draw.line([*rotor, rotor[0]], fill=(*INK, 255), width=_FINE)

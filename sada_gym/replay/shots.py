@@ -12,8 +12,9 @@ from PIL import Image
 
 from sada_gym.application import Application, Frame
 from sada_gym.errors import UserError
+from sada_gym.files import shown
 from sada_gym.lazy import load
-from sada_gym.parameters import Parameter
+from sada_gym.plots.frames import checked_frame
 
 MORPH_STEPS, MORPH_FPS = 32, 8
 """A world of one image is reached from the nominal one in so many pictures."""
@@ -102,29 +103,41 @@ def maker_of(application: Application) -> Maker:
 def any_take(application: Application, mu: Mu, seed: int, seconds: float) -> Take:
     """Show what `replay` gives: an episode's end, or the way from mu = 0 to a single image."""
     (info,) = application.evaluate(mu[None], [seed]).infos
-    frames, score = application.replay(mu, seed)
-    if not len(frames):
-        raise UserError(
-            f"Expected frames from {type(application).__name__}.replay, got none. Return at least "
-            "one."
-        )
+    frames, score = _replayed(application, mu, seed)
     ending = scored_ending(score, application.fooling_threshold, info.get("ending"))
-    world = world_words(application, mu)
+    world, name = world_words(application, mu), type(application).__name__
     if len(frames) == 1:
-        return Take([_morph(application, mu, seed, seconds, ending)], score)
-    kept, fps, remark = paced(len(frames), application.render_fps, seconds)
-    pictures = [as_picture(frames[i]) for i in kept]
-    notes = [f"{i / application.render_fps:.1f} s{remark}" for i in kept]
-    shot = Shot(pictures, fps, notes, world, ending)
-    return Take([shot], score)
+        way = way_to(mu, seconds)
+        scores = application.evaluate(way, [seed] * len(way)).score
+        drawn = [checked_frame(application.render(row, seed), f"{name}.render") for row in way]
+        notes, fps = [f"Q = {one:.2f}" for one in scores], float(MORPH_FPS)
+    else:
+        kept, fps, remark = paced(len(frames), application.render_fps, seconds)
+        drawn = [checked_frame(frames[i], f"{name}.replay") for i in kept]
+        notes = [f"{i / application.render_fps:.1f} s{remark}" for i in kept]
+    pictures = [Image.fromarray(frame) for frame in drawn]
+    return Take([Shot(pictures, fps, notes, world, ending)], score)
 
 
-def _morph(application: Application, mu: Mu, seed: int, seconds: float, ending: Ending) -> Shot:
-    way = way_to(mu, seconds)
-    scores = application.evaluate(way, [seed] * len(way)).score
-    pictures = [as_picture(application.render(row, seed)) for row in way]
-    notes = [f"Q = {score:.2f}" for score in scores]
-    return Shot(pictures, MORPH_FPS, notes, world_words(application, mu), ending)
+def _replayed(application: Application, mu: Mu, seed: int) -> tuple[Sequence[Frame], float]:
+    """Let an application replay a world, and check that it gives frames and a score."""
+    name = type(application).__name__
+    if not application.render_fps > 0:
+        raise UserError(
+            f"Expected `render_fps` of {name} above 0, got {application.render_fps!r}. It is the "
+            "number of frames that `replay` gives for a second."
+        )
+    given = application.replay(mu, seed)
+    try:
+        listed, score = given
+        frames, q = list(listed), float(score)
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"Expected a list of frames and a score from {name}.replay, got {shown(repr(given))}."
+        ) from error
+    if not frames:
+        raise UserError(f"Expected frames from {name}.replay, got none. Return at least one.")
+    return frames, q
 
 
 def way_to(mu: Mu, seconds: float) -> Mu:
@@ -139,7 +152,7 @@ def way_to(mu: Mu, seconds: float) -> Mu:
 def scored_ending(score: float, threshold: float, reason: object = None) -> Ending:
     """End with what the application says, else with the score."""
     fooled = score <= threshold
-    said = reason if isinstance(reason, str) and reason else None
+    said = shown(reason) if isinstance(reason, str) else None
     return Ending(said or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
 
 
@@ -173,46 +186,12 @@ def shared(failed: Sequence[int], seconds: float) -> tuple[Sequence[int], float]
     return chosen, seconds / len(chosen)
 
 
-def as_picture(frame: Frame) -> Image.Image:
-    """Give a frame as a picture.
-
-    Raises:
-        UserError: If it is none.
-    """
-    found = np.asarray(frame)
-    if found.ndim != 3 or found.shape[2] != 3 or found.dtype != np.uint8 or not found.size:
-        raise UserError(
-            f"Expected frames of shape (height, width, 3) and type uint8, got {found.shape} and "
-            f"{found.dtype}. Mend the application's pictures."
-        )
-    return Image.fromarray(found)
-
-
 def world_words(application: Application, mu: Mu, most: int = 3) -> str:
     """Name the parameters that are farthest from the middle of their ranges, with their values."""
     parameters = application.parameters.parameters
     values = application.parameters.physical(mu).tolist()
     far = sorted(range(len(mu)), key=lambda i: -abs(float(mu[i])))[:most]
-    return ", ".join(_value_words(parameters[i], values[i]) for i in sorted(far))
-
-
-def _value_words(parameter: Parameter, value: float) -> str:
-    name = parameter.name
-    if parameter.unit:
-        name = name.removesuffix(f"_{parameter.unit}")
-    name = name.replace("_", " ")
-    if parameter.choices:
-        span = parameter.high - parameter.low
-        place = (value - parameter.low) / span * len(parameter.choices)
-        return f"{name} {parameter.choices[min(int(place), len(parameter.choices) - 1)]}"
-    unit = "°" if parameter.unit == "deg" else f" {parameter.unit}" if parameter.unit else ""
-    return f"{name} {number(value)}{unit}"
-
-
-def number(value: float) -> str:
-    """Write a number with three digits and a real minus sign."""
-    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
-    return text.replace("-", "\N{MINUS SIGN}")
+    return ", ".join(parameters[i].text(values[i]) for i in sorted(far))
 
 
 def steps_before(last: int, count: float) -> range:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image
 
+from sada_gym.parameters import number
 from sada_gym.replay import shots
-from sada_gym.replay.shots import Shot, Take, number
+from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
     from sada_gym.envs.wrapped.application import GymnasiumApplication
@@ -34,6 +36,6 @@ def take(application: GymnasiumApplication, mu: shots.Mu, seed: int, seconds: fl
         ]
         text = f"return {number(float(rollout['return'][-1]))} after {last} steps"
         ending = shots.Ending(text, rollout.score <= threshold)
-        pictures = [shots.as_picture(rollout["frame"][step]) for step in steps]
+        pictures = [Image.fromarray(rollout["frame"][step]) for step in steps]
         made.append(Shot(pictures, fps, notes, world, ending))
     return Take(made, float(np.mean([rollout.score for rollout in rollouts])))

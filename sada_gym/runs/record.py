@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -227,6 +228,8 @@ class Claim:
                         return
             for path in (store, self.folder / SETTINGS_FILE):
                 path.unlink(missing_ok=True)
+            # with a budget of 0 the adversary is saved before the first evaluation
+            shutil.rmtree(self.folder / ADVERSARY_FOLDER, ignore_errors=True)
             for made in self.made:
                 made.rmdir()
 

@@ -56,6 +56,20 @@ def pipe():
     return Console(file=io.StringIO(), width=60)
 
 
+def test_a_stdout_that_cannot_say_whether_it_is_a_terminal_will_do(monkeypatch):
+    class Pipe:
+        def write(self, text):
+            return len(text)
+
+        def flush(self):
+            pass
+
+    for odd in (Pipe(), None):
+        monkeypatch.setattr(sys, "stdout", odd)
+        with AttackProgress(pipe()) as shown:
+            shown("train", 0, 9, 0)
+
+
 def test_each_stage_shows_its_own_time(tmp_path):
     console, started = terminal(), time.monotonic()
     with AttackProgress(console) as bars:

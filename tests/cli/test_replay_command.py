@@ -37,7 +37,7 @@ def test_a_film_is_written_and_summed_up(digits, tmp_path):
     out = tmp_path / "film.gif"
     result = run("replay", digits, "--out", out, "--worst", "2", "--seconds", "2")
     assert result.exit_code == 0, result.output
-    assert "Replaying sample 2 of 2" in result.stdout
+    assert "Replaying sample 2 of 2" in result.stderr  # stdout is the summary alone
     assert result.stdout.count("takes the 3 for a") == 2
     assert f"{out}: 7.0 s" in result.stdout
     with Image.open(out) as film:

@@ -160,6 +160,31 @@ def test_any_range_has_round_ends(low_high):
     assert len(digits.partition("e")[0].replace(".", "").strip("0")) <= 4
 
 
+def test_a_narrow_range_far_from_zero_keeps_its_digits():
+    space = ParameterSpace(Parameter("x", 1e8, 1e8 + 100))
+    mu = space.normalised(np.linspace(1e8, 1e8 + 29, 50)[:, None])
+    assert where(space, mu).conditions[0].text == "x is below 100000030"
+
+
+def test_a_single_choice_is_no_condition():
+    space = ParameterSpace(Parameter("only", 0.0, 1.0, choices=("this",)), Parameter("x", 0.0, 1.0))
+    mu = np.random.default_rng(0).uniform(-1, [1, -0.5], (50, 2))
+    assert [one.parameter for one in where(space, mu).conditions] == ["x"]
+
+
+def test_a_thousand_choices_in_order_are_ranges():
+    space = ParameterSpace(Parameter("n", 0.0, 1000.0, choices=tuple(map(str, range(1000)))))
+    for low, high, text in ((0, 240, "at most 239"), (760, 1000, "at least 760")):
+        mu = space.normalised(np.linspace(low + 0.5, high - 0.5, 200)[:, None])
+        assert where(space, mu).conditions[0].text == f"n is {text}"
+
+
+def test_a_name_of_several_lines_becomes_one():
+    space = ParameterSpace(Parameter("wind\nspeed_m_s", 0.0, 1.0, "m/s"))
+    mu = np.random.default_rng(0).uniform(-1, -0.5, (50, 1))
+    assert where(space, mu).conditions[0].text == "wind speed is below 0.3 m/s"
+
+
 def test_the_order_of_failures_does_not_matter():
     mu = np.concatenate([worlds(90, weather=(0, 1)), worlds(30, seed=1)])
     assert where(SPACE, mu) == where(SPACE, mu[::-1])

@@ -57,6 +57,26 @@ def test_no_contact_sheet_without_frames_or_fooled_samples(tmp_path):
         assert {path.name for path in pictures} == {"marginals.png", "scores.png"}
 
 
+def test_dollars_in_names_are_no_formulae(tmp_path):
+    odd = Toy(2)
+    odd.parameters = ParameterSpace(
+        Parameter(r"price$\frac{$", 0.0, 1.0, r"$\us$"),
+        Parameter("coin", 0.0, 2.0, choices=(r"$\half$", "$")),
+    )
+    assert len(draw_attack(odd, drawn(20, 2), drawn(9, 2), tmp_path)) == 4
+
+
+@pytest.mark.parametrize(
+    "legend",
+    [True, ("text",), (LegendEntry("x", "red"),), (LegendEntry("x", mark="star"),)],
+)
+def test_a_legend_of_another_kind_costs_no_result(legend, tmp_path):
+    odd = type("Odd", (Toy,), {"legend": legend})()
+    with pytest.warns(UserWarning, match=r"No frames are drawn: .*Odd\.legend"):
+        names = {path.name for path in draw_attack(odd, drawn(20), drawn(9), tmp_path)}
+    assert names == {"marginals.png", "scores.png"}
+
+
 class Batched(Toy):
     """It notes the batches that it draws."""
 

@@ -101,6 +101,17 @@ def contents(folder):
     }
 
 
+def test_a_run_that_fails_in_its_first_evaluation_leaves_nothing(tmp_path):
+    class Broken(Toy):
+        def _evaluate(self, mu, seeds):
+            raise RuntimeError("the simulator crashed")
+
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="the simulator crashed"):
+            attack(Broken(), "random", budget=0, samples=9, out=tmp_path / "new" / "run")
+        assert list(tmp_path.iterdir()) == []
+
+
 def test_the_application_says_how_many_samples(tmp_path):
     assert run(tmp_path, samples=None).report.settings.samples == 20
 

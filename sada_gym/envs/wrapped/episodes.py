@@ -164,6 +164,7 @@ class Running:
         self._infos: list[Mapping[str, Any]] = []
         self.env = game.maker.make(setup.keywords, "rgb_array" if pictures else None)
         self._closed = False
+        self._frame_shape: tuple[int, ...] = ()
         try:
             for act in setup.before:
                 act(self.env.unwrapped)
@@ -202,15 +203,29 @@ class Running:
 
         Raises:
             NotImplementedError: If the environment draws none.
+            UserError: If its drawing fails, or its frames differ in size.
         """
+        name = self._game.maker.name
         # SDL draws without a screen, and does not complain that there is none
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
-        with environment(headless):
-            frame: Any = self.env.render()
+        try:
+            with environment(headless):
+                frame: Any = self.env.render()
+        except Exception as error:  # whatever an environment may raise
+            raise UserError(
+                f"Expected {name} to draw a frame, got {type(error).__name__}: {error}. Mend its "
+                "render."
+            ) from error
         if not isinstance(frame, np.ndarray) or frame.ndim != 3 or frame.shape[2] != 3:
             raise NotImplementedError(
-                f"Expected frames of shape (height, width, 3) from {self._game.maker.name}, got "
+                f"Expected frames of shape (height, width, 3) from {name}, got "
                 f"{type(frame).__name__} of shape {np.shape(frame)}."
+            )
+        self._frame_shape = self._frame_shape or frame.shape
+        if frame.shape != self._frame_shape:
+            raise UserError(
+                f"Expected frames of one size from {name}, got {frame.shape} after "
+                f"{self._frame_shape}. Mend its render."
             )
         return np.array(frame, np.uint8)
 
