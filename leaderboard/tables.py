@@ -32,8 +32,8 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-SUITES = ("detection", "driving", "racing", "robot", "digits", "table-1", "agents")
-"""The suites that have a page `docs/results/SUITE/table.md`."""
+SUITES = ("racing", "robot", "digits")
+"""The suites whose results are entries, each with a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _NONE = "No verified result yet."
@@ -217,10 +217,8 @@ def main() -> None:
     """Write all tables of the documentation."""
     entries = read_entries(ENTRIES)
     for suite in SUITES:
-        results = results_of_suite(entries, suite)
-        if results.runs:
-            path = write_tables(DOCS / "results" / suite, results)
-            print(f"{path.relative_to(ROOT)}")
+        path = write_tables(DOCS / "results" / suite, results_of_suite(entries, suite))
+        print(f"{path.relative_to(ROOT)}")
     for path, text in pages(entries).items():
         path.write_text(text, encoding="utf-8")
         print(f"{path.relative_to(ROOT)}")
