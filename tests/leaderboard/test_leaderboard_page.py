@@ -37,17 +37,22 @@ class Study:
 
 @pytest.fixture
 def optuna(monkeypatch):
-    """Optuna itself where it is installed, else random search behind the same names."""
-    if importlib.util.find_spec("optuna") is None:
+    """Optuna itself where it is installed, else random search behind the same names.
+
+    Gives the range of the AFR to expect.
+    """
+    if importlib.util.find_spec("optuna") is not None:
+        yield 0.6, 1.0
+    else:
         module = types.ModuleType("optuna")
         module.create_study = Study
         module.samplers = types.SimpleNamespace(TPESampler=lambda seed: seed)
         module.logging = types.SimpleNamespace(set_verbosity=lambda level: None, WARNING=30)
         monkeypatch.setitem(sys.modules, "optuna", module)
+        yield 0.2, 0.6
 
 
-@pytest.mark.usefixtures("optuna")
-def test_the_study_becomes_an_entry(tmp_path, monkeypatch):
+def test_the_study_becomes_an_entry(tmp_path, monkeypatch, optuna):
     monkeypatch.chdir(tmp_path)
     (code,) = re.findall(r"```python\n(import numpy as np\nimport optuna.*?)```", PAGE, re.DOTALL)
     code = code.replace("range(3)", "range(1)").replace("budget=1_000", "budget=260")
@@ -62,5 +67,5 @@ def test_the_study_becomes_an_entry(tmp_path, monkeypatch):
     (result,) = read_entry(folder).results.values()
     (seed,) = result.claimed.seeds
     assert seed.queries == 260
-    # the best 250 of 260 random trials
-    assert 0.2 < seed.measures.afr < 0.6
+    # of the best 250 of 260 trials
+    assert optuna[0] < seed.measures.afr < optuna[1]

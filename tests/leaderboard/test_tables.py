@@ -71,7 +71,7 @@ def sentences(text):
 
 
 def numbers(text):
-    return set(re.findall(r"(?<![\w-])\d+(?:[.,]\d+)*", text))
+    return set(re.findall(r"(?<![\w-])\d+(?:[.,]\d+)*(?!\w)", text))
 
 
 def settings():
