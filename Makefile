@@ -38,7 +38,7 @@ bench: $(VENV)/.installed  ## speed, as ratios within one run
 
 # PLAN=--plan says what is missing and what it will cost; a stopped run goes on, on any machine
 results: $(VENV)/.installed  ## measure what the leaderboard's entries lack, and write the tables
-	for suite in $(RESULTS); do \
+	@for suite in $(RESULTS); do \
 	  $(BIN)/sada-gym benchmark --suite $$suite --out docs/results/$$suite \
 	    --entries leaderboard/entries --workers $(WORKERS) $(PLAN) || exit 1; \
 	done
