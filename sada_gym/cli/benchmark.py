@@ -176,8 +176,8 @@ def _show_outlook(outlook: Outlook) -> None:
         out.print(table)
         hours = sum(one.core_hours for one in outlook.estimates)
         unknown = sum(one.unknown for one in outlook.estimates)
-        runs = sum(one.runs for one in outlook.estimates)
-        if unknown == runs:
+        all_runs = sum(one.runs for one in outlook.estimates)
+        if unknown == all_runs:
             say("", "Nothing like these runs was timed yet, so the core hours are not known.")
         else:
             rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
