@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 from sada_gym import agents
@@ -57,9 +57,16 @@ class Comparison:
 
     def rows(self, entries: Sequence[Entry], track: str | None = None) -> list[Row]:
         """Give the verified rows, over all of the suite's tracks or on one."""
-        held = _on(find_suite(self.suite).tracks, entries)
-        results = results_of(held, [TABLES[self.table]], tier="verified")
-        return results.rows_of(self.table, self.agent, track)
+        return _verified(self.suite, self.table, tuple(entries)).rows_of(
+            self.table, self.agent, track
+        )
+
+
+@lru_cache(maxsize=16)
+def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
+    """Put together what is verified on a suite's tracks, once for all pages that show it."""
+    held = _on(find_suite(suite).tracks, entries)
+    return results_of(held, [TABLES[table]], tier="verified")
 
 
 COMPARISONS = {
@@ -105,20 +112,17 @@ def compared(comparison: Comparison, entries: Sequence[Entry]) -> Iterator[str]:
         yield table_line(row.label, *cells, with_interval(coverage, 0), rank_of(coverage))
 
 
-def side_by_side(
-    labels: Sequence[str] | None, names: Sequence[str], entries: Sequence[Entry]
-) -> Iterator[str]:
-    """Give AFR / coverage of adversaries on several applications; rank 1 is bold.
+def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iterator[str]:
+    """Give AFR / coverage of adversaries in all comparisons; rank 1 is bold.
 
     Args:
         labels: The adversaries; None for all.
-        names: The names of the comparisons.
         entries: The entries.
     """
-    found = {name: _by_label(COMPARISONS[name].rows(entries)) for name in names}
-    yield from table_head(("adversary", *(COMPARISONS[name].title for name in names)))
+    found = [_by_label(one.rows(entries)) for one in COMPARISONS.values()]
+    yield from table_head(("adversary", *(one.title for one in COMPARISONS.values())))
     for label in labels or [contender.label for contender in CONTENDERS]:
-        cells = (_pair(rows.get(label)) for rows in found.values())
+        cells = (_pair(rows.get(label)) for rows in found)
         yield table_line(label, *cells)
 
 
@@ -177,13 +181,13 @@ _BESIDE_RL = ("random", "gmm50", "bbgan", "bbgan-boost", "level-set", *_RL)
 _HEADLINE = ("random", "bbgan (paper)", "gmm50", "bbgan-boost", "bayesian", "level-set")
 
 BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
-    "readme": ("../README.md", partial(side_by_side, _HEADLINE, tuple(COMPARISONS))),
-    "overview": ("results/index.md", partial(side_by_side, None, tuple(COMPARISONS))),
+    "readme": ("../README.md", partial(side_by_side, _HEADLINE)),
+    "overview": ("results/index.md", partial(side_by_side, None)),
     **{
         name: ("results/adversaries.md", partial(compared, comparison))
         for name, comparison in COMPARISONS.items()
     },
-    "rl": ("results/rl.md", partial(side_by_side, _BESIDE_RL, tuple(COMPARISONS))),
+    "rl": ("results/rl.md", partial(side_by_side, _BESIDE_RL)),
     "rl-rare": (
         "results/rl.md",
         partial(on_track, "digits", "SADA-Digits-4-v0", _BESIDE_RL),

@@ -102,9 +102,10 @@ def test_every_figure_of_a_sentence_stands_in_a_row_that_it_names(name):
     text = page.read_text(encoding="utf-8")
     included = re.findall(r"{include} (\S+)", text)
     known = rows(text + "".join((page.parent / one).read_text("utf-8") for one in included))
+    set_up = settings()
     for sentence in sentences(text):
         named = [label for label in re.findall(r"`([^`]+)`", sentence) if label in known] or [""]
-        there = settings().union(*(known.get(label, set()) for label in named))
+        there = set_up.union(*(known.get(label, set()) for label in named))
         assert numbers(re.sub(r"`[^`]*`", "", sentence)) <= there, sentence
 
 

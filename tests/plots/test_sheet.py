@@ -1,9 +1,11 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
 from sada_gym.plots.frames import dashed, font, wrapped
-from sada_gym.plots.legend import LegendEntry, swatch
+from sada_gym.plots.legend import LegendEntry, Mark, swatch
 from sada_gym.plots.sheet import WIDTH, Group, columns_for, failure_sheet
 
 FRAME = np.full((40, 60, 3), (10, 200, 30), np.uint8)
@@ -80,21 +82,7 @@ def test_a_dashed_line_has_gaps():
 
 
 def test_marks_of_one_colour_differ_by_their_shape():
-    marks = (
-        "area",
-        "box",
-        "dashed box",
-        "dotted box",
-        "line",
-        "dashed line",
-        "dotted line",
-        "dots",
-        "disc",
-        "square",
-        "cross",
-        "plus",
-        "arrow",
-    )
+    marks = [mark for mark in get_args(Mark) if mark != "note"]
     pictures = []
     for mark in marks:
         picture = Image.new("RGB", (48, 26), "white")

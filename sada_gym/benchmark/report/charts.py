@@ -16,6 +16,7 @@ from sada_gym.benchmark.results import Row
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import (
     ACCENT,
+    BLUE,
     INK,
     MUTED,
     axis_label,
@@ -57,7 +58,7 @@ _FAMILIES = (
     _Family("controls", "#6b7785", "s", frozenset({"ideal", "archive"})),
     _Family(
         "the paper's baselines",
-        "#0072b2",
+        BLUE,
         "o",
         frozenset({"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"}),
     ),
