@@ -91,8 +91,9 @@ def estimate(
     are drawn, which makes the variance unbiased (McCarthy and Snowden 1985; Rao and Wu 1988). And
     the percentiles are those of Student's t with as many degrees of freedom as the seeds leave
     (the expanded percentile interval, Hesterberg 2015). No percentile interval reaches beyond
-    the runs themselves: simulated at 95 %, it holds the truth 94 to 98 % of the time for 3 seeds or
-    more on each of 6 tracks or more, but on one track 76 % for 3 seeds, 91 % for 5, 94 % for 10.
+    the runs themselves: simulated at 95 % (studies/intervals.py), it holds the truth 94 to 96 % of
+    the time for 3 seeds or more on each of 6 tracks or more, but on one track 76 % for 3 seeds,
+    92 % for 5, 95 % for 10.
 
     A fooling rate varies for two reasons: training, and the M test samples that it is measured by.
     Differences between seeds hold both. But where a track has one seed, or seeds that differ

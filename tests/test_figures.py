@@ -1,0 +1,108 @@
+"""Figures in the README and in docs/ stand in an entry or a card, or beside what measures them.
+
+The pages of the results are held to more, see tests/leaderboard/test_tables.py.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from leaderboard.tables import COMPARISONS, ENTRIES
+from sada_gym.benchmark.report.tables import with_interval
+from sada_gym.leaderboard.entry import read_entries
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted(DOCS.rglob("*.md")) if "results" not in page.parts),
+]
+CARDS = sorted((ROOT / "sada_gym" / "envs").glob("*/agent/*.md"))
+MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
+DEFINED = {
+    "command-line.md": {"50", "60", "77", "22"},  # an example that getting-started.md prints
+    "level-set.md": {"98"},  # an option
+    "measures.md": {"50"},  # by definition
+    "own-agent.md": {"5"},  # when a warning is given
+    "robot.md": {"90"},  # a world's setting
+}
+"""Percentages that were not measured for the page, by its name."""
+
+
+def cells(text: str) -> set[str]:
+    """The numbers of a page's tables."""
+    lines = (line for line in text.splitlines() if line.startswith("|"))
+    return {number for line in lines for number in re.findall(r"\d+(?:\.\d+)?", line)}
+
+
+def percentages(section: str) -> set[str]:
+    """The percentages of a section's sentences, without its tables and code."""
+    text = re.sub(r"```.*?```|<!--.*?-->|^(?:    |\|).*?$", "", section, flags=re.DOTALL | re.M)
+    lists = re.findall(r"(\d[\d.]*(?:(?:,| and| to) \d[\d.]*)*) ?%", text)
+    return {number for one in lists for number in re.findall(r"\d+(?:\.\d+)?", one)}
+
+
+def unfounded(page: str, cards: str, defined: set[str]) -> set[str]:
+    """The percentages of sections that name no command, and that no table or card holds."""
+    known = cells(page) | set(re.findall(r"\d+(?:\.\d+)?", cards)) | defined | {"0", "95", "100"}
+    sections = re.split(r"^#+ ", page, flags=re.MULTILINE)
+    return {
+        number
+        for section in sections
+        if not MEASURES_IT.search(section)
+        for number in percentages(section) - known
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_percentage_stands_in_a_table_or_a_card_or_beside_its_command(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    cards = "".join(card.read_text(encoding="utf-8") for card in CARDS if shown(page, card))
+    assert not unfounded(text, cards, DEFINED.get(page.name, set()))
+
+
+def shown(page: Path, card: Path) -> bool:
+    """Whether a page is on a card's application, or on all agents."""
+    return page.stem in ("agents", card.parent.parent.name)
+
+
+def test_a_percentage_from_nowhere_is_noticed() -> None:
+    page = "# A\n\nIt fools 12, 13 and 14 %.\n\n| a | 12 |\n\n# B\n\n`make attack` gives 7 %."
+    assert unfounded(page, "14.0 % and 13", {"14"}) == set()
+    assert unfounded(page, "", set()) == {"13", "14"}
+
+
+@pytest.mark.parametrize(
+    ("application", "agent"),
+    [
+        ("driving", "cil"),
+        ("driving", "cil-augmented"),
+        ("driving", "ppo"),
+        ("uav", "ppo"),
+        ("uav", "waypoint-pid"),
+    ],
+)
+def test_the_agents_that_are_compared_are_those_of_the_cards(application: str, agent: str) -> None:
+    card = (ROOT / "sada_gym" / "envs" / application / "agent" / f"{agent}.md").read_text("utf-8")
+    page = (DOCS / "agents.md").read_text(encoding="utf-8")
+    rows = re.findall(rf"^\| `{agent}`, 0 \(shipped\) (\|.*\|)$", page, re.MULTILINE)
+    assert any(cells(row) <= cells(card) for row in rows)
+
+
+def test_the_example_of_a_citation_is_what_the_board_says() -> None:
+    (row,) = (
+        row
+        for row in COMPARISONS["digits"].rows(read_entries(ENTRIES), "SADA-Digits-3-v0")
+        if row.label == "level-set"
+    )
+    afr, coverage = (
+        with_interval(figure).replace(" (", " % (", 1)
+        for figure in (row.afr, row.relative_coverage)
+    )
+    page = (DOCS / "measures.md").read_text(encoding="utf-8")
+    assert (
+        f"> `level-set` on SADA-Digits-3-v0 against `cnn`: AFR {afr}, coverage {coverage}" in page
+    )
