@@ -31,7 +31,7 @@ class TrackFigures:
     """What was measured on the tracks of one number of anchor points.
 
     Attributes:
-        template_gates: Met on the undisturbed template.
+        template_gates: Met on the undisturbed track.
         template_passed: How many of them were passed.
         mild_gates: Met on mild tracks that training never saw.
         mild_passed: How many of them were passed.
@@ -63,7 +63,7 @@ def measure(
     Args:
         pilot: A perception network, or an SB3 model.
         seed: Fixes mu, starts, light and background.
-        starts: Seeds with which the template is flown.
+        starts: Seeds with which the undisturbed track is flown.
         mild: Mild tracks.
         samples: Uniform mu.
     """
@@ -100,8 +100,8 @@ def measure(
 def table(figures: dict[int, TrackFigures]) -> str:
     """Write the figures as a Markdown table."""
     lines = [
-        "| anchors | gates passed, template | gates passed, mild tracks | mean Q, uniform mu "
-        "| fooled by uniform mu (95 % interval) | of these again | near "
+        "| anchors | gates passed, undisturbed track | gates passed, mild tracks "
+        "| mean Q, uniform mu | fooled by uniform mu (95 % interval) | of these again | near "
         "| privileged pilot: not fooled |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]

@@ -54,7 +54,7 @@ def write_card(
         recipe=recipe,
         measured=f"""Measured by
 `python -m studies.training.uav.evaluate FILE --seed {seed + 1_000}`:
-the undisturbed template with 32 seeds; 100 mild tracks that the training did not see; and 500
+the undisturbed track with 32 seeds; 100 mild tracks that the training did not see; and 500
 uniform mu, fooled where Q <= 0.7, beside the privileged pilot on the same tracks. Those that fooled
 are flown once more with other seeds: again as they are, and near, moved by {NEAR:g} (normal).""",
         figures=figures,
