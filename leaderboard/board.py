@@ -19,7 +19,8 @@ from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.envs.catalogue import ApplicationCard, cards
 from sada_gym.leaderboard.checks import is_outdated
-from sada_gym.leaderboard.entry import Entry, EntryResult, Tier, slug
+from sada_gym.leaderboard.entry import Entry, EntryResult
+from sada_gym.leaderboard.models import Tier, slug
 
 TIERS: tuple[Tier, ...] = ("verified", "claimed")
 """The tiers in the order of the pages. Figures of one are never ranked with those of another."""

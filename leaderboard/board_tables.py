@@ -23,7 +23,8 @@ from leaderboard.sheet import (
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.results import Row, RunSummary
 from sada_gym.benchmark.suite import TABLES, Table
-from sada_gym.leaderboard.entry import Entry, Tier, slug
+from sada_gym.leaderboard.entry import Entry
+from sada_gym.leaderboard.models import Tier, slug
 from sada_gym.leaderboard.today import find_target
 
 if TYPE_CHECKING:

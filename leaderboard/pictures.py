@@ -16,7 +16,8 @@ from sada_gym import __version__
 from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import read_file
-from sada_gym.leaderboard.entry import EntryResult, samples_sha256
+from sada_gym.leaderboard.entry import EntryResult
+from sada_gym.leaderboard.samples import samples_sha256
 from sada_gym.leaderboard.today import default_agent
 from sada_gym.plots.attack import contact_sheet, marginals
 from sada_gym.plots.style import png

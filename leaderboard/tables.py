@@ -26,7 +26,8 @@ from sada_gym.benchmark.report.tables import (
 from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
 from sada_gym.envs.catalogue import cards
-from sada_gym.leaderboard.entry import Entry, Tier, read_entries
+from sada_gym.leaderboard.entry import Entry, read_entries
+from sada_gym.leaderboard.models import Tier
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"

@@ -16,17 +16,12 @@ from sada_gym.errors import UserError
 from sada_gym.files import file_errors, first_error
 from sada_gym.leaderboard.entry import (
     ABOUT_FILE,
-    FORMAT,
-    About,
-    Identity,
-    Result,
     ResultFiles,
-    SeedResult,
-    entry_name,
     read_about,
     write_about,
     write_result,
 )
+from sada_gym.leaderboard.models import FORMAT, About, Identity, Result, SeedResult, entry_name
 from sada_gym.runs.record import RunSettings
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.store import Context
 from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
 from sada_gym.files import MAX_JSON_BYTES, Strict, file_errors, read_file, write_file
-from sada_gym.leaderboard.entry import entry_name, slug
+from sada_gym.leaderboard.models import entry_name, slug
 from sada_gym.runs.record import RunFailure, RunKey, RunReport
 
 if TYPE_CHECKING:

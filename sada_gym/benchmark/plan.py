@@ -15,7 +15,7 @@ from sada_gym.benchmark.entries import about_of
 from sada_gym.benchmark.suite import Contender, Suite, Table
 from sada_gym.errors import UserError
 from sada_gym.files import first_error
-from sada_gym.leaderboard.entry import About, Identity
+from sada_gym.leaderboard.models import About, Identity
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu

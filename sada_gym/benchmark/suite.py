@@ -15,7 +15,7 @@ from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.files import Strict
-from sada_gym.leaderboard.entry import MAX_SEEDS
+from sada_gym.leaderboard.models import MAX_SEEDS
 from sada_gym.registration import names_file
 from sada_gym.runs.ideal import IDEAL
 

@@ -11,7 +11,8 @@ from typing import Any
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.store import Context
-from sada_gym.leaderboard.entry import Entry, EntryResult, Identity
+from sada_gym.leaderboard.entry import Entry, EntryResult
+from sada_gym.leaderboard.models import Identity
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.runs.assemble import RunTarget, open_application

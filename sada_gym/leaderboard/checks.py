@@ -23,15 +23,13 @@ from sada_gym.leaderboard.entry import (
     CLAIMS,
     SAMPLES,
     VERIFIED,
-    About,
-    Identity,
-    Result,
     ResultFiles,
     read_about,
     read_result,
-    read_samples,
     read_verified,
 )
+from sada_gym.leaderboard.models import About, Identity, Result
+from sada_gym.leaderboard.samples import read_samples
 from sada_gym.leaderboard.strict_json import parse_json, refuse_loose
 from sada_gym.leaderboard.today import find_target, is_ours, today
 from sada_gym.measures.coverage import NEAREST

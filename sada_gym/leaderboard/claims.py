@@ -10,7 +10,7 @@ import numpy as np
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
-from sada_gym.leaderboard.entry import Identity, SeedResult
+from sada_gym.leaderboard.models import Identity, SeedResult
 from sada_gym.leaderboard.today import find_target
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate, mu_std

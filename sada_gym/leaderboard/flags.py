@@ -15,7 +15,7 @@ from scipy.stats import binomtest, fisher_exact
 
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.leaderboard.copies import Nearness, nearness
-from sada_gym.leaderboard.entry import Identity, SeedResult
+from sada_gym.leaderboard.models import Identity, SeedResult
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.reference import Reference
 from sada_gym.parameters import Mu

@@ -14,16 +14,8 @@ from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import read_model
 from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import (
-    ABOUT_FILE,
-    CLAIMS,
-    MAX_SEEDS,
-    Identity,
-    Result,
-    SeedResult,
-    read_entry,
-    write_result,
-)
+from sada_gym.leaderboard.entry import ABOUT_FILE, CLAIMS, read_entry, write_result
+from sada_gym.leaderboard.models import MAX_SEEDS, Identity, Result, SeedResult
 from sada_gym.leaderboard.today import (
     PAPER_BUDGETS,
     RULES,

@@ -25,18 +25,8 @@ from sada_gym.files import (
     write_folder,
 )
 from sada_gym.leaderboard.checks import check_about, check_entry
-from sada_gym.leaderboard.entry import (
-    ABOUT_FILE,
-    FORMAT,
-    MAX_SEEDS,
-    About,
-    Entry,
-    Identity,
-    ResultFiles,
-    SeedResult,
-    read_entry,
-    write_about,
-)
+from sada_gym.leaderboard.entry import ABOUT_FILE, Entry, ResultFiles, read_entry, write_about
+from sada_gym.leaderboard.models import FORMAT, MAX_SEEDS, About, Identity, SeedResult
 from sada_gym.leaderboard.parts import (
     Part,
     Results,

@@ -13,7 +13,7 @@ from sada_gym.adversaries.random import Random
 from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.envs.catalogue import cards
 from sada_gym.errors import MissingExtra, UserError, refuse_unknown
-from sada_gym.leaderboard.entry import Identity
+from sada_gym.leaderboard.models import Identity
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu
 from sada_gym.registration import make_application

@@ -20,18 +20,10 @@ from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, seed_of
 from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import (
-    SAMPLES,
-    Entry,
-    Identity,
-    Verified,
-    VerifiedSeed,
-    read_entry,
-    read_samples,
-    result_stem,
-    write_verified,
-)
+from sada_gym.leaderboard.entry import SAMPLES, Entry, read_entry, write_verified
 from sada_gym.leaderboard.flags import Evidence, SeedEvidence, find_flags
+from sada_gym.leaderboard.models import Identity, Verified, VerifiedSeed, result_stem
+from sada_gym.leaderboard.samples import read_samples
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu
 from sada_gym.runs.assemble import RunTarget

@@ -14,15 +14,8 @@ from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Contender, choose, find_contender, find_suite
 from sada_gym.errors import UserError
 from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import (
-    MAX_ERROR,
-    SeedResult,
-    Verified,
-    read_about,
-    read_entry,
-    write_about,
-    write_verified,
-)
+from sada_gym.leaderboard.entry import read_about, read_entry, write_about, write_verified
+from sada_gym.leaderboard.models import MAX_ERROR, SeedResult, Verified
 from sada_gym.runs.record import RunFailure
 
 WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)

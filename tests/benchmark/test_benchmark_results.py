@@ -9,11 +9,10 @@ from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import (
+from sada_gym.leaderboard.entry import Entry, EntryResult
+from sada_gym.leaderboard.models import (
     FORMAT,
     About,
-    Entry,
-    EntryResult,
     Identity,
     Result,
     SeedResult,

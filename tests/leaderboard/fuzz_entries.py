@@ -28,7 +28,8 @@ import numpy as np
 
 from sada_gym.errors import UserError
 from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import read_entry, result_stem
+from sada_gym.leaderboard.entry import read_entry
+from sada_gym.leaderboard.models import result_stem
 from tests.leaderboard.made_entries import make_entry
 
 Rng = np.random.Generator

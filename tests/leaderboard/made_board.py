@@ -9,18 +9,8 @@ import numpy as np
 
 from sada_gym.envs.catalogue import find_card
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import (
-    FORMAT,
-    About,
-    Result,
-    SeedResult,
-    Verified,
-    VerifiedSeed,
-    read_entry,
-    write_about,
-    write_result,
-    write_verified,
-)
+from sada_gym.leaderboard.entry import read_entry, write_about, write_result, write_verified
+from sada_gym.leaderboard.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
 from sada_gym.leaderboard.today import find_target, today
 from sada_gym.runs.measure import measure
 

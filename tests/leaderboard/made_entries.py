@@ -12,14 +12,8 @@ import numpy.typing as npt
 
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
-from sada_gym.leaderboard.entry import (
-    FORMAT,
-    About,
-    Result,
-    SeedResult,
-    write_about,
-    write_result,
-)
+from sada_gym.leaderboard.entry import write_about, write_result
+from sada_gym.leaderboard.models import FORMAT, About, Result, SeedResult
 from sada_gym.leaderboard.today import find_target, today
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.runs.ideal import Ideal

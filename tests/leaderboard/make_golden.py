@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import Result, read_entry, write_result
+from sada_gym.leaderboard.entry import read_entry, write_result
+from sada_gym.leaderboard.models import Result
 from sada_gym.leaderboard.verification import verify
 from tests.leaderboard.made_entries import make_entry, rescored, uniform
 

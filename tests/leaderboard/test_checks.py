@@ -5,15 +5,8 @@ import pytest
 
 from sada_gym.errors import FileError, UserError
 from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import (
-    Result,
-    ResultFiles,
-    SeedResult,
-    Verified,
-    read_entry,
-    write_result,
-    write_verified,
-)
+from sada_gym.leaderboard.entry import ResultFiles, read_entry, write_result, write_verified
+from sada_gym.leaderboard.models import Result, SeedResult, Verified
 from sada_gym.leaderboard.today import board_tracks, find_rule, today
 from tests.leaderboard.made_entries import PACKAGES, make_entry
 

@@ -6,22 +6,24 @@ import pytest
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.leaderboard.entry import (
-    FORMAT,
-    About,
     EntryResult,
-    Identity,
-    Result,
     ResultFiles,
-    SeedResult,
-    Verified,
-    entry_name,
     read_about,
     read_entries,
     read_entry,
-    result_stem,
     write_about,
     write_result,
     write_verified,
+)
+from sada_gym.leaderboard.models import (
+    FORMAT,
+    About,
+    Identity,
+    Result,
+    SeedResult,
+    Verified,
+    entry_name,
+    result_stem,
 )
 from sada_gym.runs.measure import measure
 

@@ -12,7 +12,9 @@ from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.errors import UserError
 from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import Verified, read_entry, samples_sha256, write_verified
+from sada_gym.leaderboard.entry import read_entry, write_verified
+from sada_gym.leaderboard.models import Verified
+from sada_gym.leaderboard.samples import samples_sha256
 from sada_gym.leaderboard.submit import Credits, submit, submit_samples
 from tests.leaderboard.made_entries import ANALYTIC, make_entry
 

@@ -15,7 +15,8 @@ from sada_gym import adversaries
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle, evaluation_seeds
-from sada_gym.leaderboard.entry import Result, read_entry, read_verified, write_result
+from sada_gym.leaderboard.entry import read_entry, read_verified, write_result
+from sada_gym.leaderboard.models import Result
 from sada_gym.leaderboard.today import find_target
 from sada_gym.leaderboard.verification import fresh_seeds, verify
 from sada_gym.runs.ideal import Ideal
