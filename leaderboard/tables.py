@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-SUITES = ("racing", "robot", "digits")
+SUITES = ("detection", "racing", "robot", "digits")
 """The suites whose results are entries, each with a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)

@@ -13,6 +13,7 @@ import pytest
 from leaderboard.tables import COMPARISONS, ENTRIES
 from sada_gym.benchmark.report.tables import with_interval
 from sada_gym.leaderboard.entry import read_entries
+from sada_gym.leaderboard.models import Result
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -106,3 +107,33 @@ def test_the_example_of_a_citation_is_what_the_board_says() -> None:
     assert (
         f"> `level-set` on SADA-Digits-3-v0 against `cnn`: AFR {afr}, coverage {coverage}" in page
     )
+
+
+def claims_of(name: str, stem: str) -> Result:
+    (entry,) = (one for one in read_entries(ENTRIES) if one.about.name == name)
+    return entry.results[stem].claimed
+
+
+def afr_of(claims: Result, seed: int) -> float:
+    (measures,) = (one.measures for one in claims.seeds if one.seed == seed)
+    assert measures is not None
+    return measures.afr
+
+
+def test_the_example_of_a_submission_is_what_the_entry_of_gp_claims() -> None:
+    claims = claims_of("gp", "SADA-Digits-3-v0.cnn.paper-budgets")
+    afr = (afr_of(claims, 0) + afr_of(claims, 1)) / 2
+    page = (DOCS / "leaderboard.md").read_text(encoding="utf-8")
+    assert f"SADA-Digits-3-v0.cnn.paper-budgets: AFR {100 * afr:.1f} % (" in page
+
+
+def test_the_headline_is_what_the_entry_of_make_attack_claims() -> None:
+    claims = claims_of("bbgan", "SADA-Detection-Car-v0.photographer.paper-budgets")
+    assert claims.identity.reference is not None
+    afr, uniform = afr_of(claims, 0), claims.identity.reference.uniform_rate
+    headline = (
+        f"In half a minute BBGAN learns worlds that fool the car detector {100 * afr:.0f} % of the "
+        f"time; random worlds fool it {100 * uniform:.0f} %"
+    )
+    for page in (ROOT / "README.md", DOCS / "index.md"):
+        assert headline in page.read_text(encoding="utf-8")
