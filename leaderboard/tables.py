@@ -57,10 +57,15 @@ class Comparison:
     agent: str
 
     def rows(self, entries: Sequence[Entry], track: str | None = None) -> list[Row]:
-        """Give the verified rows, over all of the suite's tracks or on one."""
-        return _verified(self.suite, self.table, tuple(entries)).rows_of(
-            self.table, self.agent, track
-        )
+        """Give the verified rows, over all of the suite's tracks or on one.
+
+        Means over different tracks do not compare: there is no row until each has all tracks.
+        """
+        results = _verified(self.suite, self.table, tuple(entries))
+        over_all = results.rows_of(self.table, self.agent, None)
+        if any(row.tracks < len(find_suite(self.suite).tracks) for row in over_all):
+            return []
+        return over_all if track is None else results.rows_of(self.table, self.agent, track)
 
 
 @lru_cache(maxsize=16)
