@@ -63,7 +63,8 @@ class Comparison:
         """
         results = _verified(self.suite, self.table, tuple(entries))
         over_all = results.rows_of(self.table, self.agent, None)
-        if any(row.tracks < len(find_suite(self.suite).tracks) for row in over_all):
+        tracks = len(find_suite(self.suite).tracks)
+        if any(row.tracks < tracks for row in over_all):
             return []
         return over_all if track is None else results.rows_of(self.table, self.agent, track)
 

@@ -12,7 +12,7 @@ import pytest
 
 from leaderboard.tables import COMPARISONS, ENTRIES
 from sada_gym.benchmark.report.tables import with_interval
-from sada_gym.leaderboard.entry import read_entries
+from sada_gym.leaderboard.entry import CLAIMS, read_entries, read_result
 from sada_gym.leaderboard.models import Result
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -110,8 +110,7 @@ def test_the_example_of_a_citation_is_what_the_board_says() -> None:
 
 
 def claims_of(name: str, stem: str) -> Result:
-    (entry,) = (one for one in read_entries(ENTRIES) if one.about.name == name)
-    return entry.results[stem].claimed
+    return read_result(ENTRIES / name / f"{stem}{CLAIMS}")
 
 
 def afr_of(claims: Result, seed: int) -> float:
