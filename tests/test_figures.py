@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
+from prose import numbers, rows
 
 from leaderboard.tables import COMPARISONS, ENTRIES
 from sada_gym.benchmark.report.tables import with_interval
@@ -24,6 +25,7 @@ PAGES = [
 CARDS = sorted((ROOT / "sada_gym" / "envs").glob("*/agent/*.md"))
 MEASURES_IT = re.compile(r"\b(?:python|sada-gym|pytest|make) [\w-]")
 DEFINED = {
+    "agents.md": {"60"},  # what we had asked for
     "command-line.md": {"50", "60", "77", "22"},  # an example that getting-started.md prints
     "level-set.md": {"98"},  # an option
     "measures.md": {"50"},  # by definition
@@ -33,22 +35,16 @@ DEFINED = {
 """Percentages that were not measured for the page, by its name."""
 
 
-def cells(text: str) -> set[str]:
-    """The numbers of a page's tables."""
-    lines = (line for line in text.splitlines() if line.startswith("|"))
-    return {number for line in lines for number in re.findall(r"\d+(?:\.\d+)?", line)}
-
-
 def percentages(section: str) -> set[str]:
     """The percentages of a section's sentences, without its tables and code."""
     text = re.sub(r"```.*?```|<!--.*?-->|^(?:    |\|).*?$", "", section, flags=re.DOTALL | re.M)
     lists = re.findall(r"(\d[\d.]*(?:(?:,| and| to) \d[\d.]*)*) ?%", text)
-    return {number for one in lists for number in re.findall(r"\d+(?:\.\d+)?", one)}
+    return numbers(" ".join(lists))
 
 
 def unfounded(page: str, cards: str, defined: set[str]) -> set[str]:
     """The percentages of sections that name no command, and that no table or card holds."""
-    known = cells(page) | set(re.findall(r"\d+(?:\.\d+)?", cards)) | defined | {"0", "95", "100"}
+    known = rows(page)[""] | numbers(cards) | defined | {"0", "95", "100"}
     sections = re.split(r"^#+ ", page, flags=re.MULTILINE)
     return {
         number
@@ -89,8 +85,8 @@ def test_a_percentage_from_nowhere_is_noticed() -> None:
 def test_the_agents_that_are_compared_are_those_of_the_cards(application: str, agent: str) -> None:
     card = (ROOT / "sada_gym" / "envs" / application / "agent" / f"{agent}.md").read_text("utf-8")
     page = (DOCS / "agents.md").read_text(encoding="utf-8")
-    rows = re.findall(rf"^\| `{agent}`, 0 \(shipped\) (\|.*\|)$", page, re.MULTILINE)
-    assert any(cells(row) <= cells(card) for row in rows)
+    shipped = re.findall(rf"^\| `{agent}`, 0 \(shipped\) (\|.*\|)$", page, re.MULTILINE)
+    assert any(numbers(row) <= rows(card)[""] for row in shipped)
 
 
 def test_the_example_of_a_citation_is_what_the_board_says() -> None:

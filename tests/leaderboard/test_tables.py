@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from prose import numbers, rows
 
 from leaderboard.tables import (
     BLOCKS,
@@ -70,10 +71,6 @@ def sentences(text):
     return re.split(r"(?<=[.:;])\s|\n\n|\n- ", "\n".join(lines))
 
 
-def numbers(text):
-    return set(re.findall(r"(?<![\w-])\d+(?:[.,]\d+)*(?!\w)", text))
-
-
 def settings():
     """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
     found = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
@@ -82,17 +79,6 @@ def settings():
         for table in suite.tables:
             for rule in (table.budget, *table.budget_of.values()):
                 found |= {f"{one:,}" for one in (rule.queries, *rule.of_adversary.values())}
-    return found
-
-
-def rows(text):
-    """The numbers of each row of the tables, by its first cell; of all rows under ''."""
-    found = {}
-    for line in text.splitlines():
-        if line.startswith("|"):
-            label = line.split("|")[1].strip()
-            for name in (label, ""):
-                found.setdefault(name, set()).update(numbers(line))
     return found
 
 
