@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-SUITES = ("detection", "racing", "robot", "digits", "table-1")
+SUITES = ("detection", "driving", "racing", "robot", "digits", "table-1", "agents")
 """The suites whose results are entries, each with a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)

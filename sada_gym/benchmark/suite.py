@@ -117,9 +117,7 @@ class Table(Strict):
             return False
         if isinstance(self.agents, tuple):
             return agent in self.agents
-        shipped = agents.names(application)
-        is_default = not shipped or agent == shipped[0]
-        return self.agents == "all" or is_default == (self.agents == "default")
+        return self.agents == "all" or is_default(application, agent) == (self.agents == "default")
 
     def includes(self, contender: Contender) -> bool:
         """Say whether a contender of the suite takes part."""
@@ -212,6 +210,12 @@ _OTHER_AGENTS = Table(
 )
 TABLES = {table.name: table for table in (_PAPER_BUDGETS, _EQUAL_QUERIES, _OTHER_AGENTS)}
 """All tables of the suites, by name."""
+
+
+def is_default(application: str, agent: str) -> bool:
+    """Say whether an agent is the default one; where none is shipped, every agent is."""
+    shipped = agents.names(application)
+    return not shipped or agent == shipped[0]
 
 
 def _against_the_default(table: Table) -> Table:

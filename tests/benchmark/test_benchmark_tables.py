@@ -161,6 +161,13 @@ def test_all_applications_stand_in_one_table_by_their_default_agents(tmp_path):
     assert line(whole, "The same columns: coverage", "random") == ["random", "50.0", "50.0"]
 
 
+def test_other_agents_stand_in_no_table_of_all_applications(tmp_path):
+    agents = [(TRACKS[2], "surveyor"), ("SADA-Driving-OneCurve-v0", "ppo")]
+    text, _ = report(tmp_path, [run(track, "random", 100, agent=agent) for track, agent in agents])
+    assert "all applications" not in text
+    assert "## A table, ppo" in text
+
+
 def test_one_application_has_no_such_table(whole):
     assert "all applications" not in whole[0]
 

@@ -14,6 +14,7 @@ from sada_gym.benchmark import paper
 from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.folder import TABLE_FILE
 from sada_gym.benchmark.results import MEANS, Mean, Results, Row
+from sada_gym.benchmark.suite import is_default
 from sada_gym.files import write_file
 
 _BLANK = "-"
@@ -135,13 +136,14 @@ def _columns(rows: Sequence[Row]) -> dict[str, Mean]:
 
 def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
     """Put all applications in one table, each by its default agent; none if there is only one."""
-    applications = dict.fromkeys(target.application for target in results.targets)
-    if len(applications) == 1:
+    application_of = {target.track: target.application for target in results.targets}
+    agent_of = {
+        run.track: run.agent
+        for run in results.runs
+        if run.table == table and is_default(application_of[run.track], run.agent)
+    }
+    if len({application_of[track] for track in agent_of}) < 2:
         return
-    agent_of: dict[str, str] = {}
-    for run in results.runs:  # in the order of the shipped agents: the default one first
-        if run.table == table:
-            agent_of.setdefault(run.track, run.agent)
     agents = ", ".join(dict.fromkeys(agent_of.values()))
     yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
     ours, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
