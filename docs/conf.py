@@ -129,7 +129,9 @@ def keep_first_line_of_markdown(*arguments: Any) -> None:
     headings = [i for i, line in enumerate(lines) if line.startswith("## ")]
     if headings:
         del lines[headings[0] :]
-        lines += ["Its page is :doc:`/environments/index`.", ""]
+        below = arguments[2].startswith("sada_gym.evaluation")
+        page = "See below." if below else "Its page is :doc:`/environments/index`."
+        lines += [page, ""]
 
 
 def setup(app: Sphinx) -> None:

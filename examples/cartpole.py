@@ -69,7 +69,9 @@ def make_application(agent: PPO) -> GymnasiumApplication:
 def main() -> None:
     """Train the agent, attack it, and say how often it fails."""
     application = make_application(train())
-    result = attack(application, "level-set", budget=1_000, seed=0, out="runs/cartpole")
+    result = attack(
+        application, "level-set", budget=1_000, seed=0, out="runs/cartpole", resume=True
+    )
     print(f"{result.report.afr:.0%} of the new worlds fool the agent")
     print(f"pictures of them: {result.folder}/fooled.png")
 

@@ -93,7 +93,9 @@ def main() -> None:
         rows = []
         for seed in range(SEEDS):
             out = f"runs/optimisers/{name}-{seed}"
-            found = attack("SADA-Digits-3-v0", adversary, budget=1_000, seed=seed, out=out)
+            found = attack(
+                "SADA-Digits-3-v0", adversary, budget=1_000, seed=seed, out=out, resume=True
+            )
             rows.append([found.report.afr, found.report.relative_coverage or 0.0])
         afr, coverage = 100 * np.mean(rows, axis=0)
         print(f"| `{name}` | {afr:.0f} | {coverage:.0f} |", flush=True)

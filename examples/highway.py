@@ -63,6 +63,8 @@ application = GymnasiumApplication(
 
 
 if __name__ == "__main__":
-    result = attack(application, "random", budget=0, samples=100, seed=0, out="runs/highway")
+    result = attack(
+        application, "random", budget=0, samples=100, seed=0, out="runs/highway", resume=True
+    )
     print(f"{result.report.afr:.0%} of the worlds fool the driver")
     print(f"pictures of them: {result.folder}/fooled.png")

@@ -59,7 +59,9 @@ def main() -> None:
     """Train the agent if need be, attack it, and say how often it fails."""
     if not ZIP.exists():
         train()
-    result = attack(make_application(), "level-set", budget=1_000, seed=0, out="runs/lander")
+    result = attack(
+        make_application(), "level-set", budget=1_000, seed=0, out="runs/lander", resume=True
+    )
     print(f"{result.report.afr:.0%} of the new worlds fool the agent")
     print(f"pictures of them: {result.folder}/fooled.png")
 

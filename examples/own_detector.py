@@ -58,9 +58,13 @@ def main() -> None:
     world = {"object_class": "car", "agent": ByContrast().eval(), "labels": {"car": CAR}}
     env = "SADA-Detection-v0"
     # where nearly all random worlds fool a good detector, the label is wrong
-    found = attack(env, "random", budget=0, samples=100, env_kwargs=world, out="runs/any-car")
+    found = attack(
+        env, "random", budget=0, samples=100, env_kwargs=world, out="runs/any-car", resume=True
+    )
     print(f"{found.report.afr:.0%} of random worlds fool the detector")
-    found = attack(env, "level-set", budget=1_000, env_kwargs=world, out="runs/missed-car")
+    found = attack(
+        env, "level-set", budget=1_000, env_kwargs=world, out="runs/missed-car", resume=True
+    )
     print(f"{found.report.afr:.0%} of the learnt worlds fool it")
     print(f"pictures of them: {found.folder}/fooled.png")
 

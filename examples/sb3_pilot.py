@@ -20,5 +20,6 @@ result = attack(
     samples=3,
     seed=0,
     out="runs/own-pilot",
+    resume=True,
 )
 print(f"uniform tracks fool it in {100 * result.report.afr:.0f} % of cases")

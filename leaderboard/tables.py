@@ -145,7 +145,7 @@ def on_track(
             yield table_line(label, *cells)
 
 
-_AGAINST = ("random", "gp", "smc", "bbgan", "trees", "level-set")
+_AGAINST = ("random", "gp", "smc", "bbgan", "bbgan-boost", "trees", "level-set")
 
 
 def robustness(entries: Sequence[Entry]) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Compare designs of adversaries on training tracks: how the defaults were chosen.
 
-    python studies/designs.py --family level-set --seeds 2
-    python studies/designs.py --family rl --seeds 2
+    python -m studies.designs --family level-set --seeds 2
+    python -m studies.designs --family rl --seeds 2
 
 The tracks are analytic boxes and synthetic landscapes with a random world: of `waves-P` P % of
 uniform mu fool, and of `luck-5` five, which mostly do not fool again. The family `level-set` has
@@ -10,12 +10,12 @@ agents, and images of the digits 0 to 4. `digits-D-K` is the first test image of
 parameters can harm, with the threshold at the lowest tenth of its scores, which often lies at 1e-4.
 The digits 5 to 9 are held out:
 
-    python studies/designs.py --designs --adversaries level-set trees --budget 1000 --samples 250 \\
+    python -m studies.designs --designs --adversaries level-set trees --budget 1000 --samples 250 \\
         --tracks digits-{2,3,4,6}-{5,6,7,8,9} --seeds 3
 
 What depends on the scale of Q: `digits-D-K:power` has Q^4 for Q, `:log` log Q, `:rank` its rank.
 
-    python studies/designs.py --designs --adversaries gp cma-mae level-set \
+    python -m studies.designs --designs --adversaries gp cma-mae level-set \
         --tracks digits-2-1{,:power,:log,:rank} --budget 1000 --samples 250
 
 Each design learns from N = 2,000 queries. Then 500 samples are held against points that it never
@@ -107,11 +107,11 @@ DESIGNS: dict[str, dict[str, tuple[str, dict[str, Any]]]] = {
     },
     "level-set": {
         "**default**": ("level-set", {}),
-        "mutual information": ("acquisitions:MutualInformation", {}),
-        "straddle": ("acquisitions:Straddle", {}),
-        "own samples, a quarter": ("acquisitions:Own", {}),
-        "own samples, half": ("acquisitions:OwnHalf", {}),
-        "own samples, last round": ("acquisitions:OwnLast", {}),
+        "mutual information": ("studies.acquisitions:MutualInformation", {}),
+        "straddle": ("studies.acquisitions:Straddle", {}),
+        "own samples, a quarter": ("studies.acquisitions:Own", {}),
+        "own samples, half": ("studies.acquisitions:OwnHalf", {}),
+        "own samples, last round": ("studies.acquisitions:OwnLast", {}),
         "no active queries": ("level-set", {"rounds": 0}),
         "a quarter uniform": ("level-set", {"uniform": 0.25}),
         "eight rounds": ("level-set", {"rounds": 8}),

@@ -1,6 +1,6 @@
 """How fast pilots fly that know the gates' places: by this the privileged pilot's speed was chosen.
 
-`python studies/racing_speeds.py` prints the table. The rule: the highest speed, in steps of 1 m/s
+`python -m studies.racing_speeds` prints the table. The rule: the highest speed, in steps of 1 m/s
 from 4 m/s up, at which the pilot is not fooled by at least 99.5 % of uniform mu with each number of
 anchors. No pilot that learnt is asked.
 """

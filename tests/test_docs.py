@@ -202,6 +202,13 @@ def test_inline_commands_and_make_targets_exist(page: Path) -> None:
 
 
 @everywhere
+def test_studies_that_import_one_another_are_run_as_modules(page: Path) -> None:
+    """`python studies/x.py` does not find the folder `studies`, which is not installed."""
+    for script in re.findall(r"python (studies/\w+\.py)", page.read_text(encoding="utf-8")):
+        assert not re.search(r"^from studies", _read(script), re.MULTILINE), script
+
+
+@everywhere
 def test_linked_files_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", text):

@@ -42,8 +42,8 @@ class DigitsApplication(ClassifierApplication):
     The seed picks one of the real test images of scikit-learn's digits, 8 x 8 pixels. The adversary
     turns, scales, slants and moves the digit, and changes its contrast and the thickness of its
     stroke. The score Q is the classifier's softmax probability of the true class. An evaluation
-    takes a tenth of a millisecond, so adversaries are developed here. With `image=` the landscape
-    is deterministic: one of a real image each.
+    takes less than a tenth of a millisecond, so adversaries are developed here. With `image=` Q
+    depends on mu alone, and each image has a landscape of its own.
 
     Seeds pick among the images that the classifier gets right at mu = 0. An image that it gets
     wrong unchanged would count as fooled whatever the adversary does.

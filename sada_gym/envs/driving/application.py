@@ -42,7 +42,8 @@ class DrivingApplication(EpisodesApplication[Drives]):
     | 1 | camera pitch | -20 | -10 | deg |
     | 2 | weather, by sixths: ClearNoon, WetNoon, HardRainNoon, ClearSunset, WetCloudyNoon, SoftRainSunset | 0 | 6 | |
 
-    The drivers were trained at 1.4 m, -15° and in the first four weathers.
+    All drivers were trained in the first four weathers: `cil` and `ppo` at 1.4 m and -15°,
+    `cil-augmented` within 25 cm and 2.5° of that.
 
     ## Observation Space
     `Box(-1, 1, (5,), float32)`: last mu (0 to 2), last score (3), share of the steps left (4);

@@ -83,7 +83,7 @@ class DrivingTaskEnv(TaskEnv):
 
     ## Episode End
     Terminated on arrival, or when no part of the car is in its lane any more (its middle is 2.75 m
-    from the lane's). Truncated when the route would have been driven at 10 km/h. `info` holds
+    from the lane's). Truncated after the time that the route takes at 10 km/h. `info` holds
     `progress_m`, `lateral_m`, `is_success`.
 
     ## Arguments

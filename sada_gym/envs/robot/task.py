@@ -79,8 +79,8 @@ class RobotTaskEnv(TaskEnv):
     The start of a random trip on a random floor plan, with the robot turned by up to 30°.
 
     ## Episode End
-    Terminated less than 0.3 m from the goal, or when the robot touches something. Truncated when the
-    way would have been driven at 0.25 m/s, and 10 s more. `info` holds `remaining_m`, `is_success`.
+    Terminated less than 0.3 m from the goal, or when the robot touches something. Truncated 10 s
+    after the time that the way takes at 0.25 m/s. `info` holds `remaining_m`, `is_success`.
 
     ## Arguments
     - `course=Course()`: what floor plans, trips and conditions are drawn from.

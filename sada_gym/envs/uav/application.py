@@ -42,8 +42,8 @@ class UAVApplication(EpisodesApplication[Races]):
     up to 0.3 m along x and y, and by up to 5 degrees.
 
     ## Action Space
-    `Box(-1, 1, (2 anchors,), float32)`: the displacements of the anchor points along x and y, the
-    first point's first, linear from minus to plus the range:
+    `Box(-1, 1, (2 anchors,), float32)`: for each anchor point in turn, how far it is moved
+    along x and along y; -1 to 1 are minus to plus the range:
 
     | anchors | size | range in m |
     | --- | --- | --- |

@@ -73,8 +73,8 @@ class RacingTaskEnv(TaskEnv):
     ## Description
     The drone is a rigid body in PyBullet with a flight controller at 240 Hz; the pilot decides at
     20 Hz. It gets the places of the next two gates, and no image. A gate is passed when the drone
-    crosses its opening, in its direction and in the gates' order. Who touches a frame or the ground
-    misses it.
+    crosses its opening, in its direction and in the gates' order. A drone that touches a frame
+    or the ground misses the gate.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`: wanted velocity to where the drone heads, to its left and up, 1 is
