@@ -76,9 +76,12 @@ def sentences(text):
     return re.split(r"(?<=[.:;])\s|\n\n|\n- ", "\n".join(lines))
 
 
-def settings():
+def settings(entries):
     """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
     found = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
+    found |= {
+        f"{result.claimed.identity.budget:,}" for one in entries for result in one.results.values()
+    }
     for suite in SUITES_OF_ALL:
         found |= {f"{len(suite.tracks)}"}
         for table in suite.tables:
@@ -88,12 +91,12 @@ def settings():
 
 
 @pytest.mark.parametrize("name", ["index", "adversaries", "paper", "rl", "agents"])
-def test_every_figure_of_a_sentence_stands_in_a_row_that_it_names(name):
+def test_every_figure_of_a_sentence_stands_in_a_row_that_it_names(entries, name):
     page = DOCS / "results" / f"{name}.md"
     text = page.read_text(encoding="utf-8")
     included = re.findall(r"{include} (\S+)", text)
     known = rows(text + "".join((page.parent / one).read_text("utf-8") for one in included))
-    set_up = settings()
+    set_up = settings(entries)
     for sentence in sentences(text):
         named = [label for label in re.findall(r"`([^`]+)`", sentence) if label in known] or [""]
         there = set_up.union(*(known.get(label, set()) for label in named))
