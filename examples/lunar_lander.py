@@ -60,7 +60,7 @@ def main() -> None:
     if not ZIP.exists():
         train()
     result = attack(
-        make_application(), "level-set", budget=1_000, seed=0, out="runs/lander", resume=True
+        make_application(), "level-set", budget=1_000, seed=0, out="runs/lunar-lander", resume=True
     )
     print(f"{result.report.afr:.0%} of the new worlds fool the agent")
     print(f"pictures of them: {result.folder}/fooled.png")
