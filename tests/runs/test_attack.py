@@ -1,15 +1,10 @@
 import itertools
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from toy import Greedy, Toy
+from toy_attacks import contents, run
 
 from sada_gym import adversaries
 from sada_gym.attack import RunProgress, attack
@@ -18,12 +13,6 @@ from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
 from sada_gym.runs.record import RunReport, read_samples
-
-SETTINGS = {"budget": 100, "samples": 30, "seed": 3, "pictures": False}
-
-
-def run(out, problem=None, adversary=Greedy, **settings):
-    return attack(problem or Toy(), adversary, out=out, **{**SETTINGS, **settings})
 
 
 def test_an_attack_writes_its_folder(tmp_path):
@@ -92,15 +81,6 @@ def test_the_same_seed_gives_the_same_files_and_another_another(tmp_path):
     assert contents(tmp_path / "a") != contents(tmp_path / "c")
 
 
-def contents(folder):
-    """Give all files but the store, whose bytes depend on the order in which chunks came."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "run.sqlite"
-    }
-
-
 def test_a_run_that_fails_in_its_first_evaluation_leaves_nothing(tmp_path):
     class Broken(Toy):
         def _evaluate(self, mu, seeds):
@@ -126,60 +106,6 @@ def test_no_budget_is_no_error_of_ours(tmp_path):
     report = run(tmp_path, adversary=Idle, budget=0).report
     assert (report.novelty, report.nearest_fooling_query) == (None, None)
     assert report.search.fooling_rate is None
-
-
-def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
-    run(tmp_path)
-    before = contents(tmp_path)
-    with pytest.raises(ValueError, match=r"which holds a run.*--resume"):
-        run(tmp_path)
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"budget": 200}, "budget was 100 and is 200"),
-        ({"seed": 4}, "seed was 3 and is 4"),
-        ({"options": {"best": 5}}, "options.best was None and is 5"),
-        ({"problem": Toy(offset=0.1)}, "application_settings.offset was 0.0 and is 0.1"),
-        ({"problem": Toy(agent_id="new")}, "fingerprint was 'toy' and is 'new'"),
-        ({"problem": Toy(version=1)}, "version was 0 and is 1"),
-    ],
-)
-def test_resuming_with_other_settings_is_refused(tmp_path, change, message):
-    run(tmp_path)
-    before = contents(tmp_path)
-    with pytest.raises(ValueError, match=f"{message}.*Give the same ones, or name another folder"):
-        run(tmp_path, resume=True, **change)
-    assert contents(tmp_path) == before
-
-
-def test_resuming_where_nothing_is_starts(tmp_path):
-    run(tmp_path / "a", resume=True)
-    run(tmp_path / "b")
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-
-
-def test_resuming_a_finished_run_evaluates_nothing(tmp_path):
-    run(tmp_path, Toy(log=str(tmp_path / "log")))
-    before = contents(tmp_path)
-    run(tmp_path, Toy(log=str(tmp_path / "log")), resume=True)
-    assert contents(tmp_path) == before
-
-
-def test_results_without_settings_are_refused(tmp_path):
-    (tmp_path / "result.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"got result.json in it without the attack.json"):
-        run(tmp_path, resume=True)
-    assert os.listdir(tmp_path) == ["result.json"]
-
-
-@pytest.mark.parametrize("text", ["{", '{"budget": 1}', "[]"])
-def test_damaged_settings_are_refused(tmp_path, text):
-    (tmp_path / "attack.json").write_text(text)
-    with pytest.raises(ValueError, match=r"Expected .*attack.json as sada-gym writes it"):
-        run(tmp_path, resume=True)
 
 
 @pytest.mark.parametrize(
@@ -278,75 +204,6 @@ def test_misspelt_names_are_told_before_anything_is_made(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_finished_run_is_read_and_not_done_again(tmp_path):
-    first = run(tmp_path, pictures=True)
-    before = contents(tmp_path)
-    reported = []
-
-    class Never(Greedy):
-        def train(self, oracle):
-            raise AssertionError("it trains again")
-
-    Never.name = "greedy"
-    again = run(tmp_path, adversary=Never, resume=True, pictures=True, on_progress=reported.append)
-    assert (first.was_finished, again.was_finished) == (False, True)
-    assert reported == []
-    assert again.report == first.report
-    for one, other in ((first.samples, again.samples), (first.queries, again.queries)):
-        np.testing.assert_array_equal(one.mu, other.mu)
-        np.testing.assert_array_equal(one.score, other.score)
-        np.testing.assert_array_equal(one.seed, other.seed)
-    assert again.pictures == tuple(sorted(first.pictures))
-    assert contents(tmp_path) == before
-
-
-def test_a_finished_run_without_queries_is_read(tmp_path):
-    for was_finished in (False, True):
-        done = attack(Toy(), "random", samples=10, out=tmp_path, pictures=False, resume=True)
-        assert done.was_finished == was_finished
-        assert done.queries.mu.shape == (0, 3)
-
-
-def test_only_the_pictures_are_made_where_only_they_are_missing(tmp_path):
-    run(tmp_path)
-    reported = []
-    done = run(tmp_path, resume=True, pictures=True, on_progress=reported.append)
-    assert done.was_finished
-    assert {one.stage for one in reported} == {"pictures"}
-    assert (tmp_path / "fooled.png") in done.pictures
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-
-
-@pytest.mark.parametrize("name", ["result.json", "samples.npz", "run.sqlite", "adversary"])
-def test_what_is_missing_from_a_finished_run_is_made_anew(tmp_path, name):
-    run(tmp_path)
-    before = contents(tmp_path)
-    path = tmp_path / name
-    path.rename(tmp_path.parent / f"{tmp_path.name}-{name}")
-    assert not run(tmp_path, resume=True).was_finished
-    assert contents(tmp_path) == before
-
-
-def test_a_damaged_result_is_made_anew(tmp_path):
-    run(tmp_path)
-    before = contents(tmp_path)
-    (tmp_path / "result.json").write_text("{")
-    assert not run(tmp_path, resume=True).was_finished
-    assert contents(tmp_path) == before
-
-
-def test_a_result_of_an_earlier_version_is_read(tmp_path):
-    first = run(tmp_path)
-    path = tmp_path / "result.json"
-    report = json.loads(path.read_text())
-    del report["where"]
-    path.write_text(json.dumps(report))
-    assert read_model(path, RunReport).where is None
-    again = run(tmp_path, resume=True)
-    assert again.was_finished
-    assert again.report == first.report
-
-
 def test_a_result_prints_as_its_summary(tmp_path):
     result = run(tmp_path / "a", pictures=True)
     text = str(result)
@@ -377,21 +234,6 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
     assert asked["headline"] == result.report.where.sentence != ""
     assert result.pictures == (tmp_path / "sheet.png",)
     assert reported[-2:] == [RunProgress("pictures"), RunProgress("pictures", 1, 2)]
-
-
-def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
-    def fail(application, samples, queries, folder, **_):
-        (folder / "half.png").write_bytes(b"half")
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("sada_gym.plots.attack.draw_attack", fail)
-        with pytest.raises(KeyboardInterrupt):
-            run(tmp_path, pictures=True)
-    assert not list(tmp_path.rglob("*.png"))
-    done = run(tmp_path, pictures=True, resume=True)
-    assert done.was_finished
-    assert len(done.pictures) == 3
 
 
 def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
@@ -453,75 +295,3 @@ def test_too_few_samples_are_the_adversarys_fault(tmp_path):
 
     with pytest.raises(ValueError, match=r"shape \(30, 3\) from Short.sample, got \(29, 3\)"):
         run(tmp_path, adversary=Short)
-
-
-SCRIPT = """
-import sys
-from toy import Greedy, Toy
-from sada_gym.attack import attack
-out, log, resume = sys.argv[1], sys.argv[2], sys.argv[3] == "resume"
-adversary = sys.argv[4] or Greedy
-attack(Toy(pause_s=0.004, log=log), adversary, out=out, budget=300, samples=30, workers=2,
-       chunk_size=10, resume=resume, pictures=False)
-"""
-
-
-def start(out, log, adversary, how="anew"):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-c", SCRIPT, str(out), str(log), how, adversary]
-    return subprocess.Popen(command, env=environment)
-
-
-def logged(log):
-    """Give the (process, seed) pairs of a log; its last line may be incomplete."""
-    if not log.exists():
-        return []
-    return [
-        tuple(map(int, line.split()))
-        for line in log.read_text().splitlines(keepends=True)
-        if line.endswith("\n")
-    ]
-
-
-def wait_for(condition, limit_s=60.0):
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
-def is_alive(process):
-    try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
-
-
-@pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
-@pytest.mark.parametrize(
-    "adversary",
-    [pytest.param("", id="greedy"), pytest.param("ppo", marks=pytest.mark.slow)],
-)
-def test_killed_and_resumed_it_repeats_nothing_and_ends_the_same(tmp_path, adversary):
-    first, second = tmp_path / "first.log", tmp_path / "second.log"
-    process = start(tmp_path / "out", first, adversary)
-    wait_for(lambda: len(logged(first)) > 100)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    workers = {worker for worker, _ in logged(first)}
-    wait_for(lambda: not any(map(is_alive, workers)), limit_s=10)
-
-    with EvaluationStore(tmp_path / "out" / "run.sqlite") as store:
-        rows = store._connection.execute("SELECT seed FROM evaluation").fetchall()
-    committed = {seed for (seed,) in rows}
-    assert 50 < len(committed) < 330
-
-    assert start(tmp_path / "out", second, adversary, "resume").wait() == 0
-    again = [seed for _, seed in logged(second)]
-    assert not committed & set(again)
-    assert len(committed) + len(again) == 330
-
-    assert start(tmp_path / "whole", tmp_path / "third.log", adversary).wait() == 0
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["afr"] > 0

@@ -167,3 +167,8 @@ def reach(environment=Reach, reward=None, fails=False, **kwargs):
         "agent_id": "by hand",
     }
     return GymnasiumApplication(environment, **{**settings, **kwargs})
+
+
+def worlds(application, n=6):
+    rng = np.random.default_rng(0)
+    return rng.uniform(-1.0, 1.0, (n, len(application.parameters))), [*range(n)]
