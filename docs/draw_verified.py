@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.leaderboard.entry import EntryResult, read_entries
 from sada_gym.plots.style import FOOLED, GRID, INK, MUTED, new_figure, png, tidy
+from sada_gym.submission.entry import EntryResult, read_entries
 
 HERE = Path(__file__).parent
 OUT, ENTRIES = HERE / "images" / "verified.png", HERE.parent / "leaderboard" / "entries"

@@ -18,9 +18,9 @@ from leaderboard.sheet import Sheet
 from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.envs.catalogue import ApplicationCard, cards
-from sada_gym.leaderboard.checks import is_outdated
-from sada_gym.leaderboard.entry import Entry, EntryResult
-from sada_gym.leaderboard.models import Tier, slug
+from sada_gym.submission.checks import is_outdated
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import Tier, slug
 
 TIERS: tuple[Tier, ...] = ("verified", "claimed")
 """The tiers in the order of the pages. Figures of one are never ranked with those of another."""

@@ -23,9 +23,9 @@ from leaderboard.sheet import (
 from sada_gym.benchmark import paper
 from sada_gym.benchmark.results import Row, RunSummary
 from sada_gym.benchmark.suite import TABLES, Table
-from sada_gym.leaderboard.entry import Entry
-from sada_gym.leaderboard.models import Tier, slug
-from sada_gym.leaderboard.today import find_target
+from sada_gym.submission.entry import Entry
+from sada_gym.submission.models import Tier, slug
+from sada_gym.submission.today import find_target
 
 if TYPE_CHECKING:
     from leaderboard.board import Group, GroupBoard, Outdated

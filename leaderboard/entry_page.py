@@ -11,8 +11,8 @@ from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Picture, Pictures
 from leaderboard.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
 from sada_gym.benchmark.results import Row
-from sada_gym.leaderboard.entry import Entry, EntryResult
-from sada_gym.leaderboard.models import About, Tier, slug
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import About, Tier, slug
 
 _COLUMNS = (
     Column("track", "Track", numeric=False),

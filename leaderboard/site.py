@@ -23,7 +23,7 @@ from sada_gym.benchmark.results import Row
 from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
-from sada_gym.leaderboard.entry import read_entries
+from sada_gym.submission.entry import read_entries
 
 HERE = Path(__file__).parent
 STATIC = ("board.css", "board.js")

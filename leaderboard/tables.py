@@ -26,8 +26,8 @@ from sada_gym.benchmark.report.tables import (
 from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
 from sada_gym.envs.catalogue import cards
-from sada_gym.leaderboard.entry import Entry, read_entries
-from sada_gym.leaderboard.models import Tier
+from sada_gym.submission.entry import Entry, read_entries
+from sada_gym.submission.models import Tier
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"

@@ -10,7 +10,7 @@ import typer
 from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, say
 
 if TYPE_CHECKING:
-    from sada_gym.leaderboard.verification import Finding
+    from sada_gym.submission.verification import Finding
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -59,7 +59,7 @@ def verify(
     """
     failed = False
     with errors_as_sentences():
-        from sada_gym.leaderboard.verification import verify as verify_entries
+        from sada_gym.submission.verification import verify as verify_entries
 
         findings = verify_entries(
             entries,

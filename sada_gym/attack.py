@@ -14,11 +14,10 @@ from sada_gym.application import Application
 from sada_gym.errors import UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
-from sada_gym.files import as_path, file_errors, write_folder, write_model
-from sada_gym.runs.assemble import find_target, make_adversary, make_settings
-from sada_gym.runs.names import refuse_misspelt
-from sada_gym.runs.pictures import draw_missing
-from sada_gym.runs.record import (
+from sada_gym.experiment.assemble import find_target, make_adversary, make_settings
+from sada_gym.experiment.names import refuse_misspelt
+from sada_gym.experiment.pictures import draw_missing
+from sada_gym.experiment.record import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
     SAMPLES_FILE,
@@ -29,8 +28,9 @@ from sada_gym.runs.record import (
     refuse_taken,
     write_samples,
 )
-from sada_gym.runs.run import OnProgress, Run, RunProgress, Stage, ignore_progress
-from sada_gym.runs.summary import summary
+from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
+from sada_gym.experiment.summary import summary
+from sada_gym.files import as_path, file_errors, write_folder, write_model
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 

@@ -22,13 +22,13 @@ from sada_gym import adversaries
 from sada_gym.envs.catalogue import find_card
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.leaderboard.copies import nearness, spacing
-from sada_gym.leaderboard.entry import read_entries
-from sada_gym.leaderboard.flags import is_near
+from sada_gym.experiment.ideal import IDEAL
 from sada_gym.measures.reference import load_reference, reference_mu
 from sada_gym.parameters import Mu
 from sada_gym.registration import make_application
-from sada_gym.runs.ideal import IDEAL
+from sada_gym.submission.copies import nearness, spacing
+from sada_gym.submission.entry import read_entries
+from sada_gym.submission.flags import is_near
 
 TRACKS = (
     *("SADA-Digits-0-v0", "SADA-Detection-Car-v0", "SADA-Driving-OneCurve-v0"),

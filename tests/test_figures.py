@@ -13,8 +13,8 @@ from prose import numbers, rows
 
 from leaderboard.tables import COMPARISONS, ENTRIES
 from sada_gym.benchmark.report.tables import with_interval
-from sada_gym.leaderboard.entry import CLAIMS, read_entries, read_result
-from sada_gym.leaderboard.models import Result
+from sada_gym.submission.entry import CLAIMS, read_entries, read_result
+from sada_gym.submission.models import Result
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

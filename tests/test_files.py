@@ -10,6 +10,7 @@ import pytest
 
 from sada_gym import files
 from sada_gym.errors import FileError
+from sada_gym.experiment.record import read_samples
 from sada_gym.files import (
     Strict,
     read_arrays,
@@ -18,7 +19,6 @@ from sada_gym.files import (
     write_folder,
     write_model,
 )
-from sada_gym.runs.record import read_samples
 
 NEEDS_POSIX = pytest.mark.skipif(os.name != "posix", reason="needs links and pipes")
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from sada_gym.benchmark.folder import RunTiming
-from sada_gym.runs.record import RunKey, RunSettings
+from sada_gym.experiment.record import RunKey, RunSettings
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,16 @@ from pydantic import ValidationError
 from sada_gym.benchmark.folder import RunDone
 from sada_gym.benchmark.suite import CONTENDERS, Contender
 from sada_gym.errors import UserError
+from sada_gym.experiment.record import RunSettings
 from sada_gym.files import file_errors, first_error
-from sada_gym.leaderboard.entry import (
+from sada_gym.submission.entry import (
     ABOUT_FILE,
     ResultFiles,
     read_about,
     write_about,
     write_result,
 )
-from sada_gym.leaderboard.models import FORMAT, About, Identity, Result, SeedResult, entry_name
-from sada_gym.runs.record import RunSettings
+from sada_gym.submission.models import FORMAT, About, Identity, Result, SeedResult, entry_name
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.plan import Plan

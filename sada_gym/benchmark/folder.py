@@ -19,9 +19,9 @@ from sada_gym.errors import StoreInUse, UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.store import Context
 from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
+from sada_gym.experiment.record import RunFailure, RunKey, RunReport
 from sada_gym.files import MAX_JSON_BYTES, Strict, file_errors, read_file, write_file
-from sada_gym.leaderboard.models import entry_name, slug
-from sada_gym.runs.record import RunFailure, RunKey, RunReport
+from sada_gym.submission.models import entry_name, slug
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.plan import Group

@@ -17,12 +17,12 @@ from sada_gym.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.store import Context
+from sada_gym.experiment.assemble import make_adversary
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.record import RunFailure, RunReport, RunSettings
+from sada_gym.experiment.run import OnProgress, Run, ignore_progress
 from sada_gym.plots.novelty import novelty_sheet
 from sada_gym.plots.style import png
-from sada_gym.runs.assemble import make_adversary
-from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.record import RunFailure, RunReport, RunSettings
-from sada_gym.runs.run import OnProgress, Run, ignore_progress
 
 _PATIENCE_S = 60.0
 

@@ -12,14 +12,14 @@ import numpy as np
 from sada_gym import agents
 from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.benchmark.suite import CONTENDERS, CONTROLS, Table
+from sada_gym.experiment.measure import Measures, Search
+from sada_gym.experiment.packages import in_order
+from sada_gym.experiment.record import ReferenceSummary, RunKey, refuse_other
 from sada_gym.files import OneLine, Strict
-from sada_gym.leaderboard.entry import Entry, EntryResult
-from sada_gym.leaderboard.models import DISQUALIFYING, Identity, SeedResult, Tier, entry_name
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.registration import env_ids
-from sada_gym.runs.measure import Measures, Search
-from sada_gym.runs.packages import in_order
-from sada_gym.runs.record import ReferenceSummary, RunKey, refuse_other
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import DISQUALIFYING, Identity, SeedResult, Tier, entry_name
 
 
 class Target(Strict):
@@ -54,12 +54,12 @@ class RunSummary(RunKey):
     Attributes:
         entry: The name of the entry.
         rule: The rule for the budget by which the result was made.
-        adversary: See `sada_gym.leaderboard.models.Identity`, also for the next four.
+        adversary: See `sada_gym.submission.models.Identity`, also for the next four.
         preset: The named set of options that the adversary starts from.
         options: Its other options.
         budget: The number of training queries that it might spend.
         samples: The number of test samples.
-        queries: See `sada_gym.leaderboard.models.SeedResult`, also for the next four.
+        queries: See `sada_gym.submission.models.SeedResult`, also for the next four.
         error: Why the adversary could not do its work.
         measures: The measures of the test samples, those of the verifier in its tier.
         search: What the training queries found.
@@ -212,7 +212,7 @@ def results_of(
 
     Args:
         entries: The entries. Leave out the results that are outdated; see
-            `sada_gym.leaderboard.entry.Entry`.
+            `sada_gym.submission.entry.Entry`.
         tables: The tables. Each takes the results that were made by its rule against its agents.
         tier: What to show: what all entries claim, or what the verifier found of those results
             that it has seen.

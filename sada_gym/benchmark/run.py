@@ -22,8 +22,8 @@ from sada_gym.benchmark.worlds import open_worlds, without_outdated
 from sada_gym.errors import UserError, refuse_number
 from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
-from sada_gym.leaderboard.entry import read_entries
 from sada_gym.measures.reference import FOLDER
+from sada_gym.submission.entry import read_entries
 
 
 @dataclass(frozen=True)

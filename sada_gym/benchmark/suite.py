@@ -14,10 +14,10 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
 from sada_gym.envs.catalogue import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
+from sada_gym.experiment.ideal import IDEAL
 from sada_gym.files import Strict
-from sada_gym.leaderboard.models import MAX_SEEDS
 from sada_gym.registration import names_file
-from sada_gym.runs.ideal import IDEAL
+from sada_gym.submission.models import MAX_SEEDS
 
 
 class Contender(Strict):

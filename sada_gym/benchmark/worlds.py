@@ -11,11 +11,11 @@ from typing import Any
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.store import Context
-from sada_gym.leaderboard.entry import Entry, EntryResult
-from sada_gym.leaderboard.models import Identity
+from sada_gym.experiment.assemble import RunTarget, open_application
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.runs.assemble import RunTarget, open_application
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import Identity
 
 _TARGET = {
     "application",

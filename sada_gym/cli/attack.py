@@ -22,8 +22,8 @@ from sada_gym.cli.console import (
     show_resume_hint,
 )
 from sada_gym.errors import UserError
+from sada_gym.experiment.names import default_note, refuse_misspelt
 from sada_gym.registration import names_file
-from sada_gym.runs.names import default_note, refuse_misspelt
 
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult
@@ -143,7 +143,7 @@ def _show_stop(folder: Path) -> None:
 def _show_result(result: AttackResult) -> None:
     from rich.text import Text
 
-    from sada_gym.runs.summary import AFR, results_line, summary_rows, title
+    from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
 
     say("[bold]", title(result.report))
     rows = list(summary_rows(result.report))
@@ -166,7 +166,7 @@ def _show_result(result: AttackResult) -> None:
 def _kept(folder: Path) -> int:
     """Count the evaluations that a stopped run has kept."""
     from sada_gym.evaluation.store import EvaluationStore
-    from sada_gym.runs.record import STORE_FILE
+    from sada_gym.experiment.record import STORE_FILE
 
     path = folder / STORE_FILE
     if not path.exists():

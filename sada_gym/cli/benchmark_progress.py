@@ -17,8 +17,8 @@ from sada_gym.benchmark.report.tables import short_name
 from sada_gym.cli.console import say
 from sada_gym.cli.kernels import COMPILING, will_compile
 from sada_gym.cli.progress import Display, clock
-from sada_gym.runs.record import RunKey, RunSettings
-from sada_gym.runs.run import RunProgress
+from sada_gym.experiment.record import RunKey, RunSettings
+from sada_gym.experiment.run import RunProgress
 
 _WINDOW_S = 30.0
 

@@ -42,8 +42,8 @@ def envs(
 
 
 def _show_environment(env_id: str, pairs: list[str]) -> None:
+    from sada_gym.experiment.names import default_note
     from sada_gym.registration import make_application
-    from sada_gym.runs.names import default_note
 
     keywords = key_values(pairs, "--env-kwargs")
     application = make_application(env_id, **keywords)

@@ -11,7 +11,7 @@ from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, out,
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
-    from sada_gym.leaderboard.entry import Entry, EntryResult
+    from sada_gym.submission.entry import Entry, EntryResult
 
 
 def submit(
@@ -80,8 +80,8 @@ def submit(
     request. An entry of that name that is there receives the new results.
     """
     with errors_as_sentences():
-        from sada_gym.leaderboard.submit import Credits
-        from sada_gym.leaderboard.submit import submit as submit_runs
+        from sada_gym.submission.submit import Credits
+        from sada_gym.submission.submit import submit as submit_runs
 
         credits = Credits(name, authors, licence, title, paper, repository, command)
         where: dict[str, Any] = {"out": out_folder, "replace": replace}
@@ -125,8 +125,8 @@ def _submit_samples(
     where: dict[str, Any],
 ) -> Entry:
     from sada_gym.cli.progress import AttackProgress
-    from sada_gym.leaderboard.submit import parse_options, submit_samples
-    from sada_gym.leaderboard.today import PAPER_BUDGETS, default_agent, find_target
+    from sada_gym.submission.submit import parse_options, submit_samples
+    from sada_gym.submission.today import PAPER_BUDGETS, default_agent, find_target
 
     track, agent = own["--track"], own["--agent"]
     chosen = parse_options(own["--options"] or "{}")

@@ -19,8 +19,8 @@ from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import SUITES, TABLES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
-from sada_gym.leaderboard.entry import read_entries
-from sada_gym.runs.run import RunProgress
+from sada_gym.experiment.run import RunProgress
+from sada_gym.submission.entry import read_entries
 
 SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 

@@ -13,10 +13,10 @@ from sada_gym.benchmark.run import report_benchmark, run_benchmark
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Contender, choose, find_contender, find_suite
 from sada_gym.errors import UserError
-from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import read_about, read_entry, write_about, write_verified
-from sada_gym.leaderboard.models import MAX_ERROR, SeedResult, Verified
-from sada_gym.runs.record import RunFailure
+from sada_gym.experiment.record import RunFailure
+from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.submission.entry import read_about, read_entry, write_about, write_verified
+from sada_gym.submission.models import MAX_ERROR, SeedResult, Verified
 
 WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)
 STEM = f"{ANALYTIC}.n60"

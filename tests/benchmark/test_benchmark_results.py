@@ -9,8 +9,9 @@ from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import Entry, EntryResult
-from sada_gym.leaderboard.models import (
+from sada_gym.experiment.measure import measure
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import (
     FORMAT,
     About,
     Identity,
@@ -19,7 +20,6 @@ from sada_gym.leaderboard.models import (
     Verified,
     VerifiedSeed,
 )
-from sada_gym.runs.measure import measure
 
 EQUAL = TABLES["equal-queries"]
 TRACKS = ("SADA-Driving-Straight-v0", "SADA-Driving-OneCurve-v0")

@@ -16,8 +16,8 @@ from sada_gym.benchmark.suite import (
     find_contender,
     find_suite,
 )
+from sada_gym.experiment.ideal import IDEAL
 from sada_gym.registration import tracks
-from sada_gym.runs.ideal import IDEAL
 
 
 def made(label, dimension):

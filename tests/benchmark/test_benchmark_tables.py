@@ -4,8 +4,8 @@ from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.benchmark.report.tables import short_name, write_tables
 from sada_gym.benchmark.results import Results, RunSummary, Target, rows_of_runs
 from sada_gym.benchmark.suite import Budget, Table
-from sada_gym.runs.measure import FeasibleRate, Measures, Search
-from sada_gym.runs.record import ReferenceSummary
+from sada_gym.experiment.measure import FeasibleRate, Measures, Search
+from sada_gym.experiment.record import ReferenceSummary
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))

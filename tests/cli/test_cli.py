@@ -26,7 +26,7 @@ from sada_gym.cli.console import errors_as_sentences, key_values, say
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 from sada_gym.evaluation import executors
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.runs.names import default_note
+from sada_gym.experiment.names import default_note
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "toy:Greedy", "--budget", "60", "--samples", "10"]
 

@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 from sada_gym.errors import UserError
-from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import read_entry
-from sada_gym.leaderboard.models import result_stem
+from sada_gym.submission.checks import check_entry
+from sada_gym.submission.entry import read_entry
+from sada_gym.submission.models import result_stem
 from tests.leaderboard.made_entries import make_entry
 
 Rng = np.random.Generator

@@ -9,10 +9,10 @@ import numpy as np
 
 from sada_gym.envs.catalogue import find_card
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import read_entry, write_about, write_result, write_verified
-from sada_gym.leaderboard.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
-from sada_gym.leaderboard.today import find_target, today
-from sada_gym.runs.measure import measure
+from sada_gym.experiment.measure import measure
+from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified
+from sada_gym.submission.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
+from sada_gym.submission.today import find_target, today
 
 DIGITS = ("SADA-Digits-3-v0", "SADA-Digits-4-v0")
 RACING = tuple(f"SADA-UAV-{n}Anchors-v0" for n in (3, 4, 5))

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import read_entry, write_result
-from sada_gym.leaderboard.models import Result
-from sada_gym.leaderboard.verification import verify
+from sada_gym.submission.entry import read_entry, write_result
+from sada_gym.submission.models import Result
+from sada_gym.submission.verification import verify
 from tests.leaderboard.made_entries import make_entry, rescored, uniform
 
 GOLDEN = Path(__file__).parent / "golden"

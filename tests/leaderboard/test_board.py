@@ -13,7 +13,7 @@ from leaderboard.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
 from sada_gym.envs.catalogue import find_card
-from sada_gym.leaderboard.entry import read_entries
+from sada_gym.submission.entry import read_entries
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sada_gym.errors import FileError, UserError
-from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import ResultFiles, read_entry, write_result, write_verified
-from sada_gym.leaderboard.models import Result, SeedResult, Verified
-from sada_gym.leaderboard.today import board_tracks, find_rule, today
+from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.submission.entry import ResultFiles, read_entry, write_result, write_verified
+from sada_gym.submission.models import Result, SeedResult, Verified
+from sada_gym.submission.today import board_tracks, find_rule, today
 from tests.leaderboard.made_entries import PACKAGES, make_entry
 
 

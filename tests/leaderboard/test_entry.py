@@ -5,7 +5,8 @@ import pytest
 
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.entry import (
+from sada_gym.experiment.measure import measure
+from sada_gym.submission.entry import (
     EntryResult,
     ResultFiles,
     read_about,
@@ -15,7 +16,7 @@ from sada_gym.leaderboard.entry import (
     write_result,
     write_verified,
 )
-from sada_gym.leaderboard.models import (
+from sada_gym.submission.models import (
     FORMAT,
     About,
     Identity,
@@ -25,7 +26,6 @@ from sada_gym.leaderboard.models import (
     entry_name,
     result_stem,
 )
-from sada_gym.runs.measure import measure
 
 
 def about(**changes):

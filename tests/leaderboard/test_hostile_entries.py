@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from sada_gym.errors import UserError
-from sada_gym.leaderboard.checks import MAX_FILES, check_entry
-from sada_gym.leaderboard.models import result_stem
+from sada_gym.submission.checks import MAX_FILES, check_entry
+from sada_gym.submission.models import result_stem
 from tests.leaderboard.fuzz_entries import fuzz
 from tests.leaderboard.made_entries import ANALYTIC, make_entry
 

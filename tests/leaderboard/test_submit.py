@@ -11,11 +11,11 @@ from toy import Greedy, Toy
 from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.errors import UserError
-from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import read_entry, write_verified
-from sada_gym.leaderboard.models import Verified
-from sada_gym.leaderboard.samples import samples_sha256
-from sada_gym.leaderboard.submit import Credits, submit, submit_samples
+from sada_gym.submission.checks import check_entry
+from sada_gym.submission.entry import read_entry, write_verified
+from sada_gym.submission.models import Verified
+from sada_gym.submission.samples import samples_sha256
+from sada_gym.submission.submit import Credits, submit, submit_samples
 from tests.leaderboard.made_entries import ANALYTIC, make_entry
 
 ROOT = Path(__file__).parents[2]
@@ -230,7 +230,7 @@ def test_a_class_of_ones_own_takes_part(tmp_path):
 
 def test_what_is_wrong_shows_before_anything_is_evaluated(tmp_path, monkeypatch):
     submit_samples([MU], ME, **UNIFORM, out=tmp_path)
-    monkeypatch.setattr("sada_gym.leaderboard.submit.Evaluator", None)
+    monkeypatch.setattr("sada_gym.submission.submit.Evaluator", None)
     for credits, changes, said in (
         (ME, {}, "Expected a new result"),
         (ME, {"adversary": "other", "rule": "equal-queries"}, "of one adversary with one set"),

@@ -18,8 +18,8 @@ from leaderboard.tables import (
 from sada_gym.benchmark.report.tables import TABLE_FILE, write_tables
 from sada_gym.benchmark.suite import CONTENDERS, find_suite
 from sada_gym.benchmark.suite import SUITES as SUITES_OF_ALL
-from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import read_entries
+from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.submission.entry import read_entries
 
 
 @pytest.fixture(scope="module")

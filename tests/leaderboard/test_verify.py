@@ -15,11 +15,11 @@ from sada_gym import adversaries
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle, evaluation_seeds
-from sada_gym.leaderboard.entry import read_entry, read_verified, write_result
-from sada_gym.leaderboard.models import Result
-from sada_gym.leaderboard.today import find_target
-from sada_gym.leaderboard.verification import fresh_seeds, verify
-from sada_gym.runs.ideal import Ideal
+from sada_gym.experiment.ideal import Ideal
+from sada_gym.submission.entry import read_entry, read_verified, write_result
+from sada_gym.submission.models import Result
+from sada_gym.submission.today import find_target
+from sada_gym.submission.verification import fresh_seeds, verify
 from tests.leaderboard.made_entries import ANALYTIC, make_entry, rescored, uniform
 from tests.leaderboard.make_golden import GOLDEN, NONCE
 

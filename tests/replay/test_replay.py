@@ -25,6 +25,7 @@ from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.uav.episodes import Start
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.errors import FileError, UserError
+from sada_gym.experiment.record import read_samples, write_samples
 from sada_gym.replay import replay
 from sada_gym.replay.lettering import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
 from sada_gym.replay.racing import _ending
@@ -37,7 +38,6 @@ from sada_gym.replay.shots import (
     way_to,
     world_words,
 )
-from sada_gym.runs.record import read_samples, write_samples
 
 
 def run(folder: Path, environment="SADA-Analytic-v0", **keywords) -> Path:

@@ -20,12 +20,12 @@ from sada_gym.benchmark.report.charts import (
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.benchmark.results import MEANS, Results, RunSummary
 from sada_gym.benchmark.worlds import World
+from sada_gym.experiment.ideal import IDEAL
 from sada_gym.files import write_file
-from sada_gym.leaderboard.entry import Entry
-from sada_gym.leaderboard.models import result_stem, slug
 from sada_gym.parameters import Mu
 from sada_gym.plots.style import png
-from sada_gym.runs.ideal import IDEAL
+from sada_gym.submission.entry import Entry
+from sada_gym.submission.models import result_stem, slug
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

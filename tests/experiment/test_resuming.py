@@ -15,8 +15,8 @@ from toy_attacks import contents, run
 
 from sada_gym.attack import attack
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
-from sada_gym.runs.record import RunReport
 
 
 def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):

@@ -16,6 +16,9 @@ from typing_extensions import Self
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.errors import UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.experiment.assemble import RunTarget, make_settings
+from sada_gym.experiment.record import json_compatible
+from sada_gym.experiment.run import OnProgress, Run, ignore_progress
 from sada_gym.files import (
     as_path,
     file_errors,
@@ -24,28 +27,25 @@ from sada_gym.files import (
     write_file,
     write_folder,
 )
-from sada_gym.leaderboard.checks import check_about, check_entry
-from sada_gym.leaderboard.entry import ABOUT_FILE, Entry, ResultFiles, read_entry, write_about
-from sada_gym.leaderboard.models import FORMAT, MAX_SEEDS, About, Identity, SeedResult
-from sada_gym.leaderboard.parts import (
+from sada_gym.measures.reference import load_reference
+from sada_gym.parameters import Mu, validate_mu
+from sada_gym.submission.checks import check_about, check_entry
+from sada_gym.submission.entry import ABOUT_FILE, Entry, ResultFiles, read_entry, write_about
+from sada_gym.submission.models import FORMAT, MAX_SEEDS, About, Identity, SeedResult
+from sada_gym.submission.parts import (
     Part,
     Results,
     read_run,
     refuse_budget,
     refuse_other_adversary,
 )
-from sada_gym.leaderboard.today import (
+from sada_gym.submission.today import (
     PAPER_BUDGETS,
     Target,
     default_agent,
     find_target,
     today,
 )
-from sada_gym.measures.reference import load_reference
-from sada_gym.parameters import Mu, validate_mu
-from sada_gym.runs.assemble import RunTarget, make_settings
-from sada_gym.runs.record import json_compatible
-from sada_gym.runs.run import OnProgress, Run, ignore_progress
 
 ENTRIES = Path("leaderboard/entries")
 """Where the repository keeps the entries."""

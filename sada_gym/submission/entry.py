@@ -21,8 +21,8 @@ from pydantic import ValidationError
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import file_errors, first_error, read_model, read_toml, write_file, write_model
-from sada_gym.leaderboard.models import FORMAT, About, Result, Tier, Verified
-from sada_gym.leaderboard.samples import Samples, read_samples, samples_bytes, samples_sha256
+from sada_gym.submission.models import FORMAT, About, Result, Tier, Verified
+from sada_gym.submission.samples import Samples, read_samples, samples_bytes, samples_sha256
 
 ABOUT_FILE = "entry.toml"
 CLAIMS, SAMPLES, VERIFIED = ".json", ".npz", ".verified.json"
@@ -172,7 +172,7 @@ class Entry:
 
 
 def read_entry(folder: Path) -> Entry:
-    """Read an entry; what is wrong with its contents is for `sada_gym.leaderboard.checks` to find.
+    """Read an entry; what is wrong with its contents is for `sada_gym.submission.checks` to find.
 
     Raises:
         FileError: If a file cannot be read.

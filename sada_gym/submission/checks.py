@@ -16,9 +16,11 @@ from pathlib import Path
 from sada_gym import __version__
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.experiment.record import differences
 from sada_gym.files import as_path, file_errors, shown
-from sada_gym.leaderboard.claims import check_claims, check_coverage, check_samples, refuse
-from sada_gym.leaderboard.entry import (
+from sada_gym.measures.coverage import NEAREST
+from sada_gym.submission.claims import check_claims, check_coverage, check_samples, refuse
+from sada_gym.submission.entry import (
     ABOUT_FILE,
     CLAIMS,
     SAMPLES,
@@ -28,12 +30,10 @@ from sada_gym.leaderboard.entry import (
     read_result,
     read_verified,
 )
-from sada_gym.leaderboard.models import About, Identity, Result
-from sada_gym.leaderboard.samples import read_samples
-from sada_gym.leaderboard.strict_json import parse_json, refuse_loose
-from sada_gym.leaderboard.today import find_target, is_ours, today
-from sada_gym.measures.coverage import NEAREST
-from sada_gym.runs.record import differences
+from sada_gym.submission.models import About, Identity, Result
+from sada_gym.submission.samples import read_samples
+from sada_gym.submission.strict_json import parse_json, refuse_loose
+from sada_gym.submission.today import find_target, is_ours, today
 
 MAX_FILES = 1_000
 """The most files of an entry."""

@@ -13,13 +13,13 @@ from sada_gym.adversaries.random import Random
 from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.envs.catalogue import cards
 from sada_gym.errors import MissingExtra, UserError, refuse_unknown
-from sada_gym.leaderboard.models import Identity
+from sada_gym.experiment.assemble import RunTarget, make_adversary, make_settings, resolved_options
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.record import RunSettings
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu
 from sada_gym.registration import make_application
-from sada_gym.runs.assemble import RunTarget, make_adversary, make_settings, resolved_options
-from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.record import RunSettings
+from sada_gym.submission.models import Identity
 
 PAPER_BUDGETS = "paper-budgets"
 RULES = tuple(name for name, table in TABLES.items() if table.rule == name)

@@ -6,7 +6,7 @@ import pytest
 
 from sada_gym.errors import FileError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.runs.record import differences, read_samples, refuse_other, write_samples
+from sada_gym.experiment.record import differences, read_samples, refuse_other, write_samples
 
 
 def test_samples_are_read_as_written(tmp_path):

@@ -10,9 +10,9 @@ from sada_gym import adversaries
 from sada_gym.attack import RunProgress, attack
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.experiment.record import RunReport, read_samples
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.runs.record import RunReport, read_samples
 
 
 def test_an_attack_writes_its_folder(tmp_path):

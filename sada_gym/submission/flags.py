@@ -14,13 +14,13 @@ import numpy.typing as npt
 from scipy.stats import binomtest, fisher_exact
 
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.leaderboard.copies import Nearness, nearness
-from sada_gym.leaderboard.models import Identity, SeedResult
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.measure import Measures
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.reference import Reference
 from sada_gym.parameters import Mu
-from sada_gym.runs.ideal import IDEAL
-from sada_gym.runs.measure import Measures
+from sada_gym.submission.copies import Nearness, nearness
+from sada_gym.submission.models import Identity, SeedResult
 
 SIGNIFICANCE = 1e-5
 """A flag is raised where an honest result would look so with a smaller probability than this."""

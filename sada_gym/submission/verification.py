@@ -1,7 +1,7 @@
 """The verifier scores the samples of entries again, on evaluation seeds that nobody knew.
 
 Claims do not enter what it measures. It compares them with its own figures, and flags whatever else
-speaks against a result: see `sada_gym.leaderboard.flags`.
+speaks against a result: see `sada_gym.submission.flags`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from typing_extensions import Self
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, seed_of
-from sada_gym.leaderboard.checks import check_entry, is_outdated
-from sada_gym.leaderboard.entry import SAMPLES, Entry, read_entry, write_verified
-from sada_gym.leaderboard.flags import Evidence, SeedEvidence, find_flags
-from sada_gym.leaderboard.models import Identity, Verified, VerifiedSeed, result_stem
-from sada_gym.leaderboard.samples import read_samples
+from sada_gym.experiment.assemble import RunTarget
+from sada_gym.experiment.ideal import Ideal
+from sada_gym.experiment.measure import feasible_rate, measure
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu
-from sada_gym.runs.assemble import RunTarget
-from sada_gym.runs.ideal import Ideal
-from sada_gym.runs.measure import feasible_rate, measure
+from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.submission.entry import SAMPLES, Entry, read_entry, write_verified
+from sada_gym.submission.flags import Evidence, SeedEvidence, find_flags
+from sada_gym.submission.models import Identity, Verified, VerifiedSeed, result_stem
+from sada_gym.submission.samples import read_samples
 
 State = Literal["verified", "unchanged", "outdated", "differs", "refused"]
 

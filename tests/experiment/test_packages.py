@@ -13,10 +13,10 @@ from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
 from sada_gym.attack import attack
 from sada_gym.envs.catalogue import cards, find_card
+from sada_gym.experiment import packages as module
+from sada_gym.experiment.ideal import Ideal
+from sada_gym.experiment.packages import in_order, packages
 from sada_gym.registration import make_application
-from sada_gym.runs import packages as module
-from sada_gym.runs.ideal import Ideal
-from sada_gym.runs.packages import in_order, packages
 
 
 def test_only_what_the_run_loads_counts():

@@ -12,19 +12,7 @@ from sada_gym import agents
 from sada_gym.envs.catalogue import find_card
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.files import read_model
-from sada_gym.leaderboard.checks import check_entry
-from sada_gym.leaderboard.entry import ABOUT_FILE, CLAIMS, read_entry, write_result
-from sada_gym.leaderboard.models import MAX_SEEDS, Identity, Result, SeedResult
-from sada_gym.leaderboard.today import (
-    PAPER_BUDGETS,
-    RULES,
-    board_tracks,
-    find_target,
-    is_ours,
-    today,
-)
-from sada_gym.runs.record import (
+from sada_gym.experiment.record import (
     RESULT_FILE,
     SAMPLES_FILE,
     SETTINGS_FILE,
@@ -32,6 +20,18 @@ from sada_gym.runs.record import (
     RunSettings,
     differences,
     read_samples,
+)
+from sada_gym.files import read_model
+from sada_gym.submission.checks import check_entry
+from sada_gym.submission.entry import ABOUT_FILE, CLAIMS, read_entry, write_result
+from sada_gym.submission.models import MAX_SEEDS, Identity, Result, SeedResult
+from sada_gym.submission.today import (
+    PAPER_BUDGETS,
+    RULES,
+    board_tracks,
+    find_target,
+    is_ours,
+    today,
 )
 
 

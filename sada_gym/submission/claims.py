@@ -10,11 +10,11 @@ import numpy as np
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
-from sada_gym.leaderboard.models import Identity, SeedResult
-from sada_gym.leaderboard.today import find_target
+from sada_gym.experiment.measure import Measures
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate, mu_std
-from sada_gym.runs.measure import Measures
+from sada_gym.submission.models import Identity, SeedResult
+from sada_gym.submission.today import find_target
 
 _SLACK = 0.01  # of coverage, whose ties other processors may decide differently
 

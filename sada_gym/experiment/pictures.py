@@ -6,13 +6,13 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sada_gym.experiment.run import OnProgress, RunProgress
 from sada_gym.files import file_errors
-from sada_gym.runs.run import OnProgress, RunProgress
 
 if TYPE_CHECKING:
     from sada_gym.application import Application
     from sada_gym.evaluation.oracle import Evaluations
-    from sada_gym.runs.record import RunReport
+    from sada_gym.experiment.record import RunReport
 
 _UNFINISHED = ".pictures.tmp"
 

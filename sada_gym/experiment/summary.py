@@ -8,7 +8,7 @@ from pathlib import Path
 from sada_gym import adversaries
 from sada_gym.envs.catalogue import find_card
 from sada_gym.errors import UserError
-from sada_gym.runs.record import RESULT_FILE, RunReport
+from sada_gym.experiment.record import RESULT_FILE, RunReport
 
 AFR = "attack fooling rate"
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 from typing_extensions import Self
 
+from sada_gym.experiment.measure import Measures, Search
+from sada_gym.experiment.record import ReferenceSummary, RunFailure, RunReport, RunSettings
 from sada_gym.files import OneLine, Strict
-from sada_gym.leaderboard.samples import Samples, samples_sha256
-from sada_gym.runs.measure import Measures, Search
-from sada_gym.runs.record import ReferenceSummary, RunFailure, RunReport, RunSettings
+from sada_gym.submission.samples import Samples, samples_sha256
 
 FORMAT = 1
 """The version of an entry's files. Raise it when they change."""

@@ -18,11 +18,11 @@ from sada_gym.application import Application
 from sada_gym.errors import FileError, StoreError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
 from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import Reference
 from sada_gym.measures.where import Where, where
-from sada_gym.runs.measure import Distances, Measures, Search
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"

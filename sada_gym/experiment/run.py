@@ -17,19 +17,19 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Evaluations, Oracle
-from sada_gym.measures.collapse import collapse_flag
-from sada_gym.measures.novelty import Neighbours, image_neighbours
-from sada_gym.measures.where import where
-from sada_gym.parameters import Mu
-from sada_gym.runs.ideal import Ideal
-from sada_gym.runs.measure import (
+from sada_gym.experiment.ideal import Ideal
+from sada_gym.experiment.measure import (
     feasible_rate,
     follow_search,
     image_novelty,
     measure,
     summarise_distances,
 )
-from sada_gym.runs.record import RunReport, RunSettings
+from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.measures.collapse import collapse_flag
+from sada_gym.measures.novelty import Neighbours, image_neighbours
+from sada_gym.measures.where import where
+from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
 

@@ -14,12 +14,12 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluation.store import Context
+from sada_gym.experiment.ideal import IDEAL, Ideal
+from sada_gym.experiment.packages import packages
+from sada_gym.experiment.record import ReferenceSummary, RunSettings, json_compatible
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
 from sada_gym.registration import ids_of, make_application, names_file
-from sada_gym.runs.ideal import IDEAL, Ideal
-from sada_gym.runs.packages import packages
-from sada_gym.runs.record import ReferenceSummary, RunSettings, json_compatible
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.errors import UserError
+from sada_gym.experiment.names import IDEAL
 from sada_gym.parameters import Mu
-from sada_gym.runs.names import IDEAL
 
 __all__ = ["IDEAL", "Ideal"]
 
