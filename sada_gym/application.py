@@ -136,7 +136,7 @@ class Application(ABC):
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        with single_threaded(), self.contained():
+        with single_threaded(), self.isolated_rng():
             self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = score <= self.fooling_threshold
@@ -171,7 +171,7 @@ class Application(ABC):
         _check_extras(scored.extras, len(mu), source)
         return score, scored.extras
 
-    def contained(self) -> AbstractContextManager[None]:
+    def isolated_rng(self) -> AbstractContextManager[None]:
         """Keep what a user's agent does to the global generators of libraries from the caller.
 
         `evaluate` does so itself; the environments use it for pictures.
@@ -204,8 +204,8 @@ class Application(ABC):
         return ()
 
     @property
-    def draws(self) -> bool:
-        """Whether it draws pictures."""
+    def can_render(self) -> bool:
+        """Whether it can draw pictures."""
         return type(self).render is not Application.render
 
     @abstractmethod

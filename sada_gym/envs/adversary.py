@@ -138,7 +138,7 @@ class AdversaryEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        with self.application.contained():
+        with self.application.isolated_rng():
             return self.application.replay(mu, seed)
 
     def close(self) -> None:
@@ -237,7 +237,7 @@ class AdversaryVectorEnv(SeededVectorEnv[Observation]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        with self.application.contained():
+        with self.application.isolated_rng():
             return self.application.replay(mu, seed)
 
     def close_extras(self, **_: Any) -> None:
@@ -282,7 +282,7 @@ class _Episodes(Proposals):
         shown = self._shown[index]
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
-        with self._application.contained():
+        with self._application.isolated_rng():
             return self._application.render(*shown)
 
 

@@ -56,7 +56,7 @@ def draw_failures(
             name = f"{type(application).__name__}.render"
             raise NotDrawnError(f": {name} raised {type(error).__name__}: {error}") from error
 
-    with application.contained():
+    with application.isolated_rng():
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
         legend = _legend(application)
         plain = all(entry.mark == "note" for entry in legend)

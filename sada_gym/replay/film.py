@@ -195,7 +195,7 @@ def _played(
             "run's samples.npz is of another run."
         )
     try:
-        with application.contained():
+        with application.isolated_rng():
             take = maker_of(application)(application, mu, seed, seconds)
     except NotImplementedError as error:
         raise UserError(

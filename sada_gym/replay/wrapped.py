@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def take(application: GymnasiumApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
     """Show how the episodes that failed ended."""
-    if not application.draws:
+    if not application.can_render:
         application.render(mu, seed)  # says why
     rollouts = application.rollouts(mu, seed)
     threshold = application.fooling_threshold

@@ -159,10 +159,10 @@ def _run(name: str, check: Callable[[], str]) -> Check:
 
 
 def _check_gymnasium(env: AdversaryEnv) -> str:
-    draws = env.application.draws
+    can_render = env.application.can_render
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(env, skip_render_check=env.spec is None or not draws)
+        check_env(env, skip_render_check=env.spec is None or not can_render)
     return "Passes without a warning."
 
 

@@ -334,14 +334,14 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             )
 
     @property
-    def draws(self) -> bool:
+    def can_render(self) -> bool:
         """Whether the environment renders as `rgb_array`."""
         modes = self._metadata.get("render_modes") or ()
         return "rgb_array" in modes and self.game.maker.takes_render_mode
 
     def _drawn(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
         row, seed = validate_world(self.parameters, mu, seed)
-        if not self.draws:
+        if not self.can_render:
             raise NotImplementedError(
                 f"{self.game.maker.name} draws no pictures: it has no render_mode='rgb_array'."
             )
@@ -367,12 +367,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
         """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
         row, seed = validate_world(self.parameters, mu, seed)
-        with closing(self.episodes(row, [seed], pictures=self.draws)) as episodes, _drawing():
+        with closing(self.episodes(row, [seed], pictures=self.can_render)) as episodes, _drawing():
             return record(self.acting, episodes)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Play the episodes again, one after another: all frames, and the score."""
-        if not self.draws:
+        if not self.can_render:
             self._drawn(mu, seed)
         return super().replay(mu, seed)
 
