@@ -1,4 +1,4 @@
-"""Draw docs/images/failures.png, README's first picture: `python docs/draw_failures.py`.
+"""Draw docs/images/failures.png, README's first picture: `python -m tools.draw_failures`.
 
 One failure of each application. Of the uniform worlds of a fixed seed, the detector's is the one
 that it most surely takes for something else; the driver's and the pilot's have the lowest score.
@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym import Application, make_application
 
-OUT = Path(__file__).parent / "images" / "failures.png"
+OUT = Path(__file__).parents[1] / "docs" / "images" / "failures.png"
 WORLDS = 48
 HEIGHT, GAP, FONT = 450, 20, 27
 INK = (31, 41, 51)

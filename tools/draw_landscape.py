@@ -1,6 +1,6 @@
 """Draw docs/images/landscape.png, one digit's landscape with adversaries' samples on it.
 
-    python docs/draw_landscape.py random gmm10 gp bbgan smc cma-mae sac trees level-set
+    python -m tools.draw_landscape random gmm10 gp bbgan smc cma-mae sac trees level-set
 
 Two parameters warp one test image, so that Q is a function of the plane. The large map shows Q and
 the outline of the fooling set; the small ones show the 250 samples of each adversary that is named,
@@ -22,7 +22,7 @@ from sada_gym.oracle import Oracle
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.style import INK, MUTED, axis_label, new_figure, png, tidy
 
-OUT = Path(__file__).parent / "images" / "landscape.png"
+OUT = Path(__file__).parents[1] / "docs" / "images" / "landscape.png"
 ADVERSARIES = ("random", "gmm10", "gp", "bbgan", "smc", "cma-mae", "sac", "trees", "level-set")
 PARAMETERS = ("rotation_deg", "scale")
 IMAGE, BUDGET, SEED, GRID, COLUMNS = 9, 1_000, 0, 161, 3

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/environments/robot.md into docs/images: `python docs/draw_robot.py`."""
+"""Draw the pictures of docs/environments/robot.md: `python -m tools.draw_robot`."""
 
 import argparse
 from pathlib import Path
@@ -10,7 +10,7 @@ from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.conditions import PARAMETERS, Conditions
 from sada_gym.envs.robot.pictures import WIDTH, moment, summary
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED = 1
 TURNED = Conditions(lidar_yaw_deg=27.0, obstacle_density=2.0, wheel_gain=0.1)
 """A turned lidar among many barrels: the robot is fooled."""

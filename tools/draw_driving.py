@@ -1,4 +1,4 @@
-"""Draw docs/images/driving-*.png: `python docs/draw_driving.py`.
+"""Draw docs/images/driving-*.png: `python -m tools.draw_driving`.
 
 The weathers, the ends of the camera's two axes, and two worlds: one where all drives arrive, one
 where none does.
@@ -18,7 +18,7 @@ from sada_gym.envs.driving.pictures import summary
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 LENS = Lens(198, 450)
 BAR = 24
 ROUTE = benchmark_routes("navigation")[0]

@@ -1,6 +1,6 @@
 """Look at the built pages on a phone and on a desk, light and dark.
 
-    python docs/look.py docs/_build/html FOLDER [page ...]
+    python -m tools.screenshot_pages docs/_build/html FOLDER [page ...]
 
 It takes a picture of each page, or of those named (such as `environments/uav`), into FOLDER. It
 fails if a page is wider than the screen. It needs selenium, chromium and chromedriver.

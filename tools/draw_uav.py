@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/environments/uav.md into docs/images: `python docs/draw_uav.py`.
+"""Draw the pictures of docs/environments/uav.md into docs/images: `python -m tools.draw_uav`.
 
 `--pilot` names another pilot than the shipped one, or a file of weights.
 """
@@ -18,7 +18,7 @@ from sada_gym.envs.uav.pictures import Plan, summary
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import line
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 CELL, LABEL, TRACKS = 220, 24, 4
 INK = (31, 41, 51)
 

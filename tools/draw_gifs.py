@@ -1,4 +1,4 @@
-"""Draw the landing page's films, docs/images/failure-*.gif: `python docs/draw_gifs.py [NAME]`.
+"""Draw the landing page's films, docs/images/failure-*.gif: `python -m tools.draw_gifs [NAME]`.
 
 Each is a sample of an attack, replayed as `sada-gym replay` does it. It takes about ten minutes.
 """
@@ -16,7 +16,7 @@ from sada_gym import make_application
 from sada_gym.attack import AttackResult, attack
 from sada_gym.replay import replay
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SECONDS = 4.4
 MOST_BYTES = 2_000_000
 WORKERS = 2

@@ -1,6 +1,6 @@
 """Draw docs/images/own-application.png, what an attack finds about the brake of the example.
 
-    python docs/draw_own_application.py
+    python -m tools.draw_own_application
 
 The map shows the brake's Q over speed and friction, on a flat road with half the load. The dots are
 samples of `level-set` after 1,000 queries.
@@ -18,9 +18,9 @@ from sada_gym import adversaries
 from sada_gym.oracle import Oracle
 from sada_gym.plots.style import INK, new_figure, png, tidy
 
-HERE = Path(__file__).parent
-OUT = HERE / "images" / "own-application.png"
-EXAMPLE = HERE.parent / "examples" / "own_application.py"
+ROOT = Path(__file__).parents[1]
+OUT = ROOT / "docs" / "images" / "own-application.png"
+EXAMPLE = ROOT / "examples" / "own_application.py"
 GRID, BUDGET, SEED, DOTS, OUTLINE = 121, 1_000, 0, "#7a1f0b", "#c2410c"
 COLOURS = LinearSegmentedColormap.from_list("q", ["#f0a988", "#f6ead9", "#d5e3ee", "#7fa8c9"])
 

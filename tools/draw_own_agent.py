@@ -1,6 +1,6 @@
 """Draw docs/images/own-agent.png and measure the table of docs/own-agent.md.
 
-    OMP_NUM_THREADS=1 python docs/draw_own_agent.py
+    OMP_NUM_THREADS=1 python -m tools.draw_own_agent
 
 It attacks the agents of examples/cartpole.py and examples/lunar_lander.py, which it trains first if
 need be, and prints the table. Runs are kept in runs/own-agent, so that it goes on where it was.
@@ -26,13 +26,13 @@ from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.plots.style import INK, axis_label, new_figure, png, tidy
 
-DOCS = Path(__file__).resolve().parent
-sys.path.insert(0, str(DOCS.parent / "examples"))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "examples"))
 
 import cartpole  # noqa: E402
 import lunar_lander  # noqa: E402
 
-OUT = DOCS / "images" / "own-agent.png"
+OUT = ROOT / "docs" / "images" / "own-agent.png"
 RUNS = Path("runs/own-agent")
 ADVERSARIES = ("random", "gp", "bbgan", "level-set")
 BUDGET, SAMPLES, SEED = 1_000, 100, 0

@@ -1,7 +1,7 @@
 """Draw docs/images/measures.png: what AFR, coverage and novelty say of six sets of samples.
 
-    python docs/draw_measures.py
-    python docs/draw_measures.py --table  # coverage in more dimensions; draws nothing
+    python -m tools.draw_measures
+    python -m tools.draw_measures --table  # coverage in more dimensions; draws nothing
 
 The four boxes of `SADA-Analytic-v0` are the fooling set. Every set has M = 250 samples, and every
 search has 1,000 uniform queries.
@@ -22,7 +22,7 @@ from sada_gym.measures.coverage import fooling_coverage, relative_coverage
 from sada_gym.measures.novelty import novelty
 from sada_gym.plots.style import FOOLED, INK, MUTED, new_figure, png
 
-OUT = Path(__file__).parent / "images" / "measures.png"
+OUT = Path(__file__).parents[1] / "docs" / "images" / "measures.png"
 SAMPLES, QUERIES, REFERENCE, SEED, DRAWS = 250, 1_000, 2_000, 0, 10
 BOX = "#fbe3d6"
 Points = npt.NDArray[np.float32]

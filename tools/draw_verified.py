@@ -1,6 +1,6 @@
 """Draw docs/images/verified.png, the claimed AFR of every entry's results over the verified one.
 
-    python docs/draw_verified.py
+    python -m tools.draw_verified
 
 A dot is a result: one adversary on one track, the mean over its seeds.
 """
@@ -14,8 +14,8 @@ import numpy as np
 from sada_gym.plots.style import FOOLED, GRID, INK, MUTED, new_figure, png, tidy
 from sada_gym.submission.entry import EntryResult, read_entries
 
-HERE = Path(__file__).parent
-OUT, ENTRIES = HERE / "images" / "verified.png", HERE.parent / "leaderboard" / "entries"
+ROOT = Path(__file__).parents[1]
+OUT, ENTRIES = ROOT / "docs" / "images" / "verified.png", ROOT / "leaderboard" / "entries"
 
 
 def rates(result: EntryResult) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""Draw docs/images/detection-parameters.png: `python docs/draw_detection.py`.
+"""Draw docs/images/detection-parameters.png: `python -m tools.draw_detection`.
 
 One car along each parameter, the other parameters as in a photograph of it.
 """
@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import default_renderer
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED = 10
 USUAL = (9.0, 40.0, 14.0, 40.0, 50.0, 0.75, 0.12, 0.1)
 """Physical values: a red car from three quarters in front, the sun behind the camera."""

@@ -1,4 +1,4 @@
-"""Draw docs/images/shapes.png, the benchmark's 100 shapes: `python docs/draw_shapes.py`."""
+"""Draw docs/images/shapes.png, the benchmark's 100 shapes: `python -m tools.draw_shapes`."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def main() -> None:
             )
             picture = Image.fromarray(default_renderer().render(scene, CELL).image)
             sheet.paste(picture, (MARGIN + column * CELL, row * CELL))
-    sheet.save(Path(__file__).parent / "images" / "shapes.png", optimize=True)
+    sheet.save(Path(__file__).parents[1] / "docs" / "images" / "shapes.png", optimize=True)
 
 
 if __name__ == "__main__":

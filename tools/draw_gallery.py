@@ -1,4 +1,4 @@
-"""Draw docs/images/gallery-*.png, one an environment: `python docs/draw_gallery.py [name ...]`.
+"""Draw docs/images/gallery-*.png, one an environment: `python -m tools.draw_gallery [name ...]`.
 
 Each shows how an agent fails. Of 48 uniform worlds, detection takes the one where the detector is
 most sure of another class, driving and racing the one with the lowest score.
@@ -10,9 +10,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from draw_digits import gradient_sign
-from draw_robot import SEED as ROBOT_SEED
-from draw_robot import TURNED, mu_of
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from sada_gym import Application, make_application
@@ -23,8 +20,11 @@ from sada_gym.envs.digits.picture import RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.pictures import moment
+from tools.draw_digits import gradient_sign
+from tools.draw_robot import SEED as ROBOT_SEED
+from tools.draw_robot import TURNED, mu_of
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 WIDTH, HEIGHT, INSET = 480, 300, 150
 WORLDS = 48
 PAPER, FONT = (255, 255, 255), ImageFont.load_default(22)

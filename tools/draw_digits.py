@@ -1,4 +1,4 @@
-"""Draw the pictures of the pages on digits and the pixel attack: `python docs/draw_digits.py`.
+"""Draw the pictures of the pages on digits and the pixel attack: `python -m tools.draw_digits`.
 
 They go to docs/images: each parameter's range, failures of each digit, and pixel attacks.
 """
@@ -16,7 +16,7 @@ from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.picture import INK, RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 CELL, GAP, LABEL, MARGIN = 104, 10, 22, 110
 STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 FAILURES = 6

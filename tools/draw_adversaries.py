@@ -1,7 +1,7 @@
 """Draw the pictures of the pages about adversaries: what each samples where the truth is known.
 
-    python docs/draw_adversaries.py            # all pictures
-    python docs/draw_adversaries.py bbgan      # one of them
+    python -m tools.draw_adversaries            # all pictures
+    python -m tools.draw_adversaries bbgan      # one of them
 
 The plane is SADA-Analytic's: the agent is fooled inside four boxes, and Q grows with the distance
 to them. Each adversary learns from 1,000 queries and draws 250 samples, with seed 0. Two pictures
@@ -30,7 +30,7 @@ from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.oracle import Oracle
 from sada_gym.plots.style import FOOLED, INK, MUTED, new_figure, png
 
-OUT = Path(__file__).parent / "images"
+OUT = Path(__file__).parents[1] / "docs" / "images"
 BUDGET, SAMPLES, SEED = 1_000, 250, 0
 INSIDE, MISSED = "#fbe6d8", "#5b7fa6"
 TIME = LinearSegmentedColormap.from_list("time", ["#d6e0ea", "#7f9fc0", "#1f3a5f"])
