@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,8 +14,9 @@ from leaderboard.board_tables import (
     ranking_sheet,
     strongest_sheet,
 )
+from leaderboard.groups import NAMES, GroupResults, OutdatedResult, TrackGroup
 from leaderboard.sheet import Sheet
-from sada_gym.benchmark.results import Results, Row, results_of
+from sada_gym.benchmark.results import Row, results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.envs.catalogue import ApplicationCard, cards
 from sada_gym.submission.checks import is_outdated
@@ -24,74 +25,6 @@ from sada_gym.submission.models import Tier, slug
 
 TIERS: tuple[Tier, ...] = ("verified", "claimed")
 """The tiers in the order of the pages. Figures of one are never ranked with those of another."""
-
-_NAMES = {
-    "SADA-Detection": (
-        "detection",
-        "Object detection",
-        "The adversary places the camera and the light and paints the object, until the detector "
-        "no longer finds it.",
-    ),
-    "SADA-Driving": (
-        "driving",
-        "Self-driving",
-        "The adversary mounts the camera and chooses the weather, and the driver has to stay on "
-        "the road.",
-    ),
-    "SADA-UAV": (
-        "racing",
-        "UAV racing",
-        "The adversary bends the race track by its anchors, and the pilot has to pass every gate.",
-    ),
-    "SADA-Robot": (
-        "robot",
-        "Robot navigation",
-        "The adversary changes the warehouse, the load, the lidar and the wheels, and the robot "
-        "has to reach its goal.",
-    ),
-    "SADA-Digits": (
-        "digits",
-        "Handwritten digits",
-        "The adversary warps images of handwritten digits, and the classifier has to read them.",
-    ),
-}
-
-
-@dataclass(frozen=True)
-class Group:
-    """The tracks of one application.
-
-    Attributes:
-        name: The name of its page.
-        title: Its title.
-        summary: A sentence on it.
-        application: The application's name.
-        tracks: The ids of its tracks.
-        agents: The agents that are shipped for it, the default first, each with its summary.
-        nominal: How well each of them does in nominal worlds.
-    """
-
-    name: str
-    title: str
-    summary: str
-    application: str
-    tracks: tuple[str, ...]
-    agents: Mapping[str, str]
-    nominal: Mapping[str, str]
-
-    @classmethod
-    def of(cls, card: ApplicationCard) -> Group:
-        """Take a group from an application's card; an application that we do not know gets one."""
-        plain = card.name.removeprefix("SADA-")
-        name, title, summary = _NAMES.get(card.name, (slug(plain).lower(), plain, ""))
-        agents = {agent.name: agent.summary for agent in card.agents}
-        nominal = {agent.name: agent.nominal for agent in card.agents}
-        tracks = card.track_ids or (card.id,)
-        return cls(name, title, summary, card.name, tracks, agents, nominal)
-
-    def short(self, track: str) -> str:
-        """Give what tells a track from the others of its group."""
-        return track.removeprefix(f"{self.application}-").rsplit("-v", 1)[0]
 
 
 @dataclass(frozen=True)
@@ -136,35 +69,8 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Outdated:
-    """A result that no longer compares with others.
-
-    Attributes:
-        entry: Its entry.
-        result: The result.
-        reason: What differs from today's.
-    """
-
-    entry: Entry
-    result: EntryResult
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class GroupBoard:
-    """The board of one group.
-
-    Attributes:
-        group: The group.
-        entries: The entries with those of their results that are of this group and today's.
-        results: What the results sum up to, by tier.
-        outdated: The results that are outdated.
-    """
-
-    group: Group
-    entries: tuple[Entry, ...]
-    results: Mapping[Tier, Results]
-    outdated: tuple[Outdated, ...]
+class GroupBoard(GroupResults):
+    """The board of one group."""
 
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
@@ -219,10 +125,10 @@ class Board:
 
     entries: tuple[Entry, ...]
     groups: tuple[GroupBoard, ...]
-    elsewhere: tuple[Outdated, ...]
+    elsewhere: tuple[OutdatedResult, ...]
 
     @property
-    def outdated(self) -> tuple[Outdated, ...]:
+    def outdated(self) -> tuple[OutdatedResult, ...]:
         """All outdated results."""
         return (*(one for group in self.groups for one in group.outdated), *self.elsewhere)
 
@@ -242,7 +148,7 @@ def make_board(
         applications: The applications with a place on the board; by default all that are known.
             Those beside the five of the benchmark's suites have a page where there are results.
     """
-    groups = [Group.of(card) for card in (cards() if applications is None else applications)]
+    groups = [TrackGroup.of(card) for card in (cards() if applications is None else applications)]
     of_track = {track: group for group in groups for track in group.tracks}
     reasons = {
         (entry.about.name, stem): is_outdated(result.claimed.identity)
@@ -250,16 +156,16 @@ def make_board(
         for stem, result in entry.results.items()
     }
 
-    def outdated(group: Group | None) -> tuple[Outdated, ...]:
+    def outdated(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
         return tuple(
-            Outdated(entry, result, reason)
+            OutdatedResult(entry, result, reason)
             for entry in entries
             for stem, result in entry.results.items()
             if of_track.get(result.claimed.identity.track) == group
             and (reason := reasons[entry.about.name, stem]) is not None
         )
 
-    def chosen(entry: Entry, group: Group) -> Entry:
+    def chosen(entry: Entry, group: TrackGroup) -> Entry:
         def is_wanted(result: EntryResult) -> bool:
             identity = result.claimed.identity
             reason = reasons[entry.about.name, identity.stem]
@@ -275,6 +181,6 @@ def make_board(
         results = {tier: results_of(held, tables_of(rules), tier=tier) for tier in TIERS}
         there = tuple(entry for entry in held if entry.results)
         left_out = outdated(group)
-        if there or left_out or group.application in _NAMES:
+        if there or left_out or group.application in NAMES:
             boards.append(GroupBoard(group, there, results, left_out))
     return Board(tuple(entries), tuple(boards), outdated(None))

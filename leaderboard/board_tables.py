@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
 from leaderboard.sheet import (
     Cell,
     Column,
@@ -26,9 +27,6 @@ from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.submission.entry import Entry
 from sada_gym.submission.models import Tier, slug
 from sada_gym.submission.today import find_target
-
-if TYPE_CHECKING:
-    from leaderboard.board import Group, GroupBoard, Outdated
 
 PAPER_RULE = "paper-budgets"
 """The rule under which the paper's numbers were made."""
@@ -100,13 +98,13 @@ class Attacks:
     tracks: tuple[str, ...]
     attacks: tuple[Attack, ...]
 
-    def name(self, group: Group, what: str) -> str:
+    def name(self, group: TrackGroup, what: str) -> str:
         """Name the files of a table."""
         parts = (group.name, self.table.name, self.agent, self.tier, what)
         return ".".join(slug(part) for part in parts if part)
 
 
-def attack_lines(board: GroupBoard, table: Table, agent: str, tier: Tier) -> Attacks:
+def attack_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> Attacks:
     """Put entries, controls, the paper's numbers and the reference set's rates in order."""
     results, group = board.results[tier], board.group
     entries = {entry.about.name: entry for entry in board.entries}
@@ -135,7 +133,7 @@ def attack_lines(board: GroupBoard, table: Table, agent: str, tier: Tier) -> Att
     return Attacks(table, agent, tier, tracks, tuple(attacks))
 
 
-def paper_sheet(board: GroupBoard) -> Sheet | None:
+def paper_sheet(board: GroupResults) -> Sheet | None:
     """Give the paper's numbers where there is no entry yet; None where the paper has none."""
     group, agent = board.group, next(iter(board.group.agents), "")
     paper_rows = tuple(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
@@ -146,7 +144,7 @@ def paper_sheet(board: GroupBoard) -> Sheet | None:
     return replace(by_track_sheet(board, found, "afr"), name=f"{group.name}.paper")
 
 
-def ranking_sheet(board: GroupBoard, found: Attacks) -> Sheet:
+def ranking_sheet(board: GroupResults, found: Attacks) -> Sheet:
     """Lay out the figures over all tracks."""
     lines = [Line(one.kind, {"entry": one.name, **one.cells}) for one in found.attacks]
     return Sheet(
@@ -166,7 +164,7 @@ def _over(tracks: int) -> str:
 
 
 def by_track_sheet(
-    board: GroupBoard, found: Attacks, what: Literal["afr", "relative_coverage"]
+    board: GroupResults, found: Attacks, what: Literal["afr", "relative_coverage"]
 ) -> Sheet:
     """Lay out a rate by track."""
     titles = {
@@ -271,7 +269,7 @@ def flags_cell(runs: Sequence[RunSummary], entry: Entry) -> Cell:
     )
 
 
-def _paper(table: Table, agent: str, group: Group, tracks: Sequence[str]) -> Iterator[Attack]:
+def _paper(table: Table, agent: str, group: TrackGroup, tracks: Sequence[str]) -> Iterator[Attack]:
     """Give the paper's own numbers, where it has this rule, this agent's place and these tracks."""
     if table.name != PAPER_RULE or agent != next(iter(group.agents), ""):
         return
@@ -352,7 +350,7 @@ _STRONGEST = (
 )
 
 
-def strongest_sheet(groups: Sequence[GroupBoard]) -> Sheet:
+def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
     """Give the strongest verified attack on each track and agent beside the agent's usual rate."""
     lines = []
     for board in groups:
@@ -380,7 +378,7 @@ def strongest_sheet(groups: Sequence[GroupBoard]) -> Sheet:
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
 
 
-def _strongest(board: GroupBoard, track: str, agent: str) -> Row | None:
+def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
     """Give the ranked verified entry without flags of the verifier whose interval is highest."""
     results = board.results["verified"]
     flagged = {
@@ -413,7 +411,7 @@ _OUTDATED = (
 )
 
 
-def outdated_sheet(name: str, outdated: Sequence[Outdated]) -> Sheet:
+def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:
     """List results that no longer compare with others."""
     lines = []
     for one in outdated:

@@ -8,10 +8,10 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from leaderboard.groups import TrackGroup
 from sada_gym import __version__
 from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Evaluations
@@ -22,9 +22,6 @@ from sada_gym.registration import make_application
 from sada_gym.submission.entry import EntryResult
 from sada_gym.submission.samples import samples_sha256
 from sada_gym.submission.today import default_agent
-
-if TYPE_CHECKING:
-    from leaderboard.board import Group
 
 MAX_FRAMES = 12
 MAX_BYTES = 2**24
@@ -61,7 +58,7 @@ class Pictures:
     files: dict[str, bytes] = field(default_factory=dict)
 
     def of(
-        self, group: Group, agent: str, results: Mapping[str, EntryResult]
+        self, group: TrackGroup, agent: str, results: Mapping[str, EntryResult]
     ) -> tuple[Picture, ...]:
         """Draw the samples of some tracks of a group.
 
@@ -128,7 +125,7 @@ def _pooled(parts: Sequence[Evaluations]) -> Evaluations:
 
 
 def _marginals(
-    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: Group
+    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: TrackGroup
 ) -> bytes:
     application = next(iter(applications.values()))
     pooled = _pooled(list(samples.values()))
@@ -136,7 +133,7 @@ def _marginals(
 
 
 def _fooled(
-    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], group: Group
+    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], group: TrackGroup
 ) -> bytes:
     """Draw fooled worlds, in turn from each track."""
     by_track = [

@@ -1,0 +1,111 @@
+"""The tracks of an application, and what the entries hold on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sada_gym.benchmark.results import Results
+from sada_gym.envs.catalogue import ApplicationCard
+from sada_gym.submission.entry import Entry, EntryResult
+from sada_gym.submission.models import Tier, slug
+
+NAMES = {
+    "SADA-Detection": (
+        "detection",
+        "Object detection",
+        "The adversary places the camera and the light and paints the object, until the detector "
+        "no longer finds it.",
+    ),
+    "SADA-Driving": (
+        "driving",
+        "Self-driving",
+        "The adversary mounts the camera and chooses the weather, and the driver has to stay on "
+        "the road.",
+    ),
+    "SADA-UAV": (
+        "racing",
+        "UAV racing",
+        "The adversary bends the race track by its anchors, and the pilot has to pass every gate.",
+    ),
+    "SADA-Robot": (
+        "robot",
+        "Robot navigation",
+        "The adversary changes the warehouse, the load, the lidar and the wheels, and the robot "
+        "has to reach its goal.",
+    ),
+    "SADA-Digits": (
+        "digits",
+        "Handwritten digits",
+        "The adversary warps images of handwritten digits, and the classifier has to read them.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class TrackGroup:
+    """The tracks of one application.
+
+    Attributes:
+        name: The name of its page.
+        title: Its title.
+        summary: A sentence on it.
+        application: The application's name.
+        tracks: The ids of its tracks.
+        agents: The agents that are shipped for it, the default first, each with its summary.
+        nominal: How well each of them does in nominal worlds.
+    """
+
+    name: str
+    title: str
+    summary: str
+    application: str
+    tracks: tuple[str, ...]
+    agents: Mapping[str, str]
+    nominal: Mapping[str, str]
+
+    @classmethod
+    def of(cls, card: ApplicationCard) -> TrackGroup:
+        """Take a group from an application's card; an application that we do not know gets one."""
+        plain = card.name.removeprefix("SADA-")
+        name, title, summary = NAMES.get(card.name, (slug(plain).lower(), plain, ""))
+        agents = {agent.name: agent.summary for agent in card.agents}
+        nominal = {agent.name: agent.nominal for agent in card.agents}
+        tracks = card.track_ids or (card.id,)
+        return cls(name, title, summary, card.name, tracks, agents, nominal)
+
+    def short(self, track: str) -> str:
+        """Give what tells a track from the others of its group."""
+        return track.removeprefix(f"{self.application}-").rsplit("-v", 1)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class OutdatedResult:
+    """A result that no longer compares with others.
+
+    Attributes:
+        entry: Its entry.
+        result: The result.
+        reason: What differs from today's.
+    """
+
+    entry: Entry
+    result: EntryResult
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class GroupResults:
+    """What the entries hold on the tracks of one group.
+
+    Attributes:
+        group: The group.
+        entries: The entries with those of their results that are of this group and today's.
+        results: What the results sum up to, by tier.
+        outdated: The results that are outdated.
+    """
+
+    group: TrackGroup
+    entries: tuple[Entry, ...]
+    results: Mapping[Tier, Results]
+    outdated: tuple[OutdatedResult, ...]
