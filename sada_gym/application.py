@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,8 @@ import numpy.typing as npt
 from sada_gym.arrays import real_scores
 from sada_gym.determinism import generators_kept, refuse_random, single_threaded
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, ParameterSpace
-
-if TYPE_CHECKING:
-    from sada_gym.plots.legend import LegendEntry
 
 SEED_BOUND = 2**31
 """Evaluation seeds are Python ints in [0, SEED_BOUND)."""
@@ -31,9 +29,6 @@ _ASKED_TWICE = 4
 
 _TRUSTED = ("sada_gym", "stable_baselines3")
 """Where the classes of shipped agents are defined."""
-
-Frame = npt.NDArray[np.uint8]
-"""An RGB image, (height, width, 3) uint8."""
 
 
 @dataclass(frozen=True)

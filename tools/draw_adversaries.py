@@ -26,9 +26,10 @@ from matplotlib.patches import Rectangle
 
 from sada_gym import adversaries
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.frames import INK, MUTED
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.oracle import Oracle
-from sada_gym.plots.style import FOOLED, INK, MUTED, new_figure, png
+from sada_gym.plots.style import FOOLED, new_figure, png
 
 OUT = Path(__file__).parents[1] / "docs" / "images"
 BUDGET, SAMPLES, SEED = 1_000, 250, 0

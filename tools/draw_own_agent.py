@@ -20,11 +20,11 @@ from scipy.spatial import KDTree
 from stable_baselines3 import PPO
 
 from sada_gym import GymnasiumApplication
-from sada_gym.application import Frame
 from sada_gym.attack import AttackResult, attack
 from sada_gym.envs.wrapped import Keyword
 from sada_gym.evaluation.oracle import Evaluations
-from sada_gym.plots.style import INK, axis_label, new_figure, png, tidy
+from sada_gym.frames import INK, Frame
+from sada_gym.plots.style import axis_label, new_figure, png, tidy
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "examples"))

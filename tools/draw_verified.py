@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.plots.style import FOOLED, GRID, INK, MUTED, new_figure, png, tidy
+from sada_gym.frames import GRID, INK, MUTED
+from sada_gym.plots.style import FOOLED, new_figure, png, tidy
 from sada_gym.submission.entry import EntryResult, read_entries
 
 ROOT = Path(__file__).parents[1]

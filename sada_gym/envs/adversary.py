@@ -13,18 +13,12 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.application import (
-    SEED_BOUND,
-    Application,
-    Frame,
-    Outcomes,
-    fold_seed,
-    refuse_undeclared,
-)
+from sada_gym.application import SEED_BOUND, Application, Outcomes, fold_seed, refuse_undeclared
 from sada_gym.arrays import shaped
 from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.frames import Frame
 from sada_gym.lazy import load
 from sada_gym.proposals import Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed, spread_seeds

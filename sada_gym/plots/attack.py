@@ -10,21 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Application, Frame
+from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.files import write_file
+from sada_gym.frames import BLUE, INK, MUTED, ORANGE, Frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failures import NotDrawnError, draw_failures
 from sada_gym.plots.sheet import png_of
 from sada_gym.plots.style import (
     ACCENT,
-    BLUE,
     FOOLED,
     HATCH,
-    INK,
-    MUTED,
     OMEGA,
-    ORANGE,
     UNHURT,
     axis_label,
     name_choices,

@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.application import Application, Frame
+from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.frames import Frame, LegendEntry, Mark, checked_frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.choice import Failure, choose_failures
-from sada_gym.plots.frames import checked_frame
-from sada_gym.plots.legend import LegendEntry, Mark
 from sada_gym.plots.sheet import Group, columns_for, failure_sheet
 
 _MOST_VALUES = 6

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING
 
-from sada_gym.application import Frame
 from sada_gym.errors import UserError
+from sada_gym.frames import Frame
 from sada_gym.measures.novelty import Neighbour, Neighbours
 from sada_gym.plots.attack import contact_sheet
 

@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sada_gym.frames import GRID, INK, MUTED, SKY, VERMILLION
 from sada_gym.parameters import Parameter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
-BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
-"""The palette of Okabe and Ito (2008, "Color Universal Design"), made for the colour-blind."""
-
-INK, MUTED, GRID = "#1f2933", "#5b6673", "#e4e8ec"
 FOOLED, UNHURT, OMEGA, ACCENT = VERMILLION, SKY, "#a9b4c0", INK
 HATCH = "////"
 """What fooled is hatched as well, so that it stands out without colour."""

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.picture import FLOOR
 from sada_gym.envs.detection.renderers import default_renderer
-from sada_gym.plots.frames import Colour, dashed_box, font, rgb
-from sada_gym.plots.style import ORANGE, SKY
+from sada_gym.frames import ORANGE, SKY, Colour, rgb
+from sada_gym.plots.drawing import dashed_box, font
 from sada_gym.replay import shots
 from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, SOFT, WIDTH
 from sada_gym.replay.shots import MORPH_FPS, Shot, Take

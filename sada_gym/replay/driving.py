@@ -17,9 +17,8 @@ from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.frames import SKY, YELLOW, rgb
 from sada_gym.parameters import number
-from sada_gym.plots.frames import rgb
-from sada_gym.plots.style import SKY, YELLOW
 from sada_gym.replay import shots
 from sada_gym.replay.lettering import FAILED, INK, PAPER, WIDTH, cross
 from sada_gym.replay.shots import Shot, Take

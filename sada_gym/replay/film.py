@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from sada_gym.application import Application, Frame
+from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
+from sada_gym.frames import Frame
 from sada_gym.replay.lettering import lettered
 from sada_gym.replay.run import choose, open_application, read_run
 from sada_gym.replay.shots import Take, maker_of

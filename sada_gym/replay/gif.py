@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.application import Frame
+from sada_gym.frames import Frame
 from sada_gym.replay.palette import Palette
 
 COLOURS = 255

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from PIL import Image, ImageDraw
 
-from sada_gym.application import Frame
+from sada_gym import frames
 from sada_gym.envs.episodes.sheet import stacked
-from sada_gym.plots import style
-from sada_gym.plots.frames import Colour, font, rgb
+from sada_gym.frames import Colour, Frame, rgb
+from sada_gym.plots.drawing import font
 from sada_gym.replay.shots import Shot
 
 WIDTH = 480
@@ -19,7 +19,7 @@ TALLEST = 400
 HOLD_S = 1.5
 """The time for which an ending stands."""
 
-INK, PAPER, SOFT = rgb(style.INK), (255, 255, 255), (190, 199, 208)
+INK, PAPER, SOFT = rgb(frames.INK), (255, 255, 255), (190, 199, 208)
 FAILED, DONE = (194, 65, 12), (0, 98, 155)
 """Orange and blue, which colour-blind people tell apart, dark enough for white letters on them; a
 cross and a tick say the same."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.application import Frame
 from sada_gym.errors import FileError, MissingExtra
+from sada_gym.frames import Frame
 
 FPS = 20
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Frame
+from sada_gym.frames import Frame
 
 _BITS = 6
 """Colours are looked up, and counted, on a grid of so many bits a channel."""

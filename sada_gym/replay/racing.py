@@ -18,8 +18,8 @@ from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M, TOP_M
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import line
-from sada_gym.plots.frames import font, rgb
-from sada_gym.plots.style import SKY, YELLOW
+from sada_gym.frames import SKY, YELLOW, rgb
+from sada_gym.plots.drawing import font
 from sada_gym.replay import shots
 from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
 from sada_gym.replay.shots import Shot, Take

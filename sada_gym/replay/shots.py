@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.application import Application, Frame
+from sada_gym.application import Application
 from sada_gym.errors import UserError
 from sada_gym.files import shown
+from sada_gym.frames import Frame, checked_frame
 from sada_gym.lazy import load
-from sada_gym.plots.frames import checked_frame
 
 MORPH_STEPS, MORPH_FPS = 32, 8
 """A world of one image is reached from the nominal one in so many pictures."""

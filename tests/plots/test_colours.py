@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from sada_gym import frames
 from sada_gym.envs.detection import picture as detection
 from sada_gym.envs.digits import picture as digits
 from sada_gym.envs.driving import pictures as driving
 from sada_gym.envs.robot import pictures as robot
 from sada_gym.envs.uav import pictures as racing
+from sada_gym.frames import rgb
 from sada_gym.plots import style
-from sada_gym.plots.frames import rgb
 
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB
 MATRICES = {
@@ -30,8 +31,8 @@ TO_XYZ = np.array(
 
 PAIRS = {
     "fooled, not": (style.FOOLED, style.UNHURT),
-    "queries, samples": (style.OMEGA, style.BLUE),
-    "query that fooled, sample": (style.ORANGE, style.BLUE),
+    "queries, samples": (style.OMEGA, frames.BLUE),
+    "query that fooled, sample": (frames.ORANGE, frames.BLUE),
     "target, other": (detection._TARGET, detection._OTHER),
     "target, truth": (detection._TARGET, detection._TRUTH),
     "other, truth": (detection._OTHER, detection._TRUTH),

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 from toy import Blind, Toy
 
+from sada_gym.frames import LegendEntry
 from sada_gym.oracle import Evaluations
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.plots.attack import (
@@ -15,7 +16,6 @@ from sada_gym.plots.attack import (
     marginals,
     score_histogram,
 )
-from sada_gym.plots.legend import LegendEntry
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -8,7 +8,7 @@ from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.driving import DrivingApplication
 from sada_gym.envs.robot import RobotApplication
 from sada_gym.envs.uav import UAVApplication
-from sada_gym.plots.legend import LegendEntry
+from sada_gym.frames import LegendEntry
 
 APPLICATIONS = {
     "analytic": AnalyticApplication,

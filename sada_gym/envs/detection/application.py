@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Frame, Scored, validate_seeds, validate_world
+from sada_gym.application import Application, Scored, validate_seeds, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.picture import annotate, legend
@@ -21,8 +21,8 @@ from sada_gym.envs.detection.renderers.base import DEFAULT, checked_renderer, ch
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, fingerprint, load_class
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
-from sada_gym.plots.legend import LegendEntry
 
 
 class DetectionApplication(Application):

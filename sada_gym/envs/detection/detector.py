@@ -12,9 +12,9 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
-from sada_gym.application import Frame
 from sada_gym.envs.checks import checked_tile, refuse_training_mode
 from sada_gym.errors import UserError
+from sada_gym.frames import Frame
 
 if TYPE_CHECKING:
     from torch import Tensor

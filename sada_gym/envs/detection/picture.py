@@ -10,9 +10,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.renderers import Rendering
-from sada_gym.plots.frames import dashed, dashed_box, font, rgb
-from sada_gym.plots.legend import LegendEntry
-from sada_gym.plots.style import ORANGE, SKY
+from sada_gym.frames import ORANGE, SKY, LegendEntry, rgb
+from sada_gym.plots.drawing import dashed, dashed_box, font
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""

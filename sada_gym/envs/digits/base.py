@@ -13,14 +13,14 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Frame, Scored, validate_world
+from sada_gym.application import Application, Scored, validate_world
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.images import checked_images, test_images
 from sada_gym.envs.digits.picture import LEGEND, beside, enlarged
 from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
+from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu
-from sada_gym.plots.legend import LegendEntry
 
 _PIXELS_AT_ONCE = 2**18
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Frame, Scored, validate_world
+from sada_gym.application import Scored, validate_world
 from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
@@ -17,10 +17,11 @@ from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_route
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 if TYPE_CHECKING:
-    from sada_gym.plots.legend import LegendEntry
+    from sada_gym.frames import LegendEntry
 
 
 class DrivingApplication(EpisodesApplication[Drives]):

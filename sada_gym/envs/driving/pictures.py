@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.application import Frame
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Start
@@ -20,9 +19,8 @@ from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
-from sada_gym.plots.frames import dashed, font, rgb
-from sada_gym.plots.legend import LegendEntry
-from sada_gym.plots.style import BLUE, GREEN, VERMILLION, YELLOW
+from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
+from sada_gym.plots.drawing import dashed, font
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2

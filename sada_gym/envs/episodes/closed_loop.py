@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, known_as
-from sada_gym.application import Application, Frame, validate_seeds, validate_world
+from sada_gym.application import Application, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import EpisodesT, Rollout, play, record
+from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
 
 _AT_ONCE = 4

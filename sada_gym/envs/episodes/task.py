@@ -15,7 +15,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.agents.tile import Batch
-from sada_gym.application import Frame
 from sada_gym.envs.checks import (
     check_kind,
     checked_actions,
@@ -25,6 +24,7 @@ from sada_gym.envs.checks import (
 from sada_gym.envs.episodes.acting import EpisodesT
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.vector import SeededVectorEnv
+from sada_gym.frames import Frame
 from sada_gym.resets import check_reset_options, checked_seed
 
 _FIRST = np.zeros(1, np.intp)

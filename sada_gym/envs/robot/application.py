@@ -12,17 +12,18 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Frame, Scored, validate_seeds, validate_world
+from sada_gym.application import Scored, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
+from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
-    from sada_gym.plots.legend import LegendEntry
+    from sada_gym.frames import LegendEntry
 
 PLANS = 2
 """The floor plans of one evaluation."""

@@ -9,16 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.application import Frame
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.episodes import GOAL_M, POLICY_HZ, Ending, Start, Trips
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
-from sada_gym.plots.frames import font, rgb
-from sada_gym.plots.legend import LegendEntry
-from sada_gym.plots.style import BLUE, VERMILLION
+from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
+from sada_gym.plots.drawing import font
 
 WIDTH = 700
 """The width of a map in pixels."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Frame, Scored, validate_seeds, validate_world
+from sada_gym.application import Scored, validate_seeds, validate_world
 from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
@@ -19,10 +19,11 @@ from sada_gym.envs.uav.episodes import REPLAY_HZ, Races, Start
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
+from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
-    from sada_gym.plots.legend import LegendEntry
+    from sada_gym.frames import LegendEntry
 
 LOCKSTEP = 64
 """The most races that are flown at a time."""

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.application import Frame
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
@@ -18,10 +17,9 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import Ending
 from sada_gym.envs.uav.world.track import line
-from sada_gym.plots.frames import dashed, font, rgb
-from sada_gym.plots.legend import LegendEntry
-from sada_gym.plots.style import BLUE, GREEN, VERMILLION
-from sada_gym.plots.style import INK as INK_HEX
+from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
+from sada_gym.frames import INK as INK_HEX
+from sada_gym.plots.drawing import dashed, font
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0

@@ -18,7 +18,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.application import Frame, Scored, refuse_undeclared, validate_world
+from sada_gym.application import Scored, refuse_undeclared, validate_world
 from sada_gym.envs.episodes.acting import Rollout, play, record
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.wrapped.disturbances import refuse_doubles
@@ -28,9 +28,9 @@ from sada_gym.envs.wrapped.places import Function, Place, found_place, plain
 from sada_gym.envs.wrapped.plain import PlainAgent
 from sada_gym.envs.wrapped.scores import Own, ScoreLike, as_score
 from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
+from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots.legend import LegendEntry
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize

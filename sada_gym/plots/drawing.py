@@ -1,4 +1,4 @@
-"""Frames and what is drawn on them: fonts, wrapped text, dashes, and lines with an edge."""
+"""Draws on frames: fonts, wrapped text, dashes, lines with an edge, and the marks of a legend."""
 
 from __future__ import annotations
 
@@ -6,40 +6,13 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import ImageDraw, ImageFont
 
-from sada_gym.application import Frame
-from sada_gym.errors import UserError
+from sada_gym.frames import INK, Colour, LegendEntry, rgb
 
-Colour = tuple[int, int, int]
 Point = tuple[float, float]
-
-
-def checked_frame(given: Any, source: str) -> Frame:
-    """Give what an application drew, if it is a frame.
-
-    Args:
-        given: Anything.
-        source: Where it is from, such as `MyApplication.render`.
-
-    Raises:
-        UserError: If it is no frame.
-    """
-    found = np.asarray(given)
-    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
-        raise UserError(
-            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
-            f"{found.dtype}. Mend {source}."
-        )
-    return found
-
-
-def rgb(colour: str) -> Colour:
-    """Give the red, green and blue, 0 to 255, of a colour such as `#d55e00`."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 @lru_cache(maxsize=32)
@@ -139,3 +112,61 @@ def dashed_box(
             dashed(draw, side, casing, width + 2, dash, gap)
     for side in sides:
         dashed(draw, side, colour, width, dash, gap)
+
+
+def swatch(draw: ImageDraw.ImageDraw, entry: LegendEntry, box: tuple[int, int, int, int]) -> None:
+    """Draw an entry's mark.
+
+    Args:
+        draw: Draws on the picture.
+        entry: The entry.
+        box: The mark's place: left, top, right and bottom in pixels.
+    """
+    left, top, right, bottom = box
+    x, y, r = (left + right) / 2, (top + bottom) / 2, (bottom - top) / 2
+    width = max(2, round(r / 4))
+    colour = rgb(entry.colour)
+    kind, _, shape = entry.mark.rpartition(" ")
+    gaps = {"": (1.0, 0.0), "dashed": (2.5, 1.8), "dotted": (1.0, 1.0)}[kind]
+    dash, gap = gaps[0] * width, gaps[1] * width
+    corners: list[tuple[float, float]] = [
+        (left, top),
+        (right, top),
+        (right, bottom),
+        (left, bottom),
+        (left, top),
+    ]
+    if shape == "area":
+        draw.rectangle(box, colour, rgb(INK))
+    elif shape == "box":
+        _cased(draw, corners, colour, width, dash, gap)
+    elif shape == "line":
+        _cased(draw, [(left, y), (right, y)], colour, 2 * width, dash * 2, gap * 2)
+    elif shape == "dots":
+        for offset in (-1.2, 0.0, 1.2):
+            draw.circle((x + offset * r, y), 0.3 * r, colour)
+    elif shape == "disc":
+        draw.circle((x, y), 0.8 * r, colour, rgb(INK), max(1, width // 2))
+    elif shape == "square":
+        draw.rectangle((x - 0.8 * r, y - 0.8 * r, x + 0.8 * r, y + 0.8 * r), colour, rgb(INK))
+    elif shape in ("cross", "plus"):
+        arm = 0.8 * r
+        ends = [(-arm, -arm, arm, arm), (-arm, arm, arm, -arm)]
+        if shape == "plus":
+            ends = [(-arm, 0.0, arm, 0.0), (0.0, -arm, 0.0, arm)]
+        for x0, y0, x1, y1 in ends:
+            draw.line([(x + x0, y + y0), (x + x1, y + y1)], colour, round(1.6 * width))
+    elif shape == "arrow":
+        draw.polygon([(x + r, y), (x - 0.8 * r, y - 0.8 * r), (x - 0.8 * r, y + 0.8 * r)], colour)
+
+
+def _cased(
+    draw: ImageDraw.ImageDraw,
+    points: list[tuple[float, float]],
+    colour: Colour,
+    width: int,
+    dash: float,
+    gap: float,
+) -> None:
+    """Draw a line with a dark edge, so that a white one shows on white."""
+    dashed(draw, points, colour, width, dash, gap, casing=(64, 72, 80))

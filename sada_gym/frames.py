@@ -1,0 +1,78 @@
+"""Frames, their colours, and what the marks in them mean."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.errors import UserError
+
+Frame = npt.NDArray[np.uint8]
+"""An RGB image, (height, width, 3) uint8."""
+
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
+
+ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+"""The palette of Okabe and Ito (2008, "Color Universal Design"), made for the colour-blind."""
+
+INK, MUTED, GRID = "#1f2933", "#5b6673", "#e4e8ec"
+
+Mark = Literal[
+    "note",
+    "area",
+    "box",
+    "dashed box",
+    "dotted box",
+    "line",
+    "dashed line",
+    "dotted line",
+    "dots",
+    "disc",
+    "square",
+    "cross",
+    "plus",
+    "arrow",
+]
+"""How an entry's mark is drawn. A `note` is a line of text without a mark."""
+
+
+class LegendEntry(NamedTuple):
+    """A mark in an application's frames and what it means.
+
+    Attributes:
+        text: What it means, such as `the true box`.
+        colour: Its colour as `#rrggbb`.
+        mark: How it is drawn.
+    """
+
+    text: str
+    colour: str = INK
+    mark: Mark = "note"
+
+
+def checked_frame(given: Any, source: str) -> Frame:
+    """Give what an application drew, if it is a frame.
+
+    Args:
+        given: Anything.
+        source: Where it is from, such as `MyApplication.render`.
+
+    Raises:
+        UserError: If it is no frame.
+    """
+    found = np.asarray(given)
+    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
+        raise UserError(
+            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
+            f"{found.dtype}. Mend {source}."
+        )
+    return found
+
+
+def rgb(colour: str) -> Colour:
+    """Give the red, green and blue, 0 to 255, of a colour such as `#d55e00`."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
