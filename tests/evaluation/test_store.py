@@ -266,7 +266,7 @@ FILE_LIMIT = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-sys.path[:0] = [TESTS, TESTS + "/evaluation"]
+sys.path[:0] = [TESTS + "/support", TESTS + "/evaluation"]
 from test_store import EvaluationStore, fill
 with EvaluationStore(sys.argv[1]) as store:
     fill(store)

@@ -12,12 +12,12 @@ import zipfile
 
 import numpy as np
 import pytest
+from fuzz_entries import fuzz
+from made_entries import ANALYTIC, make_entry
 
 from sada_gym.errors import UserError
 from sada_gym.submission.checks import MAX_FILES, check_entry
 from sada_gym.submission.models import result_stem
-from tests.leaderboard.fuzz_entries import fuzz
-from tests.leaderboard.made_entries import ANALYTIC, make_entry
 
 STEM = f"{ANALYTIC}.paper-budgets"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_entries import ANALYTIC, make_entry
 from toy import Greedy, Toy
 
 from sada_gym.attack import attack
@@ -16,7 +17,6 @@ from sada_gym.submission.entry import read_entry, write_verified
 from sada_gym.submission.models import Verified
 from sada_gym.submission.samples import samples_sha256
 from sada_gym.submission.submit import Credits, submit, submit_samples
-from tests.leaderboard.made_entries import ANALYTIC, make_entry
 
 ROOT = Path(__file__).parents[2]
 ME = Credits("mine", ["Ada L."], "CC-BY-4.0")

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_entries import ANALYTIC, make_entry, rescored, uniform
+from make_golden import GOLDEN, NONCE
 from typer.testing import CliRunner
 
 from leaderboard.verify import app
@@ -20,8 +22,6 @@ from sada_gym.submission.entry import read_entry, read_verified, write_result
 from sada_gym.submission.models import Result
 from sada_gym.submission.today import find_target
 from sada_gym.submission.verification import fresh_seeds, verify
-from tests.leaderboard.made_entries import ANALYTIC, make_entry, rescored, uniform
-from tests.leaderboard.make_golden import GOLDEN, NONCE
 
 ROOT = Path(__file__).parents[2]
 DIGITS, DIGIT_5 = "SADA-Digits-0-v0", "SADA-Digits-5-v0"

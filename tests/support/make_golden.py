@@ -1,6 +1,6 @@
 """Makes the golden folder anew, a small board with what the verifier finds on it.
 
-    python -m tests.leaderboard.make_golden
+    python tests/support/make_golden.py
 
 Its track is analytic, so that scores are the same on every machine. Look at the difference before
 you commit it: the verifier should change its mind only where it was changed.
@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from made_entries import make_entry, rescored, uniform
 
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.submission.entry import read_entry, write_result
 from sada_gym.submission.models import Result
 from sada_gym.submission.verification import verify
-from tests.leaderboard.made_entries import make_entry, rescored, uniform
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(__file__).parents[1] / "leaderboard" / "golden"
 NONCE = "golden"
 
 

@@ -1,4 +1,4 @@
-"""Fuzzes the checks of entries: `python -m tests.leaderboard.fuzz_entries --seconds 600 --seed 0`.
+"""Fuzzes the checks of entries: `python tests/support/fuzz_entries.py --seconds 600 --seed 0`.
 
 Good entries are spoilt at random: bytes, values of JSON, headers of arrays, lines of TOML, names of
 files. Whatever comes out must pass or be refused with a sentence; anything else is a crash.
@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from made_entries import make_entry
 
 from sada_gym.errors import UserError
 from sada_gym.submission.checks import check_entry
 from sada_gym.submission.entry import read_entry
 from sada_gym.submission.models import result_stem
-from tests.leaderboard.made_entries import make_entry
 
 Rng = np.random.Generator
 SLOW_S = 5.0
