@@ -12,7 +12,7 @@ import pytest
 from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.course import PLANS, Course
-from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, Trips
+from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from sada_gym.envs.robot.world.floor_plan import floor_plan
 
@@ -50,7 +50,7 @@ def test_decisions(benchmark):
 
 
 def test_bare_stepping(benchmark):
-    (bodies,) = Trips([Course().draw(RNG)])._bodies
+    (bodies,) = RobotEpisodes([Course().draw(RNG)])._bodies
 
     def step():
         for _ in range(STEPS * SUBSTEPS):

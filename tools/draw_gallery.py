@@ -19,7 +19,7 @@ from sada_gym.envs.digits import DigitsApplication
 from sada_gym.envs.digits.picture import RIGHT, WRONG, enlarged
 from sada_gym.envs.pixel import PixelApplication
 from sada_gym.envs.robot.application import RobotApplication
-from sada_gym.envs.robot.pictures import moment
+from sada_gym.envs.robot.frame import snapshot
 from tools.draw_digits import gradient_sign
 from tools.draw_robot import SEED as ROBOT_SEED
 from tools.draw_robot import TURNED, mu_of
@@ -87,7 +87,7 @@ def with_map(env_id: str, camera: tuple[int, ...], plan: tuple[int, ...]) -> Ima
 def robot() -> Image.Image:
     """The end of the robot's first trip: a collision."""
     rollout = RobotApplication().rollouts(mu_of(TURNED), ROBOT_SEED)[0]
-    return card(moment(rollout, len(rollout["poses"]) - 1))
+    return card(snapshot(rollout, len(rollout["poses"]) - 1))
 
 
 def digits() -> Image.Image:

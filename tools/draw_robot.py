@@ -8,7 +8,7 @@ from PIL import Image
 
 from sada_gym.envs.robot.application import RobotApplication
 from sada_gym.envs.robot.conditions import PARAMETERS, Conditions
-from sada_gym.envs.robot.pictures import WIDTH, moment, summary
+from sada_gym.envs.robot.frame import WIDTH, snapshot, summary
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SEED = 1
@@ -36,7 +36,7 @@ def main() -> None:
     views = []
     for mu in (clear, poor):
         rollout = application.rollouts(mu, SEED)[1]
-        views.append(moment(rollout, len(rollout["poses"]) // 2))
+        views.append(snapshot(rollout, len(rollout["poses"]) // 2))
     pair = Image.new("RGB", (2 * WIDTH, views[0].height))
     for k, view in enumerate(views):
         pair.paste(view, (k * WIDTH, 0))

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from PIL import ImageDraw
 
 from sada_gym.envs.episodes.acting import Rollout
-from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start
-from sada_gym.envs.robot.pictures import WIDTH, moment
+from sada_gym.envs.robot.frame import WIDTH, snapshot
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
 from sada_gym.replay import shots
 from sada_gym.replay.lettering import ring
@@ -35,12 +35,12 @@ def take(application: RobotApplication, mu: shots.Mu, seed: int, seconds: float)
     return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
 
 
-def _shot(rollout: Rollout[Start], name: str, world: str, seconds: float) -> Shot:
+def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -> Shot:
     last = len(rollout["poses"]) - 1
     steps = shots.steps_before(last, seconds * FASTER * POLICY_HZ)
-    ending = Ending(int(rollout["ending"][-1]))
-    pictures = [moment(rollout, step) for step in steps]
-    if ending != Ending.ARRIVED:
+    ending = RobotEnd(int(rollout["ending"][-1]))
+    pictures = [snapshot(rollout, step) for step in steps]
+    if ending != RobotEnd.ARRIVED:
         unit, (x, y, _) = WIDTH / HALL_M[0], rollout["poses"][-1]
         ring(ImageDraw.Draw(pictures[-1]), x * unit, (HALL_M[1] - y) * unit, 28)
     notes = [f"{name}  ·  {step / POLICY_HZ:.1f} s  ·  twice as fast" for step in steps]
@@ -48,15 +48,15 @@ def _shot(rollout: Rollout[Start], name: str, world: str, seconds: float) -> Sho
     goal = rollout.start.plan.ways[rollout.start.trip][-1]
     away_m = float(np.hypot(*(rollout["poses"][-1, :2] - goal)))
     texts = {
-        Ending.ARRIVED: f"arrived after {after_s:.0f} s",
-        Ending.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
-        Ending.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
+        RobotEnd.ARRIVED: f"arrived after {after_s:.0f} s",
+        RobotEnd.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
+        RobotEnd.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
     }
-    told = shots.Ending(texts[ending], ending != Ending.ARRIVED)
+    told = shots.Ending(texts[ending], ending != RobotEnd.ARRIVED)
     return Shot(pictures, FASTER * POLICY_HZ, notes, world, told)
 
 
-def _hit(rollout: Rollout[Start]) -> str:
+def _hit(rollout: Rollout[RobotStart]) -> str:
     """Name what is nearest to the robot at the end."""
     plan, (x, y, _) = rollout.start.plan, rollout["poses"][-1]
     barrels = plan.barrels[: rollout.start.conditions.barrels]

@@ -7,7 +7,7 @@ import pytest
 from sada_gym import agents
 from sada_gym.agents.policy import as_policy
 from sada_gym.envs.robot.agent import weights
-from sada_gym.envs.robot.episodes import Trips
+from sada_gym.envs.robot.episodes import RobotEpisodes
 from studies.training.robot import train
 from studies.training.robot.evaluate import measure, table
 from studies.training.robot.recipe import RECIPES
@@ -19,7 +19,7 @@ SHORT = replace(RECIPES["ppo-randomised"], lockstep=2, steps=32, rollout=8, batc
 
 def test_a_training_is_fixed_by_its_seed():
     first, again, other = (
-        as_policy(train.train(SHORT, seed=s), Trips).fingerprint for s in (0, 0, 1)
+        as_policy(train.train(SHORT, seed=s), RobotEpisodes).fingerprint for s in (0, 0, 1)
     )
     assert first == again != other
 
@@ -28,7 +28,9 @@ def test_a_trained_robot_is_saved_and_drives_again(tmp_path):
     model = train.train(SHORT, seed=0)
     weights.save(model, tmp_path / "ppo.safetensors")
     again = agents.load(tmp_path / "ppo.safetensors", "SADA-Robot")
-    assert as_policy(again, Trips).fingerprint == as_policy(model, Trips).fingerprint
+    assert (
+        as_policy(again, RobotEpisodes).fingerprint == as_policy(model, RobotEpisodes).fingerprint
+    )
 
 
 def test_a_trial_of_the_script_writes_weights_and_no_card(tmp_path, monkeypatch, capsys):

@@ -17,7 +17,8 @@ from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
-from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.episodes import RobotEpisodes
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
@@ -29,7 +30,7 @@ PLANS = 2
 """The floor plans of one evaluation."""
 
 
-class RobotApplication(EpisodesApplication[Trips]):
+class RobotApplication(EpisodesApplication[RobotEpisodes]):
     """A robot with a lidar makes ten trips through warehouses.
 
     ## Description
@@ -94,7 +95,7 @@ class RobotApplication(EpisodesApplication[Trips]):
     def __init__(
         self,
         *,
-        agent: str | Path | Predictor | Agent[Trips, npt.NDArray[Any]] = "ppo",
+        agent: str | Path | Predictor | Agent[RobotEpisodes, npt.NDArray[Any]] = "ppo",
         agent_id: str | None = None,
     ) -> None:
         super().__init__(agent, agent_id)
@@ -102,14 +103,14 @@ class RobotApplication(EpisodesApplication[Trips]):
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
         """What the marks in frames mean."""
-        from sada_gym.envs.robot.pictures import LEGEND
+        from sada_gym.envs.robot.frame import LEGEND
 
         return LEGEND
 
-    def _as_agent(self, given: Any) -> Agent[Trips, npt.NDArray[Any]]:
-        return as_policy(given, Trips)
+    def _as_agent(self, given: Any) -> Agent[RobotEpisodes, npt.NDArray[Any]]:
+        return as_policy(given, RobotEpisodes)
 
-    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Trips:
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> RobotEpisodes:
         """Begin all trips in the worlds of mu, ten each: (10 n) of them."""
         starts = []
         for row, seed in zip(mu, seeds, strict=True):
@@ -119,10 +120,10 @@ class RobotApplication(EpisodesApplication[Trips]):
             for k in range(PLANS):
                 plan = floor_plan(numbers[k])
                 starts += [
-                    Start(plan, trip, physics, numbers[PLANS + k * TRIPS + trip])
+                    RobotStart(plan, trip, physics, numbers[PLANS + k * TRIPS + trip])
                     for trip in range(TRIPS)
                 ]
-        return Trips(starts)
+        return RobotEpisodes(starts)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         trips = self.episodes(mu, seeds)
@@ -130,7 +131,7 @@ class RobotApplication(EpisodesApplication[Trips]):
         ending = trips.ending.reshape(len(mu), -1)
         left = trips.remaining_m.reshape(len(mu), -1)
         extras = [
-            {"endings": [Ending(code).name.lower() for code in codes], "remaining_m": row}
+            {"endings": [RobotEnd(code).name.lower() for code in codes], "remaining_m": row}
             for codes, row in zip(ending, left, strict=True)
         ]
         return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
@@ -153,7 +154,7 @@ class RobotApplication(EpisodesApplication[Trips]):
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.robot.pictures import summary
+        from sada_gym.envs.robot.frame import summary
 
         for rollouts in self.rollouts_batch(mu, seeds):
             yield summary(rollouts)
@@ -164,7 +165,7 @@ class RobotApplication(EpisodesApplication[Trips]):
         frame: Frame = self.episodes(row, [seed]).render(np.zeros(1, np.intp))[0]
         return frame
 
-    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
-        from sada_gym.envs.robot.pictures import frames
+    def _frames(self, rollouts: list[Rollout[RobotStart]]) -> list[Frame]:
+        from sada_gym.envs.robot.frame import frames
 
         return frames(rollouts)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.envs.checks import check_kind, check_number
 from sada_gym.envs.robot.conditions import PARAMETERS, Conditions, conditions
-from sada_gym.envs.robot.episodes import Start
+from sada_gym.envs.robot.start import RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 
 PLANS = 2_000
@@ -36,13 +36,13 @@ class Course:
         check_number("spread", self.spread, 0.0, 1.0)
         check_number("turned_deg", self.turned_deg, 0.0, 180.0)
 
-    def draw(self, rng: np.random.Generator) -> Start:
+    def draw(self, rng: np.random.Generator) -> RobotStart:
         """Draw one trip."""
         drawn = self.conditions
         if self.spread > 0.0:
             mu = rng.uniform(-self.spread, self.spread, len(PARAMETERS)).astype(np.float32)
             drawn = conditions(mu)
-        return Start(
+        return RobotStart(
             plan=floor_plan(int(rng.integers(PLANS))),
             trip=int(rng.integers(TRIPS)),
             conditions=drawn,

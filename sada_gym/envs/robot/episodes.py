@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
 from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
-from sada_gym.envs.robot.conditions import NOMINAL, Conditions
+from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.bodies import Bodies
 from sada_gym.envs.robot.world.carts import drive, places_of
 from sada_gym.envs.robot.world.floor_plan import (
@@ -22,19 +20,14 @@ from sada_gym.envs.robot.world.floor_plan import (
     CART_RADIUS_M,
     CARTS,
     HALL_M,
-    FloorPlan,
-    floor_plan,
 )
 from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.lidar import RAYS, SCANS, SECTORS, nearest, scan
 from sada_gym.envs.robot.world.robot import axle_to_mass, delayed_rims, velocities
 from sada_gym.envs.robot.world.way import STATES, fill_state, locate
 
-POLICY_HZ = 5
 SUBSTEPS = 5
 STEP_S = 1 / (POLICY_HZ * SUBSTEPS)
-GOAL_M = 0.3
-"""The goal is reached where the robot's middle is nearer to it than this."""
 SLOWEST_M_S, GRACE_S = 0.25, 10.0
 """A trip may take as long as its way takes at this speed, and so much longer."""
 
@@ -55,35 +48,7 @@ _RACKS = 9
 _CIRCLES = 4 + BARRELS + CARTS
 
 
-class Ending(IntEnum):
-    """How a trip ended."""
-
-    UNDER_WAY = 0
-    ARRIVED = 1
-    COLLIDED = 2
-    TOO_LATE = 3
-
-
-@dataclass(frozen=True)
-class Start:
-    """How one trip begins.
-
-    Attributes:
-        plan: The floor plan.
-        trip: Which of the plan's trips it is.
-        conditions: The physical conditions.
-        seed: Fixes the lidar's noise.
-        turned_rad: By how much the robot is turned from its way to the left.
-    """
-
-    plan: FloorPlan = field(default_factory=lambda: floor_plan(0))
-    trip: int = 0
-    conditions: Conditions = NOMINAL
-    seed: int = 0
-    turned_rad: float = 0.0
-
-
-class Trips(Episodes[Start]):
+class RobotEpisodes(Episodes[RobotStart]):
     """Robots that drive to their goals in lockstep.
 
     Args:
@@ -98,14 +63,14 @@ class Trips(Episodes[Start]):
         carts: (n, CARTS, 2) where the carts are.
         points: (n, SCANS, RAYS, 2) where the robot believes the last returns to be, newest first.
         remaining_m: (n,) what is left of the way.
-        ending: (n,) int8, of `Ending`.
+        ending: (n,) int8, of `RobotEnd`.
     """
 
     task_id = "SADA-RobotTask-v0"
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 
-    def __init__(self, starts: Sequence[Start]) -> None:
+    def __init__(self, starts: Sequence[RobotStart]) -> None:
         super().__init__(starts)
         n = len(starts)
         self.poses, self.velocities = np.zeros((n, 3)), np.zeros((n, 3))
@@ -127,7 +92,7 @@ class Trips(Episodes[Start]):
         for i, start in enumerate(starts):
             self.begin(i, start)
 
-    def begin(self, i: int, start: Start) -> None:
+    def begin(self, i: int, start: RobotStart) -> None:
         """Begin another trip in place i."""
         plan, conditions = start.plan, start.conditions
         self.starts[i] = start
@@ -135,7 +100,7 @@ class Trips(Episodes[Start]):
         heading = math.atan2(way[3, 1] - way[0, 1], way[3, 0] - way[0, 0]) + start.turned_rad
         self.poses[i], self.velocities[i] = (way[0, 0], way[0, 1], heading), 0.0
         self.remaining_m[i] = SPACING_M * (len(way) - 1)
-        self.steps[i], self.ending[i], self._at[i] = 0, Ending.UNDER_WAY, 0
+        self.steps[i], self.ending[i], self._at[i] = 0, RobotEnd.UNDER_WAY, 0
         self._limit[i] = math.ceil((self.remaining_m[i] / SLOWEST_M_S + GRACE_S) * POLICY_HZ)
         # places that stay empty lie far outside of the hall, or have no size
         self._racks[i], self.lanes[i], self._circles[i] = -100.0, -100.0, 0.0
@@ -164,12 +129,12 @@ class Trips(Episodes[Start]):
 
     def under_way(self) -> Indices:
         """Give the trips that have not ended."""
-        return np.flatnonzero(self.ending == Ending.UNDER_WAY)
+        return np.flatnonzero(self.ending == RobotEnd.UNDER_WAY)
 
     @property
     def score(self) -> Array:
         """The scores, (n,): 1 where a robot has arrived, else 0."""
-        score: Array = (self.ending == Ending.ARRIVED).astype(np.float64)
+        score: Array = (self.ending == RobotEnd.ARRIVED).astype(np.float64)
         return score
 
     def where(self, i: int) -> str:
@@ -198,9 +163,14 @@ class Trips(Episodes[Start]):
 
     def render(self, which: Indices) -> Pictures:
         """Draw the floor plan around each robot, with what its lidar returned."""
-        from sada_gym.envs.robot.pictures import frame
+        from sada_gym.envs.robot.frame import draw_frame
 
-        return np.stack([frame(self, i) for i in which.tolist()])
+        return np.stack(
+            [
+                draw_frame(self.starts[i], self.poses[i], self.carts[i], self.points[i])
+                for i in which.tolist()
+            ]
+        )
 
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some robots drive one step.
@@ -224,10 +194,10 @@ class Trips(Episodes[Start]):
         late = self.steps[which] >= self._limit[which]
         goals = np.array([self.starts[i].plan.ways[self.starts[i].trip][-1] for i in which])
         away = np.hypot(*(self.poses[which, :2] - goals).T)
-        ending = np.where(late, Ending.TOO_LATE, Ending.UNDER_WAY)
-        ending = np.where(away < GOAL_M, Ending.ARRIVED, ending)
+        ending = np.where(late, RobotEnd.TOO_LATE, RobotEnd.UNDER_WAY)
+        ending = np.where(away < GOAL_M, RobotEnd.ARRIVED, ending)
         touched = np.array([self._bodies[i].touched for i in which.tolist()])
-        self.ending[which] = np.where(touched, Ending.COLLIDED, ending)
+        self.ending[which] = np.where(touched, RobotEnd.COLLIDED, ending)
         for i in which.tolist():
             way = self.starts[i].plan.ways[self.starts[i].trip]
             self._at[i], self.remaining_m[i] = locate(way, self._at[i], self.poses[i])

@@ -13,40 +13,41 @@ from gymnasium.vector import AutoresetMode
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.course import Course
-from sada_gym.envs.robot.episodes import POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.episodes import RobotEpisodes
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 
 
-class RobotTask(Task[Trips]):
+class RobotTask(Task[RobotEpisodes]):
     """Trips of a course, and their rewards."""
 
-    episodes_class, course_class = Trips, Course
+    episodes_class, course_class = RobotEpisodes, Course
 
-    def _begin(self, starts: Sequence[Start]) -> Trips:
-        return Trips(starts)
+    def _begin(self, starts: Sequence[RobotStart]) -> RobotEpisodes:
+        return RobotEpisodes(starts)
 
-    def _step(self, episodes: Trips, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: RobotEpisodes, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         before = episodes.remaining_m.copy()
         episodes.step(np.arange(len(episodes)), actions)
         pace = np.clip((before - episodes.remaining_m) * POLICY_HZ / FORWARD_M_S, -1.0, 1.0)
-        end = np.where(episodes.ending == Ending.ARRIVED, ARRIVAL_REWARD, 0.0)
-        end = np.where(episodes.ending == Ending.COLLIDED, COLLISION_REWARD, end)
+        end = np.where(episodes.ending == RobotEnd.ARRIVED, ARRIVAL_REWARD, 0.0)
+        end = np.where(episodes.ending == RobotEnd.COLLIDED, COLLISION_REWARD, end)
         reward: npt.NDArray[np.float64] = pace - 0.1 + end
         return reward
 
     def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Say which trips are terminated, and which are truncated: out of time."""
         ending = self.episodes.ending
-        truncated = ending == Ending.TOO_LATE
-        return (ending != Ending.UNDER_WAY) & ~truncated, truncated
+        truncated = ending == RobotEnd.TOO_LATE
+        return (ending != RobotEnd.UNDER_WAY) & ~truncated, truncated
 
     def info(self, i: int) -> dict[str, Any]:
         """Say where robot i is."""
         return {
             "remaining_m": float(self.episodes.remaining_m[i]),
-            "is_success": bool(self.episodes.ending[i] == Ending.ARRIVED),
+            "is_success": bool(self.episodes.ending[i] == RobotEnd.ARRIVED),
         }
 
 

@@ -6,7 +6,7 @@ from sada_gym import GymnasiumApplication
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.application import PLANS, RobotApplication
-from sada_gym.envs.robot.pictures import WIDTH
+from sada_gym.envs.robot.frame import WIDTH
 from sada_gym.envs.robot.task import RobotTaskEnv
 from sada_gym.envs.robot.world.floor_plan import TRIPS
 from sada_gym.testing.purity import assert_pure, draw_worlds

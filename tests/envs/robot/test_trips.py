@@ -8,14 +8,8 @@ from sada_gym.envs.episodes.acting import play, record
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
 from sada_gym.envs.robot.course import Course
-from sada_gym.envs.robot.episodes import (
-    GRACE_S,
-    POLICY_HZ,
-    SLOWEST_M_S,
-    Ending,
-    Start,
-    Trips,
-)
+from sada_gym.envs.robot.episodes import GRACE_S, SLOWEST_M_S, RobotEpisodes
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.carts import SEES_M
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, floor_plan
 from sada_gym.envs.robot.world.geometry import clearance
@@ -58,26 +52,26 @@ def gap(trips, i):
 
 
 def test_contacts_end_trips_where_geometry_finds_them():
-    trips = Trips(draw(60))
+    trips = RobotEpisodes(draw(60))
     gaps = []
 
     def look(now):
         gaps.append([gap(now, i) for i in now.under_way()])
 
     play(Blind(), trips, look)
-    collided = np.flatnonzero(trips.ending == Ending.COLLIDED)
+    collided = np.flatnonzero(trips.ending == RobotEnd.COLLIDED)
     assert len(collided) > 5
-    assert (trips.ending == Ending.ARRIVED).sum() > 20
+    assert (trips.ending == RobotEnd.ARRIVED).sum() > 20
     assert min(map(min, gaps)) > -1e-6
     assert max(gap(trips, i) for i in collided) < 0.005
-    np.testing.assert_array_equal(trips.score, trips.ending == Ending.ARRIVED)
+    np.testing.assert_array_equal(trips.score, trips.ending == RobotEnd.ARRIVED)
 
 
 def test_who_stands_still_is_too_late_and_touches_nothing():
     (start,) = draw(1)
-    trips = Trips([start])
+    trips = RobotEpisodes([start])
     play(Still(), trips)
-    assert trips.ending[0] == Ending.TOO_LATE
+    assert trips.ending[0] == RobotEnd.TOO_LATE
     length = 0.1 * (len(start.plan.ways[start.trip]) - 1)
     assert trips.steps[0] == np.ceil((length / SLOWEST_M_S + GRACE_S) * POLICY_HZ)
     assert trips.remaining_m[0] == pytest.approx(length, abs=0.1)
@@ -85,7 +79,7 @@ def test_who_stands_still_is_too_late_and_touches_nothing():
 
 @pytest.mark.parametrize(("latency_s", "still_for"), [(0.0, 0), (0.2, 1), (0.6, 3)])
 def test_a_command_takes_its_latency(latency_s, still_for):
-    trips = Trips([Start(conditions=replace(NOMINAL, latency_s=latency_s))])
+    trips = RobotEpisodes([RobotStart(conditions=replace(NOMINAL, latency_s=latency_s))])
     speeds = []
     for _ in range(6):
         trips.step(FIRST, np.array([[1.0, 0.0]]))
@@ -95,7 +89,7 @@ def test_a_command_takes_its_latency(latency_s, still_for):
 
 
 def test_carts_drive_to_and_fro_and_wait_for_the_robot():
-    trips = Trips([replace(start, conditions=NOMINAL) for start in draw(20)])
+    trips = RobotEpisodes([replace(start, conditions=NOMINAL) for start in draw(20)])
     rollouts = record(Still(), trips)
     moved = 0
     for rollout in rollouts:
@@ -111,8 +105,8 @@ def test_carts_drive_to_and_fro_and_wait_for_the_robot():
 
 def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
     starts = draw(7, Course(spread=1.0))
-    together = record(Blind(), Trips(starts))
-    alone = [record(Blind(), Trips([start]))[0] for start in starts[::-1]][::-1]
+    together = record(Blind(), RobotEpisodes(starts))
+    alone = [record(Blind(), RobotEpisodes([start]))[0] for start in starts[::-1]][::-1]
     for one, two in zip(together, alone, strict=True):
         for key in one.moments:
             np.testing.assert_array_equal(one[key], two[key])
@@ -120,11 +114,11 @@ def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
 
 def test_a_place_is_used_again_as_if_it_were_new():
     first, second = draw(2, Course(spread=1.0))
-    trips = Trips([first, first])
+    trips = RobotEpisodes([first, first])
     for _ in range(9):
         trips.step(np.arange(2), np.full((2, 2), 0.3))
     trips.begin(1, second)
-    fresh = Trips([second])
+    fresh = RobotEpisodes([second])
     play(Blind(), trips)
     play(Blind(), fresh)
     np.testing.assert_array_equal(trips.poses[1], fresh.poses[0])
@@ -132,25 +126,27 @@ def test_a_place_is_used_again_as_if_it_were_new():
 
 
 def test_the_seed_fixes_the_lidars_noise_alone():
-    start = Start(conditions=replace(NOMINAL, lidar_noise_m=0.1))
-    one, two = Trips([start]), Trips([replace(start, seed=1)])
+    start = RobotStart(conditions=replace(NOMINAL, lidar_noise_m=0.1))
+    one, two = RobotEpisodes([start]), RobotEpisodes([replace(start, seed=1)])
     np.testing.assert_array_equal(one.poses, two.poses)
     assert not np.array_equal(one.observe(FIRST)["lidar"], two.observe(FIRST)["lidar"])
 
 
 def test_the_privileged_driver_arrives():
-    trips = Trips(draw(20, Course(spread=1.0)))
+    trips = RobotEpisodes(draw(20, Course(spread=1.0)))
     play(PrivilegedDriver(), trips)
-    assert (trips.ending == Ending.ARRIVED).sum() >= 19
+    assert (trips.ending == RobotEnd.ARRIVED).sum() >= 19
 
 
 @pytest.mark.slow
 def test_no_floor_plan_is_beyond_the_privileged_driver():
     for first in range(0, 1_000, 50):
-        starts = [Start(floor_plan(n), trip) for n in range(first, first + 50) for trip in (0, 3)]
-        trips = Trips(starts)
+        starts = [
+            RobotStart(floor_plan(n), trip) for n in range(first, first + 50) for trip in (0, 3)
+        ]
+        trips = RobotEpisodes(starts)
         play(PrivilegedDriver(), trips)
-        arrived = (trips.ending == Ending.ARRIVED).reshape(-1, 2)
+        arrived = (trips.ending == RobotEnd.ARRIVED).reshape(-1, 2)
         assert arrived.any(axis=1).all()
         assert arrived.mean() > 0.9
 

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import kernel
-from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, Start, Trips
+from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
+from sada_gym.envs.robot.start import RobotStart
 from sada_gym.envs.robot.world.carts import SEES_M, SPEED_M_S
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
 from sada_gym.envs.robot.world.geometry import (
@@ -50,7 +51,7 @@ class PrivilegedDriver:
         """Begin new trips."""
         self._known, self._at = {}, {}
 
-    def act(self, trips: Trips, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def act(self, trips: RobotEpisodes, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
         """Choose actions (n, 2) for some robots."""
         actions = np.empty((len(which), 2))
         for row, i in enumerate(which.tolist()):
@@ -79,7 +80,7 @@ class PrivilegedDriver:
         return actions
 
 
-def _way_around(start: Start) -> tuple[Array, Array]:
+def _way_around(start: RobotStart) -> tuple[Array, Array]:
     """Plan a trip's way around the barrels too; also give all circles that stand there, (m, 3)."""
     plan = start.plan
     planned = plan.ways[start.trip]

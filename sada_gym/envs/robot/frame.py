@@ -1,4 +1,4 @@
-"""Pictures of trips for people: the hall from above, with the robot and what its lidar returned."""
+"""Frames of trips for people: the hall from above, with the robot and what its lidar returned."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.robot.conditions import Conditions
-from sada_gym.envs.robot.episodes import GOAL_M, POLICY_HZ, Ending, Start, Trips
+from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
 from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
@@ -48,7 +48,7 @@ LEGEND = (
 _PENNANT = ((0.0, 1.0), (0.6, 0.8), (0.0, 0.6))
 
 Array = npt.NDArray[np.float64]
-Rollouts = Sequence[Rollout[Start]]
+Rollouts = Sequence[Rollout[RobotStart]]
 
 
 def summary(rollouts: Rollouts) -> Frame:
@@ -60,7 +60,7 @@ def summary(rollouts: Rollouts) -> Frame:
     arrived = len(rollouts) - len(failed)
     ending = _words(rollout["ending"][-1])
     maps = [_overview(rollouts[k : k + TRIPS], k) for k in range(0, len(rollouts), TRIPS)]
-    pair = beside(moment(rollout, last), Image.fromarray(stacked(maps)))
+    pair = beside(snapshot(rollout, last), Image.fromarray(stacked(maps)))
     text = (
         f"{arrived} of {len(rollouts)} trips arrived; left: trip {which + 1} after "
         f"{last / POLICY_HZ:.1f} s, {ending}\n"
@@ -77,29 +77,29 @@ def frames(rollouts: Rollouts) -> list[Frame]:
         for step in range(last + 1):
             ending = _words(rollout["ending"][step])
             text = f"trip {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   {ending}"
-            frame = stacked([moment(rollout, step), caption(text, WIDTH)])
+            frame = stacked([snapshot(rollout, step), caption(text, WIDTH)])
             drawn += [frame] * (POLICY_HZ if step == last else 1)  # a second to read the ending
     return drawn
 
 
-def frame(trips: Trips, i: int) -> Frame:
-    """Draw one of the trips as it is now."""
-    return np.asarray(_view(trips.starts[i], trips.poses[i], trips.carts[i], trips.points[i]))
+def draw_frame(start: RobotStart, pose: Array, carts: Array, points: Array) -> Frame:
+    """Draw the hall, the robot at a pose (3,), and what it believes to see; see `RobotEpisodes`."""
+    return np.asarray(_view(start, pose, carts, points))
 
 
 def _words(ending: int) -> str:
     """Write how a trip ended, such as `too late`."""
-    return Ending(ending).name.lower().replace("_", " ")
+    return RobotEnd(ending).name.lower().replace("_", " ")
 
 
-def moment(rollout: Rollout[Start], step: int) -> Image.Image:
+def snapshot(rollout: Rollout[RobotStart], step: int) -> Image.Image:
     """Draw one step of a trip, with the way that was driven until then."""
     carts, points = rollout["carts"][step], rollout["points"][step]
     return _view(rollout.start, rollout["poses"][step], carts, points, rollout["poses"][: step + 1])
 
 
 def _view(
-    start: Start, pose: Array, carts: Array, points: Array, driven: Array | None = None
+    start: RobotStart, pose: Array, carts: Array, points: Array, driven: Array | None = None
 ) -> Image.Image:
     """Draw the hall, the way, the robot at a pose (3,), and what it believes to see."""
     chart = _Chart(WIDTH, start)
@@ -163,7 +163,7 @@ class _Chart:
         start: A trip on the floor plan.
     """
 
-    def __init__(self, width: int, start: Start) -> None:
+    def __init__(self, width: int, start: RobotStart) -> None:
         self._size = width, round(width * HALL_M[1] / HALL_M[0])
         self._unit = _FINE * width / HALL_M[0]
         picture = Image.new("RGB", (_FINE * self._size[0], _FINE * self._size[1]), _FLOOR)
