@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,7 @@ def attack(
     refuse_misspelt(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
         refuse_taken(folder, resume=resume)
-    with _shown(progress, on_progress) as report_progress:
+    with _progress(progress, on_progress) as report_progress:
         evaluator = Evaluator(
             environment,
             env_kwargs=env_kwargs,
@@ -190,15 +190,11 @@ def _finish(run: Run, folder: Path) -> RunReport:
     return report
 
 
-@contextmanager
-def _shown(progress: bool, on_progress: OnProgress | None) -> Iterator[OnProgress]:
-    """Give the function that hears of progress; by default it shows bars on stderr."""
-    if on_progress is not None or not progress:
-        yield on_progress or ignore_progress
-        return
+def _progress(shown: bool, on_progress: OnProgress | None) -> AbstractContextManager[OnProgress]:
+    if on_progress is not None or not shown:
+        return nullcontext(on_progress or ignore_progress)
     from rich.console import Console
 
-    from sada_gym.cli.progress import AttackProgress
+    from sada_gym.progress import AttackProgress
 
-    with AttackProgress(Console(stderr=True)) as bars:
-        yield lambda now: bars(now.stage, now.done, now.total, now.known)
+    return AttackProgress(Console(stderr=True))

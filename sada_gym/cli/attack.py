@@ -101,8 +101,8 @@ def attack(
         if resume and (folder / "result.json").exists():
             say("", f"{folder} holds a finished run. It is read, not done again.", console=err)
         from sada_gym.attack import attack as run_attack
-        from sada_gym.cli.progress import AttackProgress
         from sada_gym.evaluation.executors import open_executor
+        from sada_gym.progress import AttackProgress
 
         try:
             with (
@@ -122,7 +122,7 @@ def attack(
                     seed=seed,
                     out=folder,
                     resume=resume,
-                    on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
+                    on_progress=progress,
                 )
         except KeyboardInterrupt:
             _show_stop(folder)

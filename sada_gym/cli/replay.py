@@ -42,7 +42,7 @@ def replay(
     the run stored. A GIF has at most 2 MB for ten seconds.
     """
     with errors_as_sentences():
-        from sada_gym.cli.kernels import COMPILING, will_compile
+        from sada_gym.progress import COMPILING, will_compile
         from sada_gym.replay.film import Stage
         from sada_gym.replay.film import replay as make
 

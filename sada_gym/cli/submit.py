@@ -124,7 +124,7 @@ def _submit_samples(
     workers: int,
     where: dict[str, Any],
 ) -> Entry:
-    from sada_gym.cli.progress import AttackProgress
+    from sada_gym.progress import AttackProgress
     from sada_gym.submission.submit import parse_options, submit_samples
     from sada_gym.submission.today import PAPER_BUDGETS, default_agent, find_target
 
@@ -145,7 +145,7 @@ def _submit_samples(
             options=chosen,
             rule=rule or PAPER_BUDGETS,
             workers=workers,
-            on_progress=lambda now: progress(now.stage, now.done, now.total, now.known),
+            on_progress=progress,
             **where,
         )
 

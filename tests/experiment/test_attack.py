@@ -237,7 +237,7 @@ def test_the_headline_of_the_pictures_is_where_the_agent_fails(tmp_path, monkeyp
 
 
 def test_progress_is_shown_on_stderr_and_can_be_switched_off(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr("sada_gym.cli.progress.LINE_EVERY_S", 0.02)
+    monkeypatch.setattr("sada_gym.progress.LINE_EVERY_S", 0.02)
     slow = Toy(pause_s=0.002)
     run(tmp_path / "a", slow)
     printed = capfd.readouterr()

@@ -9,12 +9,11 @@ from rich.console import Console
 from rich.text import Text
 from toy import Toy
 
-from sada_gym import adversaries
+from sada_gym import adversaries, progress
 from sada_gym.attack import attack
-from sada_gym.cli import progress
-from sada_gym.cli.kernels import COMPILING, will_compile
-from sada_gym.cli.progress import AttackProgress
 from sada_gym.compiled import kernel
+from sada_gym.experiment.run import RunProgress
+from sada_gym.progress import COMPILING, AttackProgress, will_compile
 
 
 def double(x):
@@ -67,7 +66,7 @@ def test_a_stdout_that_cannot_say_whether_it_is_a_terminal_will_do(monkeypatch):
     for odd in (Pipe(), None):
         monkeypatch.setattr(sys, "stdout", odd)
         with AttackProgress(pipe()) as shown:
-            shown("train", 0, 9, 0)
+            shown(RunProgress("train", 0, 9, 0))
 
 
 def test_each_stage_shows_its_own_time(tmp_path):
@@ -79,7 +78,7 @@ def test_each_stage_shows_its_own_time(tmp_path):
             out=tmp_path / "o",
             budget=40,
             samples=10,
-            on_progress=lambda now: bars(now.stage, now.done, now.total, now.known),
+            on_progress=bars,
         )
         seconds = {stage: bars._spent(stage) for stage in bars._counts}
     assert seconds["train"] >= 0.3
@@ -98,9 +97,9 @@ def test_each_stage_shows_its_own_time(tmp_path):
 
 def test_learning_does_not_go_on_while_pictures_are_drawn():
     with AttackProgress(pipe()) as bars:
-        bars("train", 10, 10, 0)
-        bars("learn", 0, 0, 0)
-        bars("pictures", 0, 1, 0)
+        bars(RunProgress("train", 10, 10, 0))
+        bars(RunProgress("learn", 0, 0, 0))
+        bars(RunProgress("pictures", 0, 1, 0))
         before = bars._spent("learn")
         time.sleep(0.05)
         assert bars._spent("learn") == before
@@ -112,12 +111,12 @@ def test_the_time_left_includes_the_learning_between_queries(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     bars = AttackProgress(pipe())
     for done in range(0, 30, 10):
-        bars("train", done, 100, 0)
+        bars(RunProgress("train", done, 100, 0))
         now[0] += 1.0  # evaluates
-        bars("train", done + 10, 100, 0)
-        bars("learn", 0, 0, 0)
+        bars(RunProgress("train", done + 10, 100, 0))
+        bars(RunProgress("learn", 0, 0, 0))
         now[0] += 4.0
-    bars("train", 30, 100, 0)
+    bars(RunProgress("train", 30, 100, 0))
     assert bars._rate("train") == pytest.approx(10.0)
     assert bars._left_s("train") == pytest.approx(70 * (0.1 + 0.4))
     assert bars._detail("train") == ["30/100", "10/s", "0:03", "0:35 left"]
@@ -128,10 +127,10 @@ def test_learning_and_pictures_show_the_time_left(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     bars = AttackProgress(pipe())
     for stage in ("learn", "pictures"):
-        bars(stage, 0, 0, 0)
+        bars(RunProgress(stage, 0, 0, 0))
         for done in range(1, 5):
             now[0] += 2.0
-            bars(stage, done, 10, 0)
+            bars(RunProgress(stage, done, 10, 0))
         assert bars._detail(stage) == ["4/10", "0.5/s", "0:08", "0:12 left"]
     assert not bars._started
 
@@ -143,12 +142,12 @@ def test_a_second_training_counts_its_own_steps(monkeypatch):
     for pace in (10.0, 1.0):
         for done in (1, 2, 3):
             now[0] += pace
-            bars("learn", done, 10, 0)
-        bars("train", 10, 10, 0)
+            bars(RunProgress("learn", done, 10, 0))
+        bars(RunProgress("train", 10, 10, 0))
     now[0] += 1.0
-    bars("learn", 1, 10, 0)
+    bars(RunProgress("learn", 1, 10, 0))
     now[0] += 1.0
-    bars("learn", 2, 10, 0)
+    bars(RunProgress("learn", 2, 10, 0))
     assert bars._left_s("learn") == pytest.approx(8.0)
 
 
@@ -160,8 +159,8 @@ def test_what_an_agent_prints_stays_in_stdout(capsys):
 
 def test_what_the_store_knew_is_shown_and_is_no_speed():
     bars = AttackProgress(pipe())
-    bars("train", 0, 100, 0)
-    bars("train", 60, 100, 60)
+    bars(RunProgress("train", 0, 100, 0))
+    bars(RunProgress("train", 60, 100, 60))
     assert bars._rate("train") is None
     assert "60 known" in bars._detail("train")
 
@@ -171,12 +170,12 @@ def test_without_a_terminal_a_line_comes_every_while(monkeypatch):
     monkeypatch.setattr(progress, "will_compile", lambda: False)
     console = pipe()
     with AttackProgress(console) as bars:
-        bars("train", 0, 1_234_567, 0)
-        bars("train", 1_000, 1_234_567, 0)
+        bars(RunProgress("train", 0, 1_234_567, 0))
+        bars(RunProgress("train", 1_000, 1_234_567, 0))
         time.sleep(0.02)
-        bars("train", 2_000, 1_234_567, 0)
+        bars(RunProgress("train", 2_000, 1_234_567, 0))
         time.sleep(0.1)
-        bars("learn", 0, 0, 0)
+        bars(RunProgress("learn", 0, 0, 0))
         time.sleep(0.1)
     lines = console.file.getvalue().splitlines()
     assert re.fullmatch(r"Querying: 2,000/1,234,567, [\d,]+/s, 0:00, [\d:]+ left", lines[0])
@@ -196,9 +195,9 @@ def test_a_terminal_needs_no_lines(monkeypatch):
 def test_no_line_is_wider_than_the_terminal(width):
     console = terminal(width)
     bars = AttackProgress(console)
-    bars("train", 0, 20_000, 0)
-    bars("train", 5_000, 20_000, 2_000)
-    bars("train", 5_500, 20_000, 2_000)
+    bars(RunProgress("train", 0, 20_000, 0))
+    bars(RunProgress("train", 5_000, 20_000, 2_000))
+    bars(RunProgress("train", 5_500, 20_000, 2_000))
     with console.capture() as capture:
         console.print(bars._render())
     lines = Text.from_ansi(capture.get()).plain.splitlines()
@@ -211,12 +210,12 @@ def test_compiling_is_said_before_the_first_evaluation_and_only_then(monkeypatch
     monkeypatch.setattr(progress, "will_compile", lambda: True)
     console = pipe()
     with AttackProgress(console) as bars:
-        bars("train", 0, 100, 0)
+        bars(RunProgress("train", 0, 100, 0))
         assert console.file.getvalue() == f"{COMPILING}\n"
         assert bars._compiling
-        bars("train", 10, 100, 0)
+        bars(RunProgress("train", 10, 100, 0))
         assert not bars._compiling
-        bars("test", 0, 10, 0)
+        bars(RunProgress("test", 0, 10, 0))
     assert console.file.getvalue() == f"{COMPILING}\n"
 
 

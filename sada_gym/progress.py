@@ -1,11 +1,14 @@
-"""Shows the progress of an attack: bars on a terminal, elsewhere a line every half minute."""
+"""Shows progress on a console: bars on a terminal, elsewhere a line every half minute."""
 
 from __future__ import annotations
 
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.live import Live
@@ -16,10 +19,9 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import Self
 
-from sada_gym.attack import Stage
-from sada_gym.cli.console import say
-from sada_gym.cli.kernels import COMPILING, will_compile
+from sada_gym.experiment.run import RunProgress, Stage
 
+COMPILING = "Compiling kernels for the first run (about a minute)"
 LINE_EVERY_S = 30.0
 
 _NAMES: dict[Stage, str] = {
@@ -69,7 +71,7 @@ class Display:
     def _print(self, line: str) -> None:
         """Print a line where the output is no terminal."""
         if not self._console.is_terminal:
-            say("", line, console=self._console)
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _show_lines(self) -> None:
         while not self._stop.wait(LINE_EVERY_S):
@@ -98,7 +100,7 @@ class _Count:
 
 
 class AttackProgress(Display):
-    """A context manager that shows an attack's progress; call it as `attack` reports progress.
+    """A context manager that shows an attack's progress: pass it on as `on_progress`.
 
     Each stage shows its own time: training switches between querying and learning.
 
@@ -127,8 +129,10 @@ class AttackProgress(Display):
         self._current = None
         super().__exit__(*error)
 
-    def __call__(self, stage: Stage, done: int, total: int, known: int) -> None:
-        """Show that a stage goes on, and that `done` of its `total` evaluations are there."""
+    def __call__(self, progress: RunProgress) -> None:
+        """Show how far the run is."""
+        stage, done, total = progress.stage, progress.done, progress.total
+        known = progress.known
         if stage != self._current:
             self._leave()
             self._counts.setdefault(stage, _Count())
@@ -219,3 +223,28 @@ def clock(seconds: float) -> str:
     whole = int(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
     return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"
+
+
+def will_compile(package: str = "sada_gym") -> bool:
+    """Return whether a loaded module has kernels, and no earlier run has kept any of them.
+
+    Numba compiles a kernel once, on its first call.
+    """
+    modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
+    return any(kept and not any(kept) for kept in (list(_kept(name)) for name in modules))
+
+
+def _kept(name: str) -> Iterator[bool]:
+    """Yield, for each kernel of a module that can be kept on disk, whether it is there."""
+    if "numba" not in sys.modules:
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    for member in list(vars(sys.modules[name]).values()):
+        if not isinstance(member, Dispatcher) or member.__module__ != name:
+            continue
+        kernel: Any = member
+        folder, code = kernel.stats.cache_path, kernel.py_func.__code__
+        if folder is not None:
+            index = f"*.{kernel.py_func.__qualname__}-{code.co_firstlineno}.*.nbi"
+            yield any(Path(folder).glob(index))
