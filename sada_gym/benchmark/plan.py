@@ -175,8 +175,8 @@ def _refuse_misplaced(plan: Plan) -> None:
             if twin is not run:
                 raise UserError(
                     f"Expected runs that have a place of their own in the entries, got {twin} and "
-                    f"{run}, which would share one. Choose one of the tables (--tables) or "
-                    "adversaries (--adversaries), or give them other labels or rules."
+                    f"{run}, which would share one. Choose one of the tables (--table) or "
+                    "adversaries (--adversary), or give them other labels or rules."
                 )
 
 

@@ -37,20 +37,21 @@ def benchmark(
     suite: Annotated[str, option(SUITES_HELP, metavar="NAME")] = "quick",
     tracks: Annotated[
         list[str] | None,
-        option("An environment; repeatable.", metavar="ID", default="the suite's own"),
+        option("An environment; repeatable.", "--track", metavar="ID", default="the suite's own"),
     ] = None,
     tables: Annotated[
         list[str] | None,
-        option("A table of the suite; repeatable.", metavar="NAME", default="all"),
+        option("A table of the suite; repeatable.", "--table", metavar="NAME", default="all"),
     ] = None,
     agents: Annotated[
-        list[str] | None, option("An agent; repeatable.", metavar="NAME", default="the tables' own")
+        list[str] | None,
+        option("An agent; repeatable.", "--agent", metavar="NAME", default="the tables' own"),
     ] = None,
     adversaries: Annotated[
         list[str] | None,
         option(
             "A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
-            *("--adversaries", "-a"),
+            *("--adversary", "-a"),
             metavar="NAME",
             default="the suite's own",
         ),
@@ -106,7 +107,7 @@ def benchmark(
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
-        refuse_stray(context.args, "--tracks A --tracks B")
+        refuse_stray(context.args, "--track A --track B")
         if plan and report:
             raise UserError("Expected --plan or --report, got both. Leave one out.")
         from sada_gym.benchmark.run import plan_benchmark, report_benchmark, run_benchmark

@@ -22,7 +22,7 @@ from sada_gym.cli.benchmark_progress import BenchmarkProgress
 from sada_gym.experiment.run import RunProgress
 from sada_gym.submission.entry import read_entries
 
-SMALL = ["--tracks", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
+SMALL = ["--track", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 
 
 def run(*args):
@@ -98,18 +98,18 @@ def test_report_alone_runs_nothing(done, references):
             f"Expected the suite to be one of {', '.join(one.name for one in SUITES)}; "
             "got 'papers'",
         ),
-        (["--tables", "paper-budgets"], "Expected the table to be one of equal-queries"),
-        (["--tracks", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
+        (["--table", "paper-budgets"], "Expected the table to be one of equal-queries"),
+        (["--track", "SADA-Analytc-v0"], "Did you mean 'SADA-Analytic-v0'"),
         ([*SMALL, "-a", "randm"], "Did you mean random"),
         (
             [*SMALL, "-a", "random", "-a", "nowhere:Nothing"],
             "Install the module, or set PYTHONPATH",
         ),
         ([*SMALL, "-a", "bbgan:papr"], "Expected the preset to be one of default, paper"),
-        ([*SMALL, "-a", "random", "--agents", "surveyor"], "got 'agent'"),
-        (["--tracks", "SADA-Detection-Car-v0", "--agents", "surveyer"], "Did you mean 'surveyor'"),
+        ([*SMALL, "-a", "random", "--agent", "surveyor"], "got 'agent'"),
+        (["--track", "SADA-Detection-Car-v0", "--agent", "surveyer"], "Did you mean 'surveyor'"),
         ([*SMALL, "--seeds", "0"], "seeds"),
-        (["--tracks", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
+        (["--track", ANALYTIC, "SADA-UAV-v0"], "got 'SADA-UAV-v0' without one"),
         (["--report", "--plan"], "Expected --plan or --report, got both"),
         (["--report", "--out", "none"], "Expected a benchmark's folder, got none without"),
         ([*SMALL, "-a", "random", "--out", "file"], "got the file file"),
@@ -132,7 +132,7 @@ def test_help_names_every_suite():
 
 
 def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
-    chosen = ["--tracks", ANALYTIC, "-a", "random", "-a", "ideal", "--samples", 20, "--images", 0]
+    chosen = ["--track", ANALYTIC, "-a", "random", "-a", "ideal", "--samples", 20, "--images", 0]
     chosen += ["--out", tmp_path / "out", "--entries", tmp_path / "entries"]
     chosen += ["--references", references, "--workers", 1]
     assert run(*chosen, "--budget", 60).exit_code == 0
@@ -202,7 +202,7 @@ def test_a_terminal_shows_runs_rate_time_left_and_each_process(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     out, log = tmp_path / "an out", tmp_path / "log"
-    command = ["benchmark", "--tracks", LOGGED, "--seeds", "1", "-a", "random", "-a", "toy:Greedy"]
+    command = ["benchmark", "--track", LOGGED, "--seeds", "1", "-a", "random", "-a", "toy:Greedy"]
     command += ["--budget", "900", "--images", "0", "--executor", "processes", "--out", str(out)]
     process = start_interruptible(command, TOY_LOG=str(log), TOY_PAUSE_S="0.01")
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 100):
@@ -223,8 +223,8 @@ NO_NAME = "a" * 300
     [
         ["benchmark", "--report", "--out", NO_NAME],
         ["benchmark", "--report", "--entries", NO_NAME],
-        ["benchmark", "--tracks", "SADA-Analytic-v0", "--entries", NO_NAME],
-        ["benchmark", "--tracks", "SADA-Analytic-v0", "--references", NO_NAME],
+        ["benchmark", "--track", "SADA-Analytic-v0", "--entries", NO_NAME],
+        ["benchmark", "--track", "SADA-Analytic-v0", "--references", NO_NAME],
     ],
     ids=["report", "reported entries", "entries", "references"],
 )

@@ -197,7 +197,7 @@ def test_runs_that_would_share_a_place_are_refused(tmp_path):
         tracks=same.tracks[:1],
         contenders=["random"],
     )
-    with pytest.raises(UserError, match=r"paper-budgets and .*twin.*\(--tables\)"):
+    with pytest.raises(UserError, match=r"paper-budgets and .*twin.*\(--table\)"):
         make_plan(one, tmp_path)
     assert make_plan(choose(one, tables=["twin"]), tmp_path)
 

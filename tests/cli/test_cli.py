@@ -174,7 +174,7 @@ def test_a_second_run_needs_resume(tmp_path):
         (["check", "nothing.toml"], "nothing.toml, but there is no such file"),
         (["envs", "nothing.toml"], "nothing.toml, but there is no such file"),
         (["attack", "nothing.toml"], "nothing.toml, but there is no such file"),
-        (["benchmark", "--tracks", "nothing.toml"], "got the file nothing.toml"),
+        (["benchmark", "--track", "nothing.toml"], "got the file nothing.toml"),
         (["check", "mine.py", "--env-kwargs", "a=1"], "only with an environment's id"),
         (["frobnicate"], "frobnicate"),
     ],

@@ -10,7 +10,7 @@ from sada_gym.cli import app
 
 ATTACK = ["attack", "SADA-Analytic-v0", "-a", "random", "--budget", "5", "--samples", "3"]
 ATTACK += ["--workers", "1"]
-SMALL = ["--tracks", "SADA-Analytic-v0", "--budget", "5", "--samples", "3", "--images", "0"]
+SMALL = ["--track", "SADA-Analytic-v0", "--budget", "5", "--samples", "3", "--images", "0"]
 BENCHMARK = ["benchmark", *SMALL, "-a", "random", "--workers", "1"]
 DETECTION = ["attack", "SADA-Detection-Car-v0", "-a", "random", "--samples", "1"]
 
@@ -123,8 +123,8 @@ def invoke(args):
         [*BENCHMARK, "--seeds", "1000000000000"],
         [*BENCHMARK, "--workers", "1000000"],
         [*BENCHMARK, "--suite", ""],
-        [*BENCHMARK, "--tables", "none"],
-        [*BENCHMARK, "--agents", "none"],
+        [*BENCHMARK, "--table", "none"],
+        [*BENCHMARK, "--agent", "none"],
         [*BENCHMARK, "--out", "file"],
         [*BENCHMARK, "--out", "file/below"],
         [*BENCHMARK, "--out", "loop/below"],
@@ -162,7 +162,7 @@ WORDS = [
     *["--set", "pool=3", "pool=[1]", "a", "=", "x=y=z", "steps=null", "--env-kwargs"],
     *["dimension=3", "dimension=-1", "dimension={}", "volume=2", "horizon=true", "--agent"],
     *["--out", "out", "file/below", ".", "/dev/null", "--resume", "--preset", "paper", "--report"],
-    *["--tracks", "--tables", "equal-queries", "--agents", "--seeds", "--images", "--suite"],
+    *["--track", "--table", "equal-queries", "--agent", "--seeds", "--images", "--suite"],
     *["--references", "--executor", "processes", "ray", "--", "-", "--no-such-option", "\u00e9"],
 ]
 
