@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CODE = """
 import sys, time
 import numpy as np, torch
-from sada_gym.registration import make_application
+from sada_gym.evaluation.problems import make_application
 
 torch.set_num_threads(1)
 application = make_application(sys.argv[1], agent=sys.argv[2])

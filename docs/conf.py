@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 
 # pages show docstrings of `studies`, which is not installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

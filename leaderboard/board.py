@@ -18,7 +18,7 @@ from leaderboard.groups import NAMES, GroupResults, OutdatedResult, TrackGroup
 from leaderboard.sheet import Sheet
 from sada_gym.benchmark.results import Row, results_of
 from sada_gym.benchmark.suite import Table, tables_of
-from sada_gym.envs.catalogue import ApplicationCard, cards
+from sada_gym.cards import ApplicationCard, cards
 from sada_gym.submission.checks import is_outdated
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import Tier, slug

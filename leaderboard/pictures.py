@@ -15,10 +15,10 @@ from leaderboard.groups import TrackGroup
 from sada_gym import __version__
 from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.problems import make_application
 from sada_gym.files import read_file
 from sada_gym.plots.attack import contact_sheet, marginals
 from sada_gym.plots.style import png
-from sada_gym.registration import make_application
 from sada_gym.submission.entry import EntryResult
 from sada_gym.submission.samples import samples_sha256
 from sada_gym.submission.today import default_agent

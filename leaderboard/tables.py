@@ -25,7 +25,7 @@ from sada_gym.benchmark.report.tables import (
 )
 from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
-from sada_gym.envs.catalogue import cards
+from sada_gym.cards import cards
 from sada_gym.submission.entry import Entry, read_entries
 from sada_gym.submission.models import Tier
 

@@ -7,10 +7,11 @@ and no weights.
 from typing import TYPE_CHECKING
 
 from sada_gym.application import Application, Outcomes, Scored
+from sada_gym.evaluation.problems import make_application
 from sada_gym.frames import Frame
 from sada_gym.lazy import lazy_names
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.registration import env_ids, make_application, register_environments, tracks
+from sada_gym.registration import env_ids, register_environments, tracks
 
 if TYPE_CHECKING:
     from sada_gym.envs.wrapped.application import GymnasiumApplication

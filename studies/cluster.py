@@ -23,10 +23,10 @@ import psutil
 
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import OpenExecutor, open_executor
+from sada_gym.evaluation.problems import Registered, make_application
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import PortableScorer, Registered, WorkerPool
+from sada_gym.evaluation.workers import PortableScorer, WorkerPool
 from sada_gym.oracle import Oracle
-from sada_gym.registration import make_application
 
 ANALYTIC, DETECTION = "SADA-Analytic-v0", "SADA-Detection-Car-v0"
 COUNTS = {ANALYTIC: 10_000, DETECTION: 400}

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym import adversaries
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.measures.reference import load_reference, reference_mu
 from sada_gym.parameters import Mu
-from sada_gym.registration import make_application
 from sada_gym.submission.copies import nearness, spacing
 from sada_gym.submission.entry import read_entries
 from sada_gym.submission.flags import is_near

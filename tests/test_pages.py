@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sada_gym.envs.catalogue import APPLICATIONS, ApplicationCard, find_card
+from sada_gym.cards import APPLICATIONS, ApplicationCard, find_card
 from sada_gym.lazy import load
 
 ROOT = Path(__file__).resolve().parent.parent

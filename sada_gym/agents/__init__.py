@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.agents.identity import check_agent_id, fingerprint, identity, refuse_nonfinite
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, cards, find_card
+from sada_gym.cards import AgentCard, ApplicationCard, cards, find_card
 from sada_gym.errors import FileError, UserError
 from sada_gym.lazy import load as load_object
 

@@ -7,7 +7,7 @@ import traceback
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +22,6 @@ from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
 from sada_gym.errors import UserError
 
-if TYPE_CHECKING:
-    from sada_gym.envs.episodes.base import Episodes
-
 POLICY_TILE = 16
 """The observations in one call of a model. A network that gives other bits to another place in the
 batch (narrow layers do) sees one observation at a time."""
@@ -32,14 +29,43 @@ batch (narrow layers do) sees one observation at a time."""
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 
-@dataclass(frozen=True)
-class Interface:
-    """What an agent sees and does in a task.
+class TaskSpaces(Protocol):
+    """What an agent sees and does in a task; episodes and their classes have it.
 
     Attributes:
         task_id: The task's id, for messages.
         observation_space: The space of its observations.
         action_space: The space of its actions.
+    """
+
+    @property
+    def task_id(self) -> str: ...  # noqa: D102
+    @property
+    def observation_space(self) -> spaces.Space[Any]: ...  # noqa: D102
+    @property
+    def action_space(self) -> spaces.Space[Any]: ...  # noqa: D102
+
+
+class ObservedEpisodes(TaskSpaces, Protocol):
+    """Episodes in lockstep whose observations a model sees."""
+
+    @property
+    def finite_only(self) -> bool: ...  # noqa: D102
+
+    def observe(self, which: Indices) -> Batch:
+        """Return the observations of some episodes, each key (len(which), ...)."""
+        ...
+
+    def where(self, i: int) -> str:
+        """Say in a few words where episode i is, for messages."""
+        ...
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What an agent sees and does in a task; see `TaskSpaces`.
+
+    Attributes:
         wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
     """
 
@@ -67,7 +93,7 @@ class Policy:
     def __init__(
         self,
         model: Predictor,
-        episodes: Episodes[Any] | type[Episodes[Any]] | Interface,
+        episodes: TaskSpaces,
         *,
         normalisation: VecNormalize | None = None,
     ) -> None:
@@ -136,7 +162,7 @@ class Policy:
         for transform in self._transforms:
             transform.start(count)
 
-    def act(self, episodes: Episodes[Any], which: Indices) -> npt.NDArray[np.float64]:
+    def act(self, episodes: ObservedEpisodes, which: Indices) -> npt.NDArray[np.float64]:
         """Choose actions (n, ...) in some of the episodes; NaN where the model refuses to choose.
 
         Whole numbers are given as float64, too.
@@ -234,7 +260,7 @@ class Policy:
         return actions
 
 
-def as_policy(given: Any, episodes: type[Episodes[Any]]) -> Agent[Any, Any]:
+def as_policy(given: Any, episodes: TaskSpaces) -> Agent[Any, Any]:
     """Give the agent that an object means in some episodes: a model of their task, or an agent.
 
     Args:

@@ -14,6 +14,7 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.entries import about_of
 from sada_gym.benchmark.suite import Contender, Suite, Table
 from sada_gym.errors import UserError
+from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.assemble import RunTarget, make_adversary, make_settings
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import RunSettings
@@ -21,7 +22,6 @@ from sada_gym.files import first_error
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER, load_reference
 from sada_gym.parameters import Mu
-from sada_gym.registration import make_application
 from sada_gym.submission.models import About, Identity
 
 _MAX_STEM = 150

@@ -23,7 +23,7 @@ from sada_gym.cli.console import (
 )
 from sada_gym.errors import UserError
 from sada_gym.experiment.names import default_note, refuse_misspelt
-from sada_gym.registration import names_file
+from sada_gym.ids import names_file
 
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult

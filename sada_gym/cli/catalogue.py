@@ -42,8 +42,8 @@ def envs(
 
 
 def _show_environment(env_id: str, pairs: list[str]) -> None:
+    from sada_gym.evaluation.problems import make_application
     from sada_gym.experiment.names import default_note
-    from sada_gym.registration import make_application
 
     keywords = key_values(pairs, "--env-kwargs")
     application = make_application(env_id, **keywords)
@@ -65,7 +65,7 @@ def _show_environment(env_id: str, pairs: list[str]) -> None:
 
 def agents() -> None:
     """List the trained agents that are shipped."""
-    from sada_gym.envs.catalogue import cards
+    from sada_gym.cards import cards
 
     table = _table("agent", "for", "what it is")
     for card in cards():

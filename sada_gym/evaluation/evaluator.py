@@ -14,22 +14,14 @@ import numpy.typing as npt
 from sada_gym.application import Application, refuse_undeclared
 from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
+from sada_gym.evaluation.problems import BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import Context, EvaluationStore
-from sada_gym.evaluation.workers import (
-    MAX_WORKERS,
-    BatchFunction,
-    PortableScorer,
-    Registered,
-    score,
-)
+from sada_gym.evaluation.workers import MAX_WORKERS, PortableScorer
+from sada_gym.ids import names_file
 from sada_gym.parameters import Mu
-from sada_gym.registration import names_file
 
 MAX_CHUNK = 64
 """A crash can cost a whole chunk, so a chunk is no larger than batching needs."""
-
-Problem = str | Application | BatchFunction
-"""Anything that can be attacked: an id, a TOML file, an application, or (n, d) -> (n,)."""
 
 
 class Evaluator:

@@ -11,8 +11,9 @@ from contextlib import ExitStack, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from sada_gym.environment_variables import set_environment_variables
 from sada_gym.errors import MissingExtra, UserError, refuse_number
-from sada_gym.evaluation.spawn import set_environment, spawn_context
+from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import inherited_settings
 
 KINDS = ("processes", "dask", "dask:ADDRESS")
@@ -137,10 +138,12 @@ def _local_cluster(workers: int) -> OpenExecutor:
             memory_limit=None,  # else Dask stops workers that take more than their share
             silence_logs=logging.CRITICAL,
         )
-    set_environment(before)  # other processes that start here see the old values
+    set_environment_variables(before)  # other processes that start here see the old values
     client = distributed.Client(cluster, set_as_default=False)
     opened = OpenExecutor(client.get_executor(pure=False), workers)
-    opened.callback(set_environment, before)  # again: a worker that is replaced changes it
+    opened.callback(
+        set_environment_variables, before
+    )  # again: a worker that is replaced changes it
     opened.callback(_leave, cluster)
     opened.callback(_leave, client)
     return opened

@@ -16,7 +16,8 @@ from typing_extensions import Self
 
 from sada_gym.application import Application
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, refuse_number
-from sada_gym.evaluation.evaluator import Evaluator, Problem
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.problems import Problem
 from sada_gym.parameters import Mu, validate_mu
 
 Progress = Callable[[int, int, int], None]

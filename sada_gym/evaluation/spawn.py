@@ -11,10 +11,12 @@ import multiprocessing.util
 import os
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
+
+from sada_gym.environment_variables import environment_variables
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 _lock = threading.RLock()
@@ -56,30 +58,10 @@ def spawn_context() -> SpawnContext:
 
 
 @contextmanager
-def environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set variables of the environment in this block."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        set_environment(before)
-
-
-def set_environment(variables: Mapping[str, str | None]) -> None:
-    """Set variables of the environment; None stands for a variable that is not set."""
-    for name, value in variables.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
-
-
-@contextmanager
 def _safe_path() -> Iterator[None]:
     """Keep the current folder off the module path of interpreters that start in this block."""
     safe = {_SAFE_PATH: os.environ.get(_SAFE_PATH) or "1"}
-    with _lock, environment(safe) if sys.version_info >= (3, 11) else _program():
+    with _lock, environment_variables(safe) if sys.version_info >= (3, 11) else _program():
         yield
 
 

@@ -8,7 +8,7 @@ import pickle
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,14 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.arrays import real_scores
-from sada_gym.determinism import single_threaded
-from sada_gym.errors import UserError, UserTypeError, WorkerError
-from sada_gym.evaluation.spawn import environment, spawn_context
+from sada_gym.environment_variables import environment_variables
+from sada_gym.errors import UserTypeError, WorkerError
+from sada_gym.evaluation.problems import Registered, Scorer, score
+from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.parameters import Mu
-
-BatchFunction = Callable[[Mu], npt.ArrayLike]
-"""A user's black box takes (n, d) float32 in [-1, 1] and gives (n,) scores."""
 
 MAX_WORKERS = 1_024
 """The limit of our own processes: each holds a simulator and a network, some 300 MB."""
@@ -37,55 +34,6 @@ MAX_WORKERS = 1_024
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
 _DYING_S = 10.0
-
-Scorer = Application | BatchFunction
-
-
-@dataclass(frozen=True)
-class Registered:
-    """An environment by id and keywords, or a TOML file: small to send, built by the receiver."""
-
-    env_id: str
-    env_kwargs: Mapping[str, Any]
-
-    def build(self) -> Application:
-        """Build the application."""
-        from sada_gym.registration import make_application
-
-        return make_application(self.env_id, **self.env_kwargs)
-
-
-def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-    """Evaluate one chunk.
-
-    Args:
-        scorer: The application or function.
-        mu: (n, d) float32, checked.
-        seeds: n evaluation seeds.
-
-    Returns:
-        (n,) float64, finite.
-
-    Raises:
-        ValueError: If a user's function returns anything else.
-    """
-    if isinstance(scorer, Application):
-        scores = scorer.evaluate(mu, seeds).score
-    else:
-        with single_threaded():
-            scores = real_scores(scorer(mu), "the function")
-        if scores.shape != (len(mu),):
-            raise UserError(
-                f"Expected scores of shape ({len(mu)},) from the function for mu of shape "
-                f"{mu.shape}, got {scores.shape}. Return one score for each row."
-            )
-        if not np.isfinite(scores).all():
-            row = int(np.flatnonzero(~np.isfinite(scores))[0])
-            raise UserError(
-                f"Expected finite scores from the function, got {scores[row]} for mu = "
-                f"{mu[row].tolist()}. Return 0 where the agent fails altogether."
-            )
-    return scores + 0.0  # -0.0 becomes 0.0: SQLite would not keep it
 
 
 @dataclass(frozen=True)
@@ -252,7 +200,7 @@ def inherited_settings() -> Iterator[None]:
     and a Ctrl-C during start-up would print a traceback for each worker.
     """
     masks = hasattr(signal, "pthread_sigmask")
-    with environment(dict.fromkeys(_THREADS, "1")):
+    with environment_variables(dict.fromkeys(_THREADS, "1")):
         if masks:
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:

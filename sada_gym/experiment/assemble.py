@@ -13,13 +13,15 @@ from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
 from sada_gym.experiment.ideal import IDEAL, Ideal
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import ReferenceSummary, RunSettings, json_compatible
+from sada_gym.ids import names_file
 from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
 from sada_gym.parameters import Mu
-from sada_gym.registration import ids_of, make_application, names_file
+from sada_gym.registration import ids_of
 
 
 @dataclass(frozen=True, eq=False)

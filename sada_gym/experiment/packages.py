@@ -9,7 +9,7 @@ from importlib import metadata
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 
 version = functools.cache(metadata.version)  # which parses a file each time
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from sada_gym import adversaries
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 from sada_gym.errors import UserError
 from sada_gym.experiment.record import RESULT_FILE, RunReport
 

@@ -11,6 +11,7 @@ import numpy as np
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
 from sada_gym.experiment.record import (
     SAMPLES_FILE,
@@ -20,7 +21,7 @@ from sada_gym.experiment.record import (
     read_samples,
 )
 from sada_gym.files import as_path, read_model, shown
-from sada_gym.registration import make_application, names_file
+from sada_gym.ids import names_file
 
 
 def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:

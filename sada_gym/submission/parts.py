@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sada_gym import agents
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 from sada_gym.errors import UserError
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.experiment.record import (

@@ -11,14 +11,14 @@ from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.adversaries.random import Random
 from sada_gym.benchmark.suite import TABLES, Table
-from sada_gym.envs.catalogue import cards
+from sada_gym.cards import cards
 from sada_gym.errors import MissingExtra, UserError, refuse_unknown
+from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.assemble import RunTarget, make_adversary, make_settings, resolved_options
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import RunSettings
 from sada_gym.measures.reference import load_reference
 from sada_gym.parameters import Mu
-from sada_gym.registration import make_application
 from sada_gym.submission.models import Identity
 
 PAPER_BUDGETS = "paper-budgets"

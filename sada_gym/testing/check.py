@@ -15,6 +15,8 @@ from gymnasium.utils.env_checker import check_env
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import UserError
+from sada_gym.evaluation.problems import make_application, make_env
+from sada_gym.ids import names_file
 from sada_gym.testing import rules
 from sada_gym.testing.processes import import_file
 
@@ -91,13 +93,13 @@ def check_application(
 
 
 def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
-    """Check the application and environment behind a registered id.
+    """Check the application and environment behind a registered id, or of a TOML file.
 
     Raises:
         ValueError: If the id or a keyword is unknown, or it is no adversary environment.
     """
-    from sada_gym.registration import make_env
-
+    if names_file(env_id):
+        return [check_application(make_application(env_id, **env_kwargs), subject=env_id)]
     env = make_env(env_id, **env_kwargs)
     if not isinstance(env, AdversaryEnv):
         raise UserError(

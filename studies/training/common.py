@@ -17,7 +17,7 @@ from stable_baselines3.common.utils import LinearSchedule, safe_mean
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 from sada_gym.determinism import generators_kept
-from sada_gym.sb3 import SB3VecEnv
+from sada_gym.sb3_vec_env import SB3VecEnv
 
 CourseT = TypeVar("CourseT")
 """What episodes are drawn from: an application's `Course`."""

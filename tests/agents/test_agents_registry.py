@@ -4,7 +4,7 @@ import pytest
 from safetensors.torch import load_file, save_file
 
 from sada_gym import agents
-from sada_gym.envs.catalogue import cards
+from sada_gym.cards import cards
 from sada_gym.lazy import load
 
 WITH_AGENTS = [card for card in cards() if card.agents]

@@ -22,6 +22,7 @@ from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.run import report_benchmark
 from sada_gym.benchmark.schedule import do_runs
+from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import checkpoints
@@ -30,7 +31,6 @@ from sada_gym.measures.novelty import novelty
 from sada_gym.measures.rates import mu_std
 from sada_gym.measures.reference import load_reference
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.registration import make_application
 from sada_gym.submission.entry import read_entries
 
 

@@ -24,11 +24,12 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
 from sada_gym.application import Application, Outcomes
+from sada_gym.cards import APPLICATIONS, ApplicationCard, PurityCase, cards
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv, catalogue
 from sada_gym.envs.analytic import AnalyticApplication
-from sada_gym.envs.catalogue import APPLICATIONS, ApplicationCard, PurityCase, cards
+from sada_gym.ids import find_spec
 from sada_gym.lazy import load
-from sada_gym.registration import find_spec, register_environments
+from sada_gym.registration import register_environments
 from sada_gym.testing.processes import in_fresh_process
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_live_parameters, check_outcomes

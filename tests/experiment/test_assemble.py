@@ -6,12 +6,12 @@ import pytest
 from toy import Greedy, Toy
 
 from sada_gym.attack import attack
+from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.assemble import find_target
 from sada_gym.experiment.record import ReferenceSummary, RunReport
 from sada_gym.files import read_model
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import load_reference
-from sada_gym.registration import make_application
 
 TRACK = "SADA-Digits-3-v0"
 SMALL = {"budget": 40, "samples": 20, "seed": 1, "pictures": False}

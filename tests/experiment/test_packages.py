@@ -12,11 +12,11 @@ from sada_gym import adversaries
 from sada_gym.adversaries.bbgan import BBGAN
 from sada_gym.adversaries.random import Random
 from sada_gym.attack import attack
-from sada_gym.envs.catalogue import cards, find_card
+from sada_gym.cards import cards, find_card
+from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment import packages as module
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.packages import in_order, packages
-from sada_gym.registration import make_application
 
 
 def test_only_what_the_run_loads_counts():
@@ -86,7 +86,7 @@ from importlib.metadata import packages_distributions
 import numpy as np
 from sada_gym import adversaries
 from sada_gym.oracle import Oracle
-from sada_gym.registration import make_application
+from sada_gym.evaluation.problems import make_application
 what = sys.argv[1]
 if what.startswith("SADA"):
     application = make_application(what)

@@ -12,7 +12,7 @@ from leaderboard.pictures import Pictures
 from leaderboard.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 from sada_gym.submission.entry import read_entries
 
 

@@ -18,8 +18,8 @@ from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
+from sada_gym.evaluation.problems import make_application
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
-from sada_gym.registration import make_application
 from sada_gym.submission.entry import read_entries
 from sada_gym.submission.models import entry_name, result_stem
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from sada_gym.envs.catalogue import cards
+from sada_gym.cards import cards
 
 SHIPPED = tuple(
     card.track_id(suffix) if (suffix := card.case.shipped_on or card.same_as) else card.id

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.envs.catalogue import find_card
+from sada_gym.cards import find_card
 from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified

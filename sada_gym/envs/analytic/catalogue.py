@@ -1,6 +1,6 @@
 """The card of the analytic application."""
 
-from sada_gym.envs.catalogue import ApplicationCard, PurityCase, RegistryCase
+from sada_gym.cards import ApplicationCard, PurityCase, RegistryCase
 
 CARD = ApplicationCard(
     name="SADA-Analytic",

@@ -1,6 +1,6 @@
 """The card of object detection."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 _SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sada_gym.envs.catalogue import ApplicationCard, PurityCase, RegistryCase
+from sada_gym.cards import ApplicationCard, PurityCase, RegistryCase
 from sada_gym.envs.digits.catalogue import CNN, LOADER
 
 CARD = ApplicationCard(

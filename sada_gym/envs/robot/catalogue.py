@@ -1,6 +1,6 @@
 """The card of the robot."""
 
-from sada_gym.envs.catalogue import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Robot",

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch, as_batch
+from sada_gym.environment_variables import environment_variables
 from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
 from sada_gym.envs.wrapped.maker import Maker
 from sada_gym.envs.wrapped.places import Place, Setup
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.errors import UserError, UserTypeError
-from sada_gym.evaluation.spawn import environment
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class Running:
         # SDL draws without a screen, and does not complain that there is none
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
         try:
-            with environment(headless):
+            with environment_variables(headless):
                 frame: Any = self.env.render()
         except Exception as error:  # whatever an environment may raise
             raise UserError(

@@ -6,7 +6,7 @@ import torch
 from torch.nn import functional
 
 from sada_gym import agents
-from sada_gym.envs.catalogue import cards
+from sada_gym.cards import cards
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector, iou, peaks, unique
 from sada_gym.envs.detection.detector import DETECTOR_TILE, DetectorAgent

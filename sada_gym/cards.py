@@ -38,7 +38,7 @@ class AgentCard:
     @property
     def path(self) -> Path:
         """Where the weights lie."""
-        return Path(__file__).parent / self.file
+        return Path(__file__).parent / "envs" / self.file
 
 
 @dataclass(frozen=True)
