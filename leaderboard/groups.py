@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sada_gym.benchmark.results import Results
-from sada_gym.envs.catalogue import ApplicationCard
+from sada_gym.cards import ApplicationCard
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import Tier, slug
 
