@@ -4,7 +4,6 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 OUT ?= runs/attack
 WORKERS ?= 2
-RESULTS = digits robot driving racing detection table-1 table-1-columns agents
 
 .PHONY: attack test test-all package lint docs bench results clean
 
@@ -38,7 +37,7 @@ bench: $(VENV)/.installed  ## speed, as ratios within one run
 
 # PLAN=--plan says what is missing and what it will cost; a stopped run goes on, on any machine
 results: $(VENV)/.installed  ## measure what the leaderboard's entries lack, and write the tables
-	@for suite in $(RESULTS); do \
+	@suites=$$($(BIN)/python -m leaderboard.tables --suites) && for suite in $$suites; do \
 	  $(BIN)/sada-gym benchmark --suite $$suite --out docs/results/$$suite \
 	    --entries leaderboard/entries --workers $(WORKERS) $(PLAN) || exit 1; \
 	done

@@ -14,7 +14,7 @@ from leaderboard.board_tables import (
     ranking_sheet,
     strongest_sheet,
 )
-from leaderboard.groups import NAMES, GroupResults, OutdatedResult, TrackGroup
+from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
 from leaderboard.sheet import Sheet
 from sada_gym.benchmark.results import Row, results_of
 from sada_gym.benchmark.suite import Table, tables_of
@@ -173,6 +173,7 @@ def make_board(
 
         return entry.keeping(is_wanted)
 
+    with_suite = {card.name for card in cards() if card.suite is not None}
     boards = []
     for group in groups:
         held = tuple(chosen(entry, group) for entry in entries)
@@ -181,6 +182,6 @@ def make_board(
         results = {tier: results_of(held, tables_of(rules), tier=tier) for tier in TIERS}
         there = tuple(entry for entry in held if entry.results)
         left_out = outdated(group)
-        if there or left_out or group.application in NAMES:
+        if there or left_out or group.application in with_suite:
             boards.append(GroupBoard(group, there, results, left_out))
     return Board(tuple(entries), tuple(boards), outdated(None))

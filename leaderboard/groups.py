@@ -10,37 +10,6 @@ from sada_gym.cards import ApplicationCard
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import Tier, slug
 
-NAMES = {
-    "SADA-Detection": (
-        "detection",
-        "Object detection",
-        "The adversary places the camera and the light and paints the object, until the detector "
-        "no longer finds it.",
-    ),
-    "SADA-Driving": (
-        "driving",
-        "Self-driving",
-        "The adversary mounts the camera and chooses the weather, and the driver has to stay on "
-        "the road.",
-    ),
-    "SADA-UAV": (
-        "racing",
-        "UAV racing",
-        "The adversary bends the race track by its anchors, and the pilot has to pass every gate.",
-    ),
-    "SADA-Robot": (
-        "robot",
-        "Robot navigation",
-        "The adversary changes the warehouse, the load, the lidar and the wheels, and the robot "
-        "has to reach its goal.",
-    ),
-    "SADA-Digits": (
-        "digits",
-        "Handwritten digits",
-        "The adversary warps images of handwritten digits, and the classifier has to read them.",
-    ),
-}
-
 
 @dataclass(frozen=True)
 class TrackGroup:
@@ -66,13 +35,12 @@ class TrackGroup:
 
     @classmethod
     def of(cls, card: ApplicationCard) -> TrackGroup:
-        """Take a group from an application's card; an application that we do not know gets one."""
-        plain = card.name.removeprefix("SADA-")
-        name, title, summary = NAMES.get(card.name, (slug(plain).lower(), plain, ""))
+        """Take a group from an application's card."""
+        name = card.suite.name if card.suite else slug(card.name.removeprefix("SADA-")).lower()
         agents = {agent.name: agent.summary for agent in card.agents}
         nominal = {agent.name: agent.nominal for agent in card.agents}
         tracks = card.track_ids or (card.id,)
-        return cls(name, title, summary, card.name, tracks, agents, nominal)
+        return cls(name, card.title, card.summary, card.name, tracks, agents, nominal)
 
     def short(self, track: str) -> str:
         """Give what tells a track from the others of its group."""

@@ -1,5 +1,7 @@
 """Makes the tables in docs/ from the entries: `python -m leaderboard.tables`.
 
+With `--suites` it prints the names of the suites that `make results` measures instead.
+
 A page marks the place of a table by a line `<!-- table: NAME -->`; what follows, up to
 `<!-- end of table -->`, is replaced. The pages `docs/results/SUITE/table.md` are written as a
 whole.
@@ -8,6 +10,7 @@ whole.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -25,6 +28,7 @@ from sada_gym.benchmark.report.tables import (
 )
 from sada_gym.benchmark.results import Results, Row, results_of
 from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
+from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import cards
 from sada_gym.submission.entry import Entry, read_entries
 from sada_gym.submission.models import Tier
@@ -33,8 +37,11 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-SUITES = ("detection", "driving", "racing", "robot", "digits", "table-1", "agents")
-"""The suites whose results are entries, each with a page `docs/results/SUITE/table.md`."""
+MEASURED = tuple(suite.name for suite in ALL_SUITES if suite.name != "quick")
+"""The suites that `make results` measures."""
+
+SUITES = tuple(name for name in MEASURED if name != "table-1-columns")
+"""The suites that have a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 _NONE = "No verified result yet."
@@ -77,11 +84,11 @@ def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
 
 
 COMPARISONS = {
-    "detection": Comparison("Detection", "detection", "equal-queries", "photographer"),
-    "driving": Comparison("Driving", "driving", "paper-budgets", "cil"),
-    "racing": Comparison("Racing", "racing", "paper-budgets", "ppo"),
-    "robot": Comparison("Robot", "robot", "paper-budgets", "ppo"),
-    "digits": Comparison("Digits", "digits", "paper-budgets", "cnn"),
+    suite.name: Comparison(
+        suite.name.capitalize(), suite.name, suite.tables[0], card.agents[0].name
+    )
+    for card in cards()
+    if (suite := card.suite) is not None
 }
 """The comparisons that pages show, by the names of their tables."""
 
@@ -225,7 +232,10 @@ def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
 
 
 def main() -> None:
-    """Write all tables of the documentation."""
+    """Write all tables of the documentation, or print the names of the suites."""
+    if sys.argv[1:] == ["--suites"]:
+        print(*MEASURED)
+        return
     entries = read_entries(ENTRIES)
     for suite in SUITES:
         path = write_tables(DOCS / "results" / suite, results_of_suite(entries, suite))

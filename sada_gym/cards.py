@@ -47,7 +47,8 @@ class SuiteCard:
 
     Attributes:
         name: What the command line calls it.
-        tables: The names of its tables: `paper-budgets`, `equal-queries`.
+        tables: The names of its tables: `paper-budgets`, `equal-queries`. The first of them,
+            with the default agent, is the comparison that the overviews show.
         seeds: Number of seeds on each track.
         seeds_of: Another number for some tracks, by suffix.
         images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
@@ -109,6 +110,8 @@ class ApplicationCard:
 
     Attributes:
         name: The general id without its version, such as `SADA-Detection`.
+        title: What people call it, such as `Object detection`.
+        summary: A sentence on what the adversary changes and what the agent has to do.
         application: `module:class` of the `Application`.
         version: The version of its ids.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
@@ -128,6 +131,8 @@ class ApplicationCard:
     """
 
     name: str
+    title: str
+    summary: str
     application: str
     version: int = 0
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -19,6 +19,9 @@ _SUFFIXES = (  # in the order of the detectors' labels
 
 CARD = ApplicationCard(
     name="SADA-Detection",
+    title="Object detection",
+    summary="The adversary places the camera and the light and paints the object, until the "
+    "detector no longer finds it.",
     application="sada_gym.envs.detection.application:DetectionApplication",
     tracks={suffix: {"object_class": suffix.lower()} for suffix in _SUFFIXES},
     same_as="Car",

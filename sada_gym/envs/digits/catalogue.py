@@ -13,6 +13,9 @@ LOADER = "sada_gym.envs.digits.agent.weights:load"
 
 CARD = ApplicationCard(
     name="SADA-Digits",
+    title="Handwritten digits",
+    summary="The adversary warps images of handwritten digits, and the classifier has to read "
+    "them.",
     application="sada_gym.envs.digits.application:DigitsApplication",
     tracks={str(digit): {"digit": digit} for digit in range(10)},
     agents=(CNN,),

@@ -4,6 +4,9 @@ from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase,
 
 CARD = ApplicationCard(
     name="SADA-Driving",
+    title="Self-driving",
+    summary="The adversary mounts the camera and chooses the weather, and the driver has to stay "
+    "on the road.",
     application="sada_gym.envs.driving.application:DrivingApplication",
     tracks={
         "Straight": {"task": "straight"},

@@ -7,6 +7,8 @@ from sada_gym.envs.digits.catalogue import CNN, LOADER
 
 CARD = ApplicationCard(
     name="SADA-Pixel",
+    title="Pixel attack",
+    summary="The adversary adds noise to the image of a digit, and the classifier has to read it.",
     application="sada_gym.envs.pixel.application:PixelApplication",
     agents=(replace(CNN, summary="the same classifier as of SADA-Digits; the default"),),
     agent_kind="classifier",

@@ -4,6 +4,9 @@ from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase,
 
 CARD = ApplicationCard(
     name="SADA-Robot",
+    title="Robot navigation",
+    summary="The adversary changes the warehouse, the load, the lidar and the wheels, and the "
+    "robot has to reach its goal.",
     application="sada_gym.envs.robot.application:RobotApplication",
     tracks={"Warehouse": {}},
     same_as="Warehouse",

@@ -4,6 +4,9 @@ from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase,
 
 CARD = ApplicationCard(
     name="SADA-UAV",
+    title="UAV racing",
+    summary="The adversary bends the race track by its anchors, and the pilot has to pass every "
+    "gate.",
     application="sada_gym.envs.uav.application:UAVApplication",
     tracks={f"{anchors}Anchors": {"anchors": anchors} for anchors in (3, 4, 5)},
     same_as="3Anchors",
