@@ -27,6 +27,8 @@ class AgentCard:
         sha256: The SHA-256 of that file; a file that differs is refused.
         summary: A line for people.
         nominal: How well it does in nominal worlds, as its model card says.
+        loader: `module:function` that turns the file into the agent; empty for the application's
+            `agent_loader`.
     """
 
     name: str
@@ -34,6 +36,7 @@ class AgentCard:
     sha256: str
     summary: str
     nominal: str
+    loader: str = ""
 
     @property
     def path(self) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -10,6 +9,7 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.parts import find_part
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",
@@ -111,24 +111,7 @@ def find(name: str) -> type[Adversary]:
     Raises:
         ValueError: If there is no such adversary, or its module cannot be imported.
     """
-    if ":" not in name:
-        refuse_unknown("adversary", [name], names())
-    path = _TABLE.get(name, name)
-    module, _, attribute = path.partition(":")
-    try:
-        kind = getattr(importlib.import_module(module), attribute)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise UserError(
-            f"Expected an adversary's name or module:Class, got {name!r} ({error}). Install the "
-            "module, or set PYTHONPATH to the folder that holds it."
-        ) from error
-    except (Exception, SystemExit) as error:  # whatever a user's module may raise
-        if path != name:
-            raise  # one of ours: a bug
-        raise UserError(
-            f"Expected to import {module!r} for the adversary {name!r}, but the module raised "
-            f"{type(error).__name__}: {error}. Mend the module."
-        ) from error
+    kind = find_part("adversary", name, _TABLE)
     if not (isinstance(kind, type) and issubclass(kind, Adversary)):
         raise UserError(f"Expected {name!r} to be a subclass of Adversary, got {kind!r}.")
     return kind

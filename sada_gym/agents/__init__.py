@@ -70,12 +70,12 @@ def load(agent: str | Path, application: str) -> Any:
             f"got {application!r}. Pass the agent itself."
         )
     refuse_missing(agent, application)
-    path = Path(agent)
+    path, loader = Path(agent), of.agent_loader
     if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
         shipped = card(agent, application)
         verify(shipped)
-        path = shipped.path
-    return load_object(of.agent_loader)(path)
+        path, loader = shipped.path, shipped.loader or loader
+    return load_object(loader)(path)
 
 
 def refuse_missing(agent: str | Path, application: str) -> None:

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.picture import FLOOR
-from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.frames import ORANGE, SKY, Colour, rgb
 from sada_gym.plots.drawing import dashed_box, font
 from sada_gym.replay import shots
@@ -32,15 +31,12 @@ Detection = Mapping[str, Any]
 def take(application: DetectionApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
     """Show how the detector's answer changes on the way from mu = 0.
 
-    The pictures are finer than what the detector gets, where the renderer is the default one.
+    The pictures are finer than what the detector gets, where the renderer can draw any size.
     """
     way = shots.way_to(mu, seconds)
     outcomes = application.evaluate(way, [seed] * len(way))
     wanted, threshold = application.object_class, application.fooling_threshold
-    known = getattr(application.agent, "labels", None)
-    names = {application.label: wanted}
-    if isinstance(known, Mapping):
-        names |= {label: name for name, label in known.items()}
+    names = application.class_names
     pictures, notes = [], []
     for i, (view, info) in enumerate(
         zip(_views(application, way, seed), outcomes.infos, strict=True)
@@ -76,10 +72,10 @@ def _world(application: DetectionApplication, mu: shots.Mu) -> str:
 
 def _views(application: DetectionApplication, way: shots.Mu, seed: int) -> list[Image.Image]:
     """Draw the worlds, large."""
-    side = SIDE * _FINER
-    if application.settings["renderer"] == "Rasteriser":
-        scenes = [application.scene(row, seed) for row in way]
-        return [Image.fromarray(one.image) for one in default_renderer().render_batch(scenes, side)]
+    side, renderer = SIDE * _FINER, application.renderer
+    if renderer.any_size:
+        renderings = renderer.render_batch([application.scene(row, seed) for row in way], side)
+        return [Image.fromarray(rendering.image) for rendering in renderings]
     seen = [Image.fromarray(application.observation(row, seed)) for row in way]
     return [one.resize((side, side), Image.Resampling.BICUBIC) for one in seen]
 

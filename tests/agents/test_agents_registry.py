@@ -1,10 +1,12 @@
 """The registry's rows, and files of weights that are not what they should be."""
 
+from dataclasses import replace
+
 import pytest
 from safetensors.torch import load_file, save_file
 
 from sada_gym import agents
-from sada_gym.cards import cards
+from sada_gym.cards import cards, find_card
 from sada_gym.lazy import load
 
 WITH_AGENTS = [card for card in cards() if card.agents]
@@ -20,6 +22,16 @@ def test_a_card_says_how_its_agents_are_loaded(card):
         agents.load("no.safetensors", card.name)
     with pytest.raises(ValueError, match=rf"{either}.*pickles"):
         agents.load("mine.zip", card.name)
+
+
+def test_an_agents_row_may_name_a_loader_of_its_own(monkeypatch):
+    card = find_card("SADA-Digits")
+    row = replace(card.agents[0], name="own", loader="toy_parts:as_loaded")
+    own = replace(card, agents=(*card.agents, row))
+    monkeypatch.setattr(agents, "cards", lambda: (own,))
+    monkeypatch.setattr(agents, "find_card", lambda name: own)
+    assert agents.load("own", card.name) == ("loaded", row.path)
+    assert agents.load("cnn", card.name).architecture == "sada_gym digits"
 
 
 @pytest.mark.parametrize("card", WITH_AGENTS, ids=lambda card: card.name)

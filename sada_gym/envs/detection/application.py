@@ -16,11 +16,21 @@ from sada_gym.application import Application, Scored, validate_seeds, validate_w
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.picture import annotate, legend
-from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
-from sada_gym.envs.detection.renderers.base import DEFAULT, checked_renderer, checked_renderings
+from sada_gym.envs.detection.renderers.base import (
+    DEFAULT_KEY,
+    Renderer,
+    Rendering,
+    validate_renderings,
+)
+from sada_gym.envs.detection.renderers.registry import (
+    DEFAULT_RENDERER,
+    default_renderer,
+    find_renderer,
+)
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
-from sada_gym.envs.detection.shapes import CLASSES, Shape, benchmark_shapes, fingerprint, load_class
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.envs.detection.shapes import fingerprint
+from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes, is_named
+from sada_gym.errors import UserError
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -73,10 +83,11 @@ class DetectionApplication(Application):
       or any model with torchvision's calling convention, with `labels={"car": 3}`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
-    - `shapes=None`: a folder of a user's CAD files, one folder a class, instead of the 100 shapes;
-      `skip_unreadable=False`.
+    - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of
+      CAD files of your own, one folder a class, with `skip_unreadable=False`.
     - `image_size=128`: pixels a side, a multiple of 16 for the shipped detectors.
-    - `renderer=None`: a `Renderer` of your own; by default the process's `Rasteriser`.
+    - `renderer=None`: the name of a renderer, by default `rasteriser`; or a `Renderer` of your own,
+      as an object or as `module:Class`.
     - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 4
       for the shipped architecture.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
@@ -119,19 +130,24 @@ class DetectionApplication(Application):
         shapes: str | Path | None = None,
         skip_unreadable: bool = False,
         image_size: int = 128,
-        renderer: Renderer | None = None,
+        renderer: str | Renderer | None = None,
         tile: int | None = None,
     ) -> None:
         if image_size < 32:
             raise UserError(f"Expected an image_size of at least 32 pixels, got {image_size}.")
         self.object_class, self.image_size = object_class, image_size
-        self.shapes = _shapes(object_class, shapes, skip_unreadable)
-        self._own_shapes = shapes is not None
-        self._renderer = None if renderer is None else checked_renderer(renderer)
+        self._shapes_source = DEFAULT_SHAPES if shapes is None else shapes
+        self.shapes = find_shapes(
+            self._shapes_source, object_class, skip_unreadable=skip_unreadable
+        )
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self._detector = DetectorAgent(self.agent, tile, image_size)
         self.label = _label(object_class, self.agent, labels)
         self._agent_id = agent_id
+        is_default = renderer in (None, DEFAULT_RENDERER, DEFAULT_KEY)
+        self._renderer_name = renderer if isinstance(renderer, str) and not is_default else None
+        # made last, so that nothing has to close it where another argument is refused
+        self._renderer = None if is_default else find_renderer(renderer)
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
@@ -144,26 +160,39 @@ class DetectionApplication(Application):
         return self._detector.tile
 
     @property
+    def renderer(self) -> Renderer:
+        """What draws the scenes; the default one is shared by the process."""
+        return default_renderer() if self._renderer is None else self._renderer
+
+    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
-        return {
+        settings = {
             "object_class": self.object_class,
             "label": self.label,
             "image_size": self.image_size,
-            "renderer": DEFAULT if self._renderer is None else self._renderer.key,
+            "renderer": DEFAULT_KEY if self._renderer is None else self._renderer.key,
             "tile": self.tile,
         }
+        # parts chosen by a name are written by it: settings can be used as keywords again
+        if self._renderer_name is not None:
+            settings["renderer"] = self._renderer_name
+        if self._shapes_source != DEFAULT_SHAPES and is_named(self._shapes_source):
+            settings["shapes"] = self._shapes_source
+        return settings
 
     @property
     def fingerprint(self) -> str | None:
-        """SHA-256 over the detector's identity and, where a user brought them, the shapes.
+        """SHA-256 over the detector's identity and all that is not the benchmark's own.
 
-        None where the detector or a user's renderer has no identity.
+        None where the detector or the renderer has no identity.
         """
         agent = known_as(self._detector, self.agent, self._agent_id)
         if agent is None or (self._renderer is not None and self._renderer.identity is None):
             return None
-        parts = [agent, fingerprint(self.shapes) if self._own_shapes else ""]
+        parts = [agent, "" if self._shapes_source == DEFAULT_SHAPES else fingerprint(self.shapes)]
+        if self._renderer is not None and self._renderer_name is not None:
+            parts.append(self._renderer.key)  # the settings hold its name only
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
 
     def scene(self, mu: npt.NDArray[np.float32], seed: int) -> Scene:
@@ -176,7 +205,7 @@ class DetectionApplication(Application):
         return Scene(shape, (red, green, blue), backdrop=backdrop, seed=seed, **placed)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        scenes = [self.scene(row, seed) for row, seed in zip(mu, seeds, strict=True)]
+        scenes = self._scenes(mu, seeds)
         renderings = self._renderings(scenes)
         found = self._detector.act([rendering.image for rendering in renderings])
         extras = [
@@ -193,53 +222,41 @@ class DetectionApplication(Application):
         ]
         return Scored(np.array(scores, dtype=np.float64), extras)
 
+    def _scenes(self, mu: Mu, seeds: Sequence[int]) -> list[Scene]:
+        return [self.scene(row, seed) for row, seed in zip(mu, seeds, strict=True)]
+
     def _renderings(self, scenes: Sequence[Scene]) -> list[Rendering]:
-        renderer = default_renderer() if self._renderer is None else self._renderer
-        renderings = renderer.render_batch(scenes, self.image_size)
-        return checked_renderings(renderings, renderer, len(scenes), self.image_size)
+        renderings = self.renderer.render_batch(scenes, self.image_size)
+        return validate_renderings(renderings, self.renderer, len(scenes), self.image_size)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees, with the object's true box and the detections."""
-        one: Any = [mu]
-        return next(self.render_batch(one, [seed]))
+        return next(self.render_batch([mu], [seed]))  # type: ignore[list-item]
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose pictures the detector sees together."""
         batch = self.parameters.validate(mu)
-        checked = validate_seeds(seeds, len(batch))
-        renderings = self._renderings(
-            [self.scene(row, seed) for row, seed in zip(batch, checked, strict=True)]
-        )
-        names = {self.label: self.object_class}
-        known = getattr(self.agent, "labels", None)
-        if isinstance(known, Mapping):
-            names = {label: name for name, label in known.items()}
-        found = self._detector.act([rendering.image for rendering in renderings])
-        for rendering, detections in zip(renderings, found, strict=True):
-            yield annotate(rendering, detections, names, self.label)
+        renderings = self._renderings(self._scenes(batch, validate_seeds(seeds, len(batch))))
+        detections = self._detector.act([rendering.image for rendering in renderings])
+        for rendering, found in zip(renderings, detections, strict=True):
+            yield annotate(rendering, found, self.class_names, self.label)
+
+    @property
+    def class_names(self) -> dict[int, str]:
+        """The names of the detector's labels, as far as they are known."""
+        labels = getattr(self.agent, "labels", None)
+        known = labels if isinstance(labels, Mapping) else {}
+        return {self.label: self.object_class, **{label: name for name, label in known.items()}}
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees."""
-        return self._rendering(mu, seed).image
-
-    def _rendering(self, mu: npt.ArrayLike, seed: int) -> Rendering:
         row, seed = validate_world(self.parameters, mu, seed)
-        return self._renderings([self.scene(row[0], seed)])[0]
+        return self._renderings(self._scenes(row, [seed]))[0].image
 
-
-def _shapes(
-    object_class: str, folder: str | Path | None, skip_unreadable: bool
-) -> tuple[Shape, ...]:
-    if folder is None:
-        if object_class not in CLASSES:
-            raise UserError(
-                f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}. "
-                "Give shapes=PATH to bring CAD files of another class."
-            )
-        return benchmark_shapes(object_class)
-    if not isinstance(folder, str | Path):
-        raise UserTypeError(f"Expected shapes to be the path of a folder or None, got {folder!r}.")
-    return load_class(folder, object_class, skip_unreadable=skip_unreadable)
+    def close(self) -> None:
+        """Close the renderer, unless it was handed in or is the one that the process shares."""
+        if self._renderer is not None and self._renderer_name is not None:
+            self._renderer.close()
 
 
 def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> int:

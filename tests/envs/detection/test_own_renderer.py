@@ -126,7 +126,7 @@ def test_what_is_no_renderer_is_refused():
             DetectionApplication("car", renderer=Grey(identity=identity))
 
 
-def test_whoever_makes_a_renderer_closes_it():
+def test_a_renderer_that_is_handed_in_stays_open():
     renderer = grey(1)
     AdversaryEnv(DetectionApplication("car", renderer=renderer)).close()
     assert renderer.closed == 0

@@ -1,15 +1,6 @@
 """The renderers of the detection application, a module each."""
 
-import functools
-
 from sada_gym.envs.detection.renderers.base import Renderer, Rendering
+from sada_gym.envs.detection.renderers.registry import default_renderer, find_renderer
 
-__all__ = ["Renderer", "Rendering", "default_renderer"]
-
-
-@functools.cache
-def default_renderer() -> Renderer:
-    """Give the process's one `Rasteriser`, made on first use: its kernels are loaded then."""
-    from sada_gym.envs.detection.renderers.rasteriser import Rasteriser
-
-    return Rasteriser()
+__all__ = ["Renderer", "Rendering", "default_renderer", "find_renderer"]

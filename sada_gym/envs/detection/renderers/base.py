@@ -6,7 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,8 @@ from sada_gym.arrays import refuse_masked
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
 
-DEFAULT = "Rasteriser"
-"""The key of the default renderer."""
+DEFAULT_KEY = "Rasteriser"
+"""The default renderer in the settings of stores and published results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,15 @@ class Renderer(ABC):
     A renderer is pure: the same scene and size give the same bytes, whatever else is in the batch,
     in any process. One that draws random numbers seeds them with `Scene.seed`.
 
-    Whoever makes a renderer closes it; an application never closes one that it was given.
+    Whoever makes a renderer closes it: an application closes the one that it made by a name, and
+    leaves the one that it was given open.
+
+    Attributes:
+        any_size: Whether a larger picture shows the same scene in more detail and is drawn quickly
+            enough for videos. Otherwise videos enlarge what the detector sees.
     """
+
+    any_size: ClassVar[bool] = False
 
     @property
     def identity(self) -> str | None:
@@ -72,8 +79,8 @@ class Renderer(ABC):
         """Free what the renderer holds; calling it twice is fine."""
 
 
-def checked_renderer(renderer: Any) -> Renderer:
-    """Give a user's renderer back.
+def validate_renderer(renderer: Any) -> Renderer:
+    """Return a user's renderer.
 
     Raises:
         UserError: If it is no `Renderer`, or its identity is no text.
@@ -92,10 +99,10 @@ def checked_renderer(renderer: Any) -> Renderer:
     return renderer
 
 
-def checked_renderings(
+def validate_renderings(
     renderings: Any, renderer: Renderer, count: int, image_size: int
 ) -> list[Rendering]:
-    """Give what `render_batch` returned back.
+    """Return what `render_batch` returned.
 
     Raises:
         UserError: If it is not one `Rendering` a scene with arrays of the shapes that it names.

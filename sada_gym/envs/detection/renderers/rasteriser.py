@@ -6,13 +6,13 @@ A scene is a few calls of compiled kernels, which hold no state.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.backdrop import Backdrop
-from sada_gym.envs.detection.renderers.base import DEFAULT, Renderer, Rendering
+from sada_gym.envs.detection.renderers.base import DEFAULT_KEY, Renderer, Rendering
 from sada_gym.envs.detection.renderers.gbuffer import (
     GBuffer,
     KernelCamera,
@@ -53,6 +53,8 @@ Matrix = npt.NDArray[np.float64]
 class Rasteriser(Renderer):
     """Renders scenes by kernels of our own."""
 
+    any_size: ClassVar[bool] = True
+
     def __init__(self) -> None:
         self._noise = noise_tile()
         self._tone = tone_table(TONE_STEPS, exposure=1.5)
@@ -60,12 +62,12 @@ class Rasteriser(Renderer):
     @property
     def identity(self) -> str:
         """The renderer's name; its version is that of the environment."""
-        return DEFAULT
+        return DEFAULT_KEY
 
     @property
     def key(self) -> str:
         """The plain name; subclasses have keys like any other renderer."""
-        return DEFAULT if type(self) is Rasteriser else super().key
+        return DEFAULT_KEY if type(self) is Rasteriser else super().key
 
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:
         """Make a square picture of `image_size` pixels a side of each scene, in the same order."""

@@ -44,7 +44,7 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
     if object_class not in CLASSES:
         raise UserError(
             f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}; "
-            "choose one of these, or load your own shapes from a folder a class."
+            "give shapes=PATH for CAD files of another class."
         )
     with np.load(BytesIO(_verified(FILE)), allow_pickle=False) as file:
         arrays = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 import torch
@@ -45,6 +45,11 @@ class WaypointNetwork(nn.Module):
         self.seen = nn.Sequential(nn.Linear(flat, 128), nn.ReLU())
         self.motion = nn.Sequential(nn.Linear(MOTIONS, 32), nn.ReLU())
         self.head = nn.Sequential(nn.Linear(160, 64), nn.ReLU(), nn.Linear(64, 6))
+
+    @staticmethod
+    def has_weights(names: Iterable[str]) -> bool:
+        """Say whether weights of these names are of such a network."""
+        return any(name.startswith("convolutions.") for name in names)
 
     def forward(self, light: Tensor, motion: Tensor) -> Tensor:
         """Say where the next gate is.

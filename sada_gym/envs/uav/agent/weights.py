@@ -27,7 +27,7 @@ def load(path: Path) -> WaypointNetwork | PPO:
         FileError: If the file holds no weights of a pilot.
     """
     weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", _MEND))
-    if any(key.startswith("convolutions.") for key in weights):
+    if WaypointNetwork.has_weights(weights):
         network = new_network(0)
         file = WeightsFile(path, "the weights of a pilot like waypoint-pid", _MEND)
         load_weights(network, file)
