@@ -36,7 +36,7 @@ def first_two(object_class):
     return tuple(replace(shape, double_sided=True) for shape in benchmark_shapes(object_class)[:2])
 
 
-def no_shapes(object_class):  # noqa: ARG001
+def no_shapes(object_class):
     """Give nothing."""
     return ()
 

@@ -231,7 +231,8 @@ class DetectionApplication(Application):
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees, with the object's true box and the detections."""
-        return next(self.render_batch([mu], [seed]))  # type: ignore[list-item]
+        batch: Any = [mu]
+        return next(self.render_batch(batch, [seed]))
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose pictures the detector sees together."""
