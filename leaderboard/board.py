@@ -15,10 +15,11 @@ from leaderboard.board_tables import (
     strongest_sheet,
 )
 from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
-from leaderboard.sheet import Sheet
-from sada_gym.benchmark.results import Row, results_of
+from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.cards import ApplicationCard, cards
+from sada_gym.results.rows import Row
+from sada_gym.results.sheet import Sheet
 from sada_gym.submission.checks import is_outdated
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import Tier, slug

@@ -10,7 +10,10 @@ from typing import Literal
 import numpy as np
 
 from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
-from leaderboard.sheet import (
+from sada_gym.benchmark.suite import TABLES, Table
+from sada_gym.results import paper
+from sada_gym.results.rows import Row, RunSummary
+from sada_gym.results.sheet import (
     Cell,
     Column,
     Kind,
@@ -21,9 +24,6 @@ from leaderboard.sheet import (
     rate_cell,
     text_cell,
 )
-from sada_gym.benchmark import paper
-from sada_gym.benchmark.results import Row, RunSummary
-from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.submission.entry import Entry
 from sada_gym.submission.models import Tier, slug
 from sada_gym.submission.today import find_target

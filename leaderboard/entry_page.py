@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Picture, Pictures
-from leaderboard.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
-from sada_gym.benchmark.results import Row
+from sada_gym.results.rows import Row
+from sada_gym.results.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import About, Tier, slug
 

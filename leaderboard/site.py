@@ -17,12 +17,12 @@ from leaderboard.board import Board, GroupBoard, make_board
 from leaderboard.entry_page import entry_page
 from leaderboard.front import make_chart
 from leaderboard.pictures import Pictures
-from leaderboard.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
 from sada_gym import __version__
-from sada_gym.benchmark.results import Row
 from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
+from sada_gym.results.rows import Row
+from sada_gym.results.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
 from sada_gym.submission.entry import read_entries
 
 HERE = Path(__file__).parent

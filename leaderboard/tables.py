@@ -17,7 +17,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from sada_gym import agents
-from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.report.tables import (
     percent,
     rank_of,
@@ -26,10 +25,12 @@ from sada_gym.benchmark.report.tables import (
     with_interval,
     write_tables,
 )
-from sada_gym.benchmark.results import Results, Row, results_of
+from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import cards
+from sada_gym.results.figures import Figure
+from sada_gym.results.rows import Row
 from sada_gym.submission.entry import Entry, read_entries
 from sada_gym.submission.models import Tier
 

@@ -10,13 +10,13 @@ from pydantic import Field
 
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
 from sada_gym.cards import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, refuse_number, refuse_unknown
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.files import Strict
 from sada_gym.ids import names_file
+from sada_gym.results.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
 from sada_gym.submission.models import MAX_SEEDS
 
 

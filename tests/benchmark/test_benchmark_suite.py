@@ -4,7 +4,6 @@ from bench_toys import ANALYTIC, make_reference, suite
 
 from sada_gym import adversaries
 from sada_gym.adversaries.bbgan import split_budget
-from sada_gym.benchmark import paper
 from sada_gym.benchmark import suite as suites
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.suite import (
@@ -18,6 +17,7 @@ from sada_gym.benchmark.suite import (
 )
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.registration import tracks
+from sada_gym.results import paper
 
 
 def made(label, dimension):

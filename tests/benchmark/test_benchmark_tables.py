@@ -1,11 +1,12 @@
 import pytest
 
-from sada_gym.benchmark.paper import CLASS_COLUMNS
 from sada_gym.benchmark.report.tables import short_name, write_tables
-from sada_gym.benchmark.results import Results, RunSummary, Target, rows_of_runs
+from sada_gym.benchmark.results import Results, Target
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.experiment.measure import FeasibleRate, Measures, Search
 from sada_gym.experiment.record import ReferenceSummary
+from sada_gym.results.paper import CLASS_COLUMNS
+from sada_gym.results.rows import RunSummary, rows_of_runs
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
@@ -54,6 +55,7 @@ def run(
         measures=None if error else measures,
         search=None if error else Search(queries=2000, fooled=700, curve=()),
         flags=flags,
+        control=label == "ideal",
         disqualified=False,
     )
 

@@ -9,10 +9,10 @@ from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
 from leaderboard.front import make_chart
 from leaderboard.pictures import Pictures
-from leaderboard.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
 from sada_gym.cards import find_card
+from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
 from sada_gym.submission.entry import read_entries
 
 

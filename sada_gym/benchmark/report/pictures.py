@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sada_gym.benchmark.folder import picture_folder
-from sada_gym.benchmark.report.charts import (
+from sada_gym.benchmark.report.tables import short_name
+from sada_gym.benchmark.results import Results
+from sada_gym.benchmark.worlds import World
+from sada_gym.experiment.ideal import IDEAL
+from sada_gym.files import write_file
+from sada_gym.parameters import Mu
+from sada_gym.plots.style import png
+from sada_gym.results.charts import (
     Curve,
     NoveltyRatios,
     anytime_curves,
@@ -17,13 +24,7 @@ from sada_gym.benchmark.report.charts import (
     novelty_ratios,
     tradeoff,
 )
-from sada_gym.benchmark.report.tables import short_name
-from sada_gym.benchmark.results import MEANS, Results, RunSummary
-from sada_gym.benchmark.worlds import World
-from sada_gym.experiment.ideal import IDEAL
-from sada_gym.files import write_file
-from sada_gym.parameters import Mu
-from sada_gym.plots.style import png
+from sada_gym.results.rows import MEANS, RunSummary
 from sada_gym.submission.entry import Entry
 from sada_gym.submission.models import result_stem, slug
 

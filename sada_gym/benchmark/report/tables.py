@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.benchmark import paper
-from sada_gym.benchmark.figures import Figure
 from sada_gym.benchmark.folder import TABLE_FILE
-from sada_gym.benchmark.results import MEANS, Mean, Results, Row
+from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.suite import is_default
 from sada_gym.files import write_file
+from sada_gym.results import paper
+from sada_gym.results.figures import Figure
+from sada_gym.results.rows import MEANS, Mean, Row
 
 _BLANK = "-"
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sada_gym.benchmark.figures import Figure, figure, ranked
 from sada_gym.measures.statistics import estimate
+from sada_gym.results.figures import Figure, figure, ranked
 
 
 def test_equal_seeds_are_bootstrapped():

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sada_gym.benchmark.figures import Figure
+from sada_gym.results.figures import Figure
 
 Kind = Literal["ranked", "unranked", "control", "paper", "reference"]
 """What a row is. All but entries are grey: controls, the paper's numbers and reference sets."""

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sada_gym.benchmark.report.charts import (
+from sada_gym.parameters import Parameter, ParameterSpace
+from sada_gym.plots.style import png
+from sada_gym.results.charts import (
     Curve,
     NoveltyRatios,
     anytime_curves,
     marginal_strips,
     novelty_ratios,
 )
-from sada_gym.benchmark.report.labels import _spread, label_ends, place_labels
-from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.plots.style import png
+from sada_gym.results.labels import _spread, label_ends, place_labels
 
 
 def crowd(count, spread, seed=0):

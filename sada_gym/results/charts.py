@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.benchmark.figures import Figure as Estimated
-from sada_gym.benchmark.report.labels import label_ends, place_labels
-from sada_gym.benchmark.results import Row
 from sada_gym.frames import BLUE, INK, MUTED
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import ACCENT, axis_label, name_choices, new_figure, tidy
+from sada_gym.results.figures import Figure as Estimated
+from sada_gym.results.labels import label_ends, place_labels
+from sada_gym.results.rows import Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

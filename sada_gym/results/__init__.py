@@ -1,0 +1,1 @@
+"""What results say: figures with intervals and ranks, tables, charts."""
