@@ -17,8 +17,9 @@ import optuna
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureLearner
 from sada_gym.adversaries.models.mixture import fit_best_mixture
-from sada_gym.adversaries.omega import Omega, evaluate
+from sada_gym.adversaries.omega import evaluate
 from sada_gym.attack import attack
+from sada_gym.evaluations import Evaluations
 
 BATCH = 10  # queries at a time
 SIZES = (1, 2, 4, 8, 16, 32)  # of the mixtures to try, as `bayesian` does
@@ -28,7 +29,7 @@ SEEDS = 3
 class Optimiser(MixtureLearner):
     """Minimises Q, and fits a mixture to the 100 lowest points that fooled."""
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         chosen = self._induce(omega, 100).chosen
         self._mixture = fit_best_mixture(chosen, SIZES, self.rng)
 
@@ -39,7 +40,7 @@ class TPE(Optimiser):
     name = "tpe"
     packages = ("optuna", "scikit-learn")
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         sampler = optuna.samplers.TPESampler(seed=int(self.rng.integers(2**31)))
         study = optuna.create_study(sampler=sampler)
         box = {
@@ -52,7 +53,7 @@ class TPE(Optimiser):
             found.append(evaluate(mu, oracle))
             for trial, score in zip(trials, found[-1].score, strict=True):
                 study.tell(trial, score)
-        return joined(found)
+        return Evaluations.joined(found)
 
 
 class CMAES(Optimiser):
@@ -61,7 +62,7 @@ class CMAES(Optimiser):
     name = "cma-es"
     packages = ("cmaes", "scikit-learn")
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         search, found = self._start(), []
         while oracle.remaining:
             if search.should_stop():
@@ -71,17 +72,12 @@ class CMAES(Optimiser):
             found.append(evaluate(mu, oracle))
             if len(mu) == len(points):
                 search.tell([*zip(points, found[-1].score.tolist(), strict=True)])
-        return joined(found)
+        return Evaluations.joined(found)
 
     def _start(self) -> cmaes.CMA:
         mean = self.rng.uniform(-1.0, 1.0, self.dimension)
         box = np.tile([-1.0, 1.0], (self.dimension, 1))
         return cmaes.CMA(mean, sigma=0.5, bounds=box, seed=int(self.rng.integers(2**31)))
-
-
-def joined(found: list[Omega]) -> Omega:
-    """Give all evaluated points in their order."""
-    return Omega(np.concatenate([f.mu for f in found]), np.concatenate([f.score for f in found]))
 
 
 def main() -> None:

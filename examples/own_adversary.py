@@ -13,8 +13,9 @@ import sada_gym
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.evaluations import Evaluations
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.oracle import Oracle
 
@@ -39,7 +40,7 @@ class Neighbourhood(Learner):
     options_class = NeighbourhoodOptions
     options: NeighbourhoodOptions
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         """Spend half of the budget on uniform mu, the rest on samples around what they found."""
         half = max(1, oracle.remaining // 2)
         omega = evaluate_uniform(half, self.dimension, oracle, self.rng)
@@ -47,9 +48,9 @@ class Neighbourhood(Learner):
         closer = self._draw(oracle.remaining).astype(np.float32)
         return omega + evaluate(closer, oracle)
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Learn from all queries: keep those that fooled."""
-        fooled = int((omega.score <= self.threshold).sum())
+        fooled = int(omega.fooled(self.threshold).sum())
         lowest = np.argsort(omega.score, kind="stable")
         self.kept = omega.mu[lowest[: max(fooled, self.options.least)]]
 

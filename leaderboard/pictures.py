@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,8 +14,8 @@ import numpy as np
 from leaderboard.groups import TrackGroup
 from sada_gym import __version__
 from sada_gym.application import Application
-from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.problems import make_application
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_file
 from sada_gym.plots.attack import contact_sheet, marginals
 from sada_gym.plots.style import png
@@ -76,7 +76,9 @@ class Pictures:
         pictures = []
         for tracks in _alike(applications):
             names = ", ".join(group.short(track) for track in tracks)
-            samples = {track: _pooled(list(results[track].samples.values())) for track in tracks}
+            samples = {
+                track: Evaluations.joined(list(results[track].samples.values())) for track in tracks
+            }
             digest = hashlib.sha256(f"{_VERSION} {__version__} {agent}".encode())
             for track in tracks:
                 digest.update(f"{track} {samples_sha256(results[track].samples)}".encode())
@@ -118,17 +120,11 @@ def _alike(applications: Mapping[str, Application]) -> Iterator[list[str]]:
         yield list(tracks)
 
 
-def _pooled(parts: Sequence[Evaluations]) -> Evaluations:
-    """Put samples together."""
-    names = ("mu", "score", "seed")
-    return Evaluations(*(np.concatenate([getattr(one, n) for one in parts]) for n in names))
-
-
 def _marginals(
     applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: TrackGroup
 ) -> bytes:
     application = next(iter(applications.values()))
-    pooled = _pooled(list(samples.values()))
+    pooled = Evaluations.joined(list(samples.values()))
     return png(marginals(application.parameters, pooled, application.fooling_threshold))
 
 
@@ -137,7 +133,7 @@ def _fooled(
 ) -> bytes:
     """Draw fooled worlds, in turn from each track."""
     by_track = [
-        [(track, int(i)) for i in np.flatnonzero(samples[track].score <= one.fooling_threshold)]
+        [(track, int(i)) for i in np.flatnonzero(samples[track].fooled(one.fooling_threshold))]
         for track, one in applications.items()
     ]
     in_turn = [one for turn in itertools.zip_longest(*by_track) for one in turn if one is not None]

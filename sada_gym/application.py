@@ -15,6 +15,7 @@ import numpy.typing as npt
 from sada_gym.arrays import real_scores
 from sada_gym.determinism import generators_kept, refuse_random, single_threaded
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, ParameterSpace
 
@@ -134,7 +135,7 @@ class Application(ABC):
         with single_threaded(), self.isolated_rng():
             self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
-        fooled = score <= self.fooling_threshold
+        fooled = fools(score, self.fooling_threshold)
         names = self.parameters.names
         physical = self.parameters.physical(batch).tolist()  # in one go: it is much faster
         infos = tuple(
@@ -237,7 +238,7 @@ class Application(ABC):
             (n,) bool, or None if no privileged agent is known, as by default.
         """
         score = self.reference_score(mu, seeds)
-        return None if score is None else score > self.fooling_threshold
+        return None if score is None else ~fools(score, self.fooling_threshold)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw one frame of the world of mu, shape (d,), for a person to look at."""

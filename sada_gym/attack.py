@@ -13,7 +13,8 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import MAX_QUERIES, Evaluations
+from sada_gym.evaluation.oracle import MAX_QUERIES
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.assemble import find_target, make_adversary, make_settings
 from sada_gym.experiment.names import refuse_misspelt
 from sada_gym.experiment.pictures import draw_missing

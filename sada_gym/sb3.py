@@ -13,6 +13,7 @@ from stable_baselines3.common.utils import set_random_seed
 
 from sada_gym.determinism import generators_kept
 from sada_gym.errors import UserError, refuse_number
+from sada_gym.evaluations import fools
 from sada_gym.proposals import proposal_spaces
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class AttackCallback(BaseCallback):
         self._written = step
         self._writer.add_scalar("attack/score", score.mean(), step)
         self._writer.add_scalar(
-            "attack/fooling_rate", (score <= self.oracle.threshold).mean(), step
+            "attack/fooling_rate", fools(score, self.oracle.threshold).mean(), step
         )
         self._writer.add_scalar("attack/budget_left", self.oracle.remaining, step)
         application = self.oracle.application  # a function's parameters are numbered

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.level_set import LevelSet
 from sada_gym.adversaries.models.surrogate import CrossFittedTrees, Surrogate
-from sada_gym.adversaries.omega import Omega
+from sada_gym.evaluations import Evaluations
 
 Array = npt.NDArray[np.float64]
 Pool = npt.NDArray[np.float32]
@@ -81,7 +81,7 @@ class OwnLast(Own):
 
     share = 0.0
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         self._left = self.options.rounds
         return super()._query(oracle)
 

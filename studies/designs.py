@@ -47,6 +47,7 @@ from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.envs.digits.application import DigitsApplication
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import fools
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import load_reference
 from sada_gym.testing.scales import scales
@@ -209,7 +210,7 @@ def detection(object_class: str, agent: str | None, workers: int) -> Track:
 
     def rate(mu: Mu) -> npt.NDArray[np.float64]:
         test = Oracle(evaluator, budget=len(mu), seed=0, stream="test")
-        return (test(mu) <= test.threshold).astype(np.float64)
+        return fools(test(mu), test.threshold).astype(np.float64)
 
     rows = np.random.default_rng(0).choice(len(reference.fooling_set), 500)
     return Track(
@@ -241,7 +242,7 @@ def digits(dimension: int, digit: int, scale: str) -> Track:
         raise ValueError(f"Expected {dimension} parameters that can harm the digit {digit}.")
 
     def rate(mu: Mu) -> npt.NDArray[np.float64]:
-        return (score(mu) <= threshold).astype(np.float64)
+        return fools(score(mu), threshold).astype(np.float64)
 
     index = ("", "power", "log", "rank").index(scale)
     scaled = scales(score(uniform.astype(np.float32)))[index].map

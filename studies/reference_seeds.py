@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.evaluation.oracle import evaluation_seeds
 from sada_gym.evaluation.problems import make_application
+from sada_gym.evaluations import evaluation_seeds
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.reference import Reference, load_reference, reference_mu
 from sada_gym.parameters import Mu

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from sada_gym import adversaries, make_application
 from sada_gym.application import Application
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import fools
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.measures.reference import load_reference
@@ -75,7 +76,7 @@ class Judge:
         test = Oracle(self.application, budget=len(mu), seed=seed, stream="test")
         scores = test(mu)
         rate = attack_fooling_rate(scores, test.threshold)
-        covered = fooling_coverage(mu, scores <= test.threshold, self._points).coverage
+        covered = fooling_coverage(mu, fools(scores, test.threshold), self._points).coverage
         return {
             "afr": rate.rate,
             "low": rate.low,

@@ -94,7 +94,7 @@ def trained(
         asked = oracle.record
     mu = adversary.sample(SAMPLES)
     fooled = application.evaluate(mu, [0] * len(mu)).fooled
-    return asked.mu, asked.score <= application.fooling_threshold, mu, fooled
+    return asked.mu, asked.fooled(application.fooling_threshold), mu, fooled
 
 
 def draw_boxes(axes: Axes, application: AnalyticApplication) -> None:

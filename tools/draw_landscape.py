@@ -18,6 +18,7 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from sada_gym import adversaries
 from sada_gym.envs.digits import DigitsApplication
+from sada_gym.evaluations import fools
 from sada_gym.frames import INK, MUTED
 from sada_gym.oracle import Oracle
 from sada_gym.parameters import ParameterSpace
@@ -87,7 +88,7 @@ def main() -> None:
     application = DigitsApplication(image=arguments.image, parameters=PARAMETERS)
     score = landscape(application)
     label = int(application.images.labels[arguments.image])
-    share = (score <= application.fooling_threshold).mean()
+    share = fools(score, application.fooling_threshold).mean()
     rows = -(-len(arguments.adversaries) // COLUMNS)
     figure = new_figure(9, 4.6 + 2.5 * rows)
     top, bottom = figure.subfigures(2, 1, height_ratios=[4.6, 2.5 * rows])

@@ -22,7 +22,7 @@ from stable_baselines3 import PPO
 from sada_gym import GymnasiumApplication
 from sada_gym.attack import AttackResult, attack
 from sada_gym.envs.wrapped import Keyword
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.frames import INK, Frame
 from sada_gym.plots.style import axis_label, new_figure, png, tidy
 
@@ -100,7 +100,7 @@ def draw_map(axes: Axes, application: GymnasiumApplication, worlds: Evaluations)
     x, y = application.parameters.parameters
     middles = (np.arange(CELLS) + 0.5) / CELLS * 2.0 - 1.0
     grid = np.stack([one.ravel() for one in np.meshgrid(middles, middles)], axis=1)
-    fooled = worlds.score <= application.fooling_threshold
+    fooled = worlds.fooled(application.fooling_threshold)
     _, nearest = KDTree(worlds.mu).query(grid, k=NEIGHBOURS)
     share = fooled[nearest].mean(axis=1).reshape(CELLS, CELLS)
     extent = (x.low, x.high, y.low, y.high)
@@ -132,8 +132,8 @@ def picture(application: GymnasiumApplication, worlds: Evaluations) -> Figure:
     figure = new_figure(9, 4.2)
     grid = figure.add_gridspec(2, 2, width_ratios=[2.2, 1])
     draw_map(large := figure.add_subplot(grid[:, 0]), application, worlds)
-    fooled = np.flatnonzero(worlds.score <= application.fooling_threshold)
-    landed = np.flatnonzero(worlds.score > application.fooling_threshold)
+    fooled = np.flatnonzero(worlds.fooled(application.fooling_threshold))
+    landed = np.flatnonzero(~worlds.fooled(application.fooling_threshold))
     wind = worlds.mu[:, 1]
     shown = (landed[wind[landed].argmin()], fooled[wind[fooled].argmax()])
     for row, (letter, i) in enumerate(zip("AB", shown, strict=True)):

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from sada_gym.adversaries.learner import Learner
-from sada_gym.adversaries.omega import Omega
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
@@ -26,7 +26,7 @@ class Archive(Learner):
     packages = ()
     uniform_queries: ClassVar[bool] = True
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         self.flags = [MEMORISED]
         self._points = self._induce(omega).chosen
 

@@ -13,9 +13,10 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureLearner
 from sada_gym.adversaries.models.expected_improvement import LEAST_CANDIDATES, Search
 from sada_gym.adversaries.models.mixture import fit_best_mixture
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform, induce
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform, induce
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import UserError
+from sada_gym.evaluations import Evaluations
 
 _LEAST_GROWTH = 1.5
 
@@ -65,13 +66,13 @@ class Bayesian(MixtureLearner):
     options_class = BayesianOptions
     options: BayesianOptions
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         o, budget = self.options, oracle.remaining
         initial = o.initial or min(10 * self.dimension, max(budget // 4, 1))
         omega = evaluate_uniform(min(initial, budget), self.dimension, oracle, self.rng)
         return minimise(oracle, omega, self.rng, candidates=o.candidates, batch=o.batch)
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         o = self.options
         late = omega[-o.last :]
         induced = induce(late, self.threshold, self.rng, size=o.induced_size or None)
@@ -84,12 +85,12 @@ class Bayesian(MixtureLearner):
 
 def minimise(
     oracle: Query,
-    omega: Omega,
+    omega: Evaluations,
     rng: np.random.Generator,
     *,
     candidates: int = 16_384,
     batch: int = 1,
-) -> Omega:
+) -> Evaluations:
     """Spend the oracle's remaining budget where Q is expected to improve most.
 
     Each step asks for the candidate of the largest expected improvement under a Gaussian process

@@ -15,10 +15,11 @@ from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.bbgan_training import train_gan
 from sada_gym.adversaries.learner import Arrays, Learner, part, take
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.determinism import one_thread
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 _CALIBRATION_DRAWS = 4096
@@ -80,11 +81,11 @@ class BBGAN(Learner):
             if self._log:
                 self._log.close()
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         self._generator.manual_seed(int(self.rng.integers(2**62)))
         self._train_networks(omega)
 
-    def _train_networks(self, omega: Omega) -> None:
+    def _train_networks(self, omega: Evaluations) -> None:
         """Train G and D afresh on the set induced from omega."""
         self.flags = []
         induced = self._induce(omega, self.options.induced_size)
@@ -167,7 +168,7 @@ class BoostedBBGAN(BBGAN):
         """Count the samples of all stages, which the paper adds to its uniform points."""
         return self.options.stages * round(queries * self.options.share)
 
-    def _train(self, oracle: Query) -> Omega:
+    def _train(self, oracle: Query) -> Evaluations:
         """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
         omega = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)

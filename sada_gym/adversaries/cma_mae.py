@@ -13,9 +13,10 @@ from scipy.stats import qmc
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Arrays, Learner, take
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import MissingExtra
+from sada_gym.evaluations import Evaluations
 
 if TYPE_CHECKING:
     from ribs.schedulers import Scheduler
@@ -69,7 +70,7 @@ class CMAMAE(Learner):
     options_class = CMAMAEOptions
     options: CMAMAEOptions
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         try:
             import ribs  # noqa: F401
         except ModuleNotFoundError as error:
@@ -90,7 +91,7 @@ class CMAMAE(Learner):
                 scheduler.tell(1.0 - part.score, part.mu)
         return omega
 
-    def _scheduler(self, omega: Omega) -> Scheduler:
+    def _scheduler(self, omega: Evaluations) -> Scheduler:
         """Make archive and strategies; the uniform points are in the archive already."""
         from ribs.archives import CVTArchive
         from ribs.emitters import EvolutionStrategyEmitter
@@ -123,7 +124,7 @@ class CMAMAE(Learner):
         ]
         return Scheduler(archive, emitters)
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""
         chosen = self._induce(omega).chosen
         cells, count = KDTree(self._centroids), len(self._centroids)

@@ -12,9 +12,10 @@ from scipy.special import expit, logsumexp
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
 from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
-from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import FALLBACK_SIZE, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import AdversaryError
+from sada_gym.evaluations import Evaluations
 
 _CALIBRATION_DRAWS, _ACCEPTANCE = 4096, 0.9
 _TRIES = 50
@@ -70,7 +71,7 @@ class CrossEntropy(Learner):
     options_class = CrossEntropyOptions
     options: CrossEntropyOptions
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         first, *later = self._split(oracle.remaining)
         newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
         self._stages: list[_Stage] = [(first, None, 1.0)]
@@ -87,7 +88,7 @@ class CrossEntropy(Learner):
             omega += newest
         return omega
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         level = self.threshold
         if omega.score.min() > level:
             self.flags.append(NONE_FOOLED)
@@ -113,7 +114,7 @@ class CrossEntropy(Learner):
         ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
         return [uniform, *(int(count) for count in np.diff(ends) if count)]
 
-    def _fit_mixture(self, omega: Omega, level: float) -> Mixture:
+    def _fit_mixture(self, omega: Evaluations, level: float) -> Mixture:
         """Fit the uniform density over the points at or below the level."""
         elite = omega.mu[omega.score <= level].astype(np.float64)
         log_density = logsumexp(

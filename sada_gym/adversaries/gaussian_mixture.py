@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Array, Mixture, fit_mixture
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
+from sada_gym.evaluations import Evaluations
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Gaussian(MixtureLearner):
 
     options: GaussianOptions
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         chosen = self._induce(omega, self.options.induced_size).chosen
         components = max(1, round(self.components_share * len(chosen)))
         self._mixture = fit_mixture(chosen, components, self.rng)

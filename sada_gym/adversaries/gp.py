@@ -14,9 +14,9 @@ from sada_gym.adversaries.models.exact_gp import (
     fit_weights,
     predict_mean,
 )
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
+from sada_gym.evaluations import Evaluations
 
 MOST_POINTS = 20_000
 """The most points that the process is fitted to: the paper's N. Memory grows with its square."""
@@ -36,7 +36,7 @@ class GP(Selection):
     name: ClassVar[str] = "gp"
     packages = ()
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         if len(omega) > MOST_POINTS:
             self.flags.append(f"fitted to the first {MOST_POINTS} points of Omega's {len(omega)}")
         # Omega is in random order: its first points are a random subset

@@ -16,9 +16,10 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.fresh import fresh_rows, row_keys
-from sada_gym.adversaries.omega import Induced, Omega, draw_uniform, evaluate_uniform, induce
+from sada_gym.adversaries.omega import Induced, draw_uniform, evaluate_uniform, induce
 from sada_gym.adversaries.options import choose_options
 from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import OneLine, Strict, write_file, write_model
 from sada_gym.parameters import Mu
 
@@ -66,18 +67,18 @@ class Learner(Adversary):
         threshold: The fooling threshold of the training.
     """
 
-    omega: Omega
+    omega: Evaluations
     threshold: float
     _trained = False
     _known: set[bytes]
     _before_fit: Mapping[str, Any]
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         """Spend the oracle's budget and give all points evaluated. Here they are all uniform."""
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
@@ -101,7 +102,7 @@ class Learner(Adversary):
         """Draw n uniform mu, (n, d)."""
         return draw_uniform(n, self.dimension, self.rng)
 
-    def _induce(self, omega: Omega, size: int = 0) -> Induced:
+    def _induce(self, omega: Evaluations, size: int = 0) -> Induced:
         """Pick the induced set, at most `size` points or all that fool; flag it if none does."""
         induced = induce(omega, self.threshold, self.rng, size=size or None)
         if induced.fallback:
@@ -119,7 +120,7 @@ class Learner(Adversary):
         self._know(self._train(oracle))
         self._trained = True
 
-    def _train(self, oracle: Query) -> Omega:
+    def _train(self, oracle: Query) -> Evaluations:
         """Query and fit. A subclass that alternates between the two overrides this method."""
         omega = self._query(oracle)
         self._before_fit = self.rng.bit_generator.state
@@ -139,7 +140,7 @@ class Learner(Adversary):
     def _fresh(self, n: int) -> Mu:
         return fresh_rows(self._propose, (n, self.dimension), self._known)
 
-    def _know(self, omega: Omega) -> None:
+    def _know(self, omega: Evaluations) -> None:
         self.omega, self._known = omega, row_keys(omega.mu)
 
     def _refuse_untrained(self, what: str) -> None:
@@ -199,7 +200,7 @@ class Learner(Adversary):
         mu = take(arrays, "omega.mu", len(score), adversary.dimension)
         if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
             raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
-        adversary._know(Omega(mu, score))
+        adversary._know(Evaluations.unseeded(mu, score))
         adversary._before_fit = record.before_fit
         adversary.rng.bit_generator.state = record.before_fit
         adversary._restore(arrays)

@@ -12,9 +12,10 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import BudgetTooSmall
+from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import density_and_coverage
 from sada_gym.parameters import Mu
 
@@ -83,7 +84,7 @@ class LevelSet(Learner):
     options: LevelSetOptions
     level: float = 0.5
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         budget = oracle.remaining
         if budget < LEAST_BUDGET:
             raise BudgetTooSmall(
@@ -100,7 +101,7 @@ class LevelSet(Learner):
                 omega += evaluate(self._choose(surrogate, pool, part), oracle)
         return omega
 
-    def _fit_surrogate(self, omega: Omega, rng: np.random.Generator) -> Surrogate:
+    def _fit_surrogate(self, omega: Evaluations, rng: np.random.Generator) -> Surrogate:
         return Surrogate(omega.mu, omega.score, self.threshold, rng, self.options.models)
 
     def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
@@ -115,9 +116,9 @@ class LevelSet(Learner):
         """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
         return p * (1.0 - p)
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Fit the last surrogate, choose the level, and keep points for the walk to start from."""
-        if (omega.score > self.threshold).all():
+        if not omega.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
         self._surrogate = self._fit_surrogate(omega, rng)

@@ -10,10 +10,10 @@ import numpy as np
 from torch import Tensor
 
 from sada_gym.adversaries.models.mixture import Array
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals
 from sada_gym.adversaries.rl_sb3 import SB3Adversary, SB3Options
+from sada_gym.evaluations import Evaluations
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class OffPolicyAdversary(SB3Adversary):
     def _settings(self, queries: int) -> dict[str, Any]:
         return {"buffer_size": queries}
 
-    def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
+    def _learn_uniform(self, omega: Evaluations, rewards: Array) -> None:
         mu = omega.mu.astype(np.float64)
         start = np.zeros_like(mu)
         if self.options.starts == "uniform":  # an action reaches no further than 1

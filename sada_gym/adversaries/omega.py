@@ -5,39 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
 from sada_gym.errors import BudgetTooSmall, UserError
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 FALLBACK_SIZE = 100
 """The size of S where no point fools: the paper's s."""
-
-
-@dataclass(frozen=True)
-class Omega:
-    """Evaluated points; `omega[rows]` selects some of them and `+` joins two pools.
-
-    Attributes:
-        mu: (n, d) float32 in [-1, 1].
-        score: (n,) float64, the score Q of each point.
-    """
-
-    mu: Mu
-    score: npt.NDArray[np.float64]
-
-    def __len__(self) -> int:
-        """Count the points."""
-        return len(self.score)
-
-    def __getitem__(self, rows: slice | npt.NDArray[np.bool_]) -> Omega:
-        """Select points."""
-        return Omega(self.mu[rows], self.score[rows])
-
-    def __add__(self, other: Omega) -> Omega:
-        """Join two pools."""
-        return Omega(np.concatenate([self.mu, other.mu]), np.concatenate([self.score, other.score]))
 
 
 @dataclass(frozen=True)
@@ -55,7 +30,7 @@ class Induced:
     fallback: bool
 
 
-def evaluate(mu: Mu, oracle: Query) -> Omega:
+def evaluate(mu: Mu, oracle: Query) -> Evaluations:
     """Query the oracle about mu, (n, d).
 
     Raises:
@@ -67,7 +42,7 @@ def evaluate(mu: Mu, oracle: Query) -> Omega:
             f"Expected {len(mu)} finite scores, got shape {score.shape} with "
             f"{int((~np.isfinite(score)).sum())} NaN or infinite. Mend the score function."
         )
-    return Omega(mu, score)
+    return Evaluations.unseeded(mu, score)
 
 
 def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
@@ -75,7 +50,9 @@ def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
     return rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32)
 
 
-def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Generator) -> Omega:
+def evaluate_uniform(
+    n: int, dimension: int, oracle: Query, rng: np.random.Generator
+) -> Evaluations:
     """Query the oracle about n uniform mu (Omega_0 in the paper).
 
     Raises:
@@ -87,7 +64,7 @@ def evaluate_uniform(n: int, dimension: int, oracle: Query, rng: np.random.Gener
 
 
 def induce(
-    omega: Omega, threshold: float, rng: np.random.Generator, *, size: int | None = None
+    omega: Evaluations, threshold: float, rng: np.random.Generator, *, size: int | None = None
 ) -> Induced:
     """Pick the lowest-scoring points of Omega with Q <= threshold (the paper's inducer).
 
@@ -99,7 +76,7 @@ def induce(
     """
     shuffled = rng.permutation(len(omega))
     order = shuffled[np.argsort(omega.score[shuffled], kind="stable")]
-    fooling = int((omega.score <= threshold).sum())
+    fooling = int(omega.fooled(threshold).sum())
     count = fooling or min(size or FALLBACK_SIZE, len(omega))
     chosen = order[: min(size or count, count)]
     return Induced(omega.mu[chosen], omega.mu[order[count:]], fallback=fooling == 0)

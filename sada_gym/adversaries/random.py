@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
-from sada_gym.adversaries.omega import Omega
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 
@@ -21,10 +21,10 @@ class Random(Learner):
     name: ClassVar[str] = "random"
     packages = ()
 
-    def _query(self, oracle: Query) -> Omega:  # noqa: ARG002 - there is nothing to ask
-        return Omega(self._uniform(0), np.zeros(0))
+    def _query(self, oracle: Query) -> Evaluations:  # noqa: ARG002 - there is nothing to ask
+        return Evaluations.unseeded(self._uniform(0), np.zeros(0))
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Learn nothing."""
 
     def _draw(self, n: int) -> Mu:

@@ -12,9 +12,10 @@ from scipy.spatial import KDTree
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import NONE_FOOLED, Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
 from sada_gym.errors import BudgetTooSmall, TrainingDiverged
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 MEMORY = 1_000
@@ -82,10 +83,10 @@ class RLAdversary(Learner):
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
         """Improve the policy by its last rollout; return whether all weights are finite."""
 
-    def _learn_uniform(self, omega: Omega, rewards: Array) -> None:
+    def _learn_uniform(self, omega: Evaluations, rewards: Array) -> None:
         """Learn from the uniform queries, if the algorithm can learn from such actions."""
 
-    def _train(self, oracle: Query) -> Omega:
+    def _train(self, oracle: Query) -> Evaluations:
         size, budget = self.options.rollout, oracle.remaining
         rollouts = self._rollouts(budget)
         if rollouts < 1:
@@ -108,9 +109,9 @@ class RLAdversary(Learner):
         self._fit(omega)
         return omega
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         """Flag a training without failures; the policy has already learnt from its rollouts."""
-        self.flags = [NONE_FOOLED] if (omega.score > self.threshold).all() else []
+        self.flags = [] if omega.fooled(self.threshold).any() else [NONE_FOOLED]
 
     @property
     def least_budget(self) -> int:
@@ -125,7 +126,7 @@ class RLAdversary(Learner):
         uniform = max(1, math.ceil(self.options.uniform_share * budget))
         return (budget - uniform) // self.options.rollout
 
-    def _rewards(self, asked: Omega, seen: Omega) -> Array:
+    def _rewards(self, asked: Evaluations, seen: Evaluations) -> Array:
         o = self.options
         return failure_rewards(
             asked, seen, self.threshold, rank=o.rank, dissimilarity=o.dissimilarity
@@ -143,7 +144,7 @@ class RLAdversary(Learner):
 
 
 def failure_rewards(
-    asked: Omega, seen: Omega, threshold: float, *, rank: float, dissimilarity: float
+    asked: Evaluations, seen: Evaluations, threshold: float, *, rank: float, dissimilarity: float
 ) -> Array:
     """Give the rewards of a rollout's queries: (n,).
 
@@ -162,14 +163,14 @@ def failure_rewards(
         rank: The highest reward of a query that did not fool.
         dissimilarity: The weight of the bonus.
     """
-    fooled = asked.score <= threshold
-    scores = np.concatenate([seen.score, asked.score])
-    misses = np.sort(scores[scores > threshold])
+    fooled = asked.fooled(threshold)
+    queries = seen + asked
+    misses = np.sort(queries.score[~queries.fooled(threshold)])
     places = sum(np.searchsorted(misses, asked.score, side=side) for side in ("left", "right"))
     above = 1.0 - 0.5 * np.asarray(places, np.float64) / max(len(misses), 1)
     rewards: Array = np.where(fooled, 1.0, rank * above)
     if dissimilarity and fooled.any():
-        failures = seen.mu[seen.score <= threshold][-MEMORY:]
+        failures = seen.mu[seen.fooled(threshold)][-MEMORY:]
         rewards[fooled] += dissimilarity * novelties(asked.mu[fooled], failures)
     return rewards
 

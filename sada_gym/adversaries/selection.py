@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Floats, Learner
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
+from sada_gym.evaluations import Evaluations
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
 
@@ -52,9 +52,9 @@ class Selection(Learner):
     def _predict(self, mu: npt.NDArray[np.float64]) -> Floats:
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
-    def _train(self, oracle: Query) -> Omega:
+    def _train(self, oracle: Query) -> Evaluations:
         omega = self._query(oracle)
-        if (omega.score > self.threshold).all():
+        if not omega.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED_BUT_ALL_LEARNT)
         # more threads would give other last bits
         with threadpool_limits(1):

@@ -13,8 +13,9 @@ from threadpoolctl import threadpool_limits
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.learner import Learner
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import Omega, evaluate, evaluate_uniform
+from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.evaluations import Evaluations
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
 _LEAST_SPREAD = 1e-3
@@ -71,7 +72,7 @@ class SMC(Learner):
     options_class = SMCOptions
     options: SMCOptions
 
-    def _query(self, oracle: Query) -> Omega:
+    def _query(self, oracle: Query) -> Evaluations:
         o, budget = self.options, oracle.remaining
         uniform = math.ceil(budget * o.uniform_share)
         per_level = math.ceil(budget * o.level_share)
@@ -88,7 +89,7 @@ class SMC(Learner):
             omega += queries
         return omega
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         self._points = np.unique(self._induce(omega).chosen, axis=0).astype(np.float64)
         self._nearest = np.zeros((1, 1), np.intp)
         if len(self._points) > 1:
@@ -98,7 +99,9 @@ class SMC(Learner):
                 search = NearestNeighbors(n_neighbors=count).fit(self._points)
                 self._nearest = search.kneighbors(return_distance=False)
 
-    def _walk(self, population: Omega, level: float, n: int, oracle: Query) -> tuple[Omega, Omega]:
+    def _walk(
+        self, population: Evaluations, level: float, n: int, oracle: Query
+    ) -> tuple[Evaluations, Evaluations]:
         """Let chains from the population take n steps in all: their states, and all queries."""
         chains = math.ceil(n / self.options.steps)
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
@@ -112,7 +115,7 @@ class SMC(Learner):
             accepted = asked.score <= level
             mu = np.where(accepted[:, None], asked.mu, mu)
             score = np.where(accepted, asked.score, score)
-            states += Omega(mu, score)
+            states += Evaluations.unseeded(mu, score)
             queries += asked
             growth = math.exp(accepted.mean() - self.options.acceptance)
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)

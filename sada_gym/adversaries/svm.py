@@ -13,9 +13,9 @@ from sklearn.svm import SVC
 
 from sada_gym.adversaries.learner import Arrays, Floats, take
 from sada_gym.adversaries.models.mixture import Array
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
+from sada_gym.evaluations import Evaluations
 
 Labels = npt.NDArray[np.int64]
 
@@ -46,7 +46,7 @@ class SVM(Selection):
     name: ClassVar[str] = "svm"
     packages = ("scikit-learn",)
 
-    def _fit(self, omega: Omega) -> None:
+    def _fit(self, omega: Evaluations) -> None:
         x, label = _UNIT_VARIANCE * omega.mu.astype(np.float64), np.digitize(omega.score, _EDGES)
         self._classes = np.unique(label)
         self._gamma = 0.0

@@ -9,8 +9,8 @@ import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
 from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.options import Options, option
+from sada_gym.evaluations import Evaluations
 
 _POOL, _PART = 200_000, 20_000
 
@@ -41,8 +41,8 @@ class Trees(Learner):
     options_class = TreesOptions
     options: TreesOptions
 
-    def _fit(self, omega: Omega) -> None:
-        fooled = omega.score <= self.threshold
+    def _fit(self, omega: Evaluations) -> None:
+        fooled = omega.fooled(self.threshold)
         if not fooled.any():
             self.flags.append(NONE_FOOLED)
             fooled = omega.score <= np.sort(omega.score)[len(omega) // 100]

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from sada_gym.errors import StoreInUse, UserError
-from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.store import Context
 from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import RunFailure, RunKey, RunReport
 from sada_gym.files import MAX_JSON_BYTES, Strict, file_errors, read_file, write_file
 from sada_gym.submission.models import entry_name, slug

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,62 +16,14 @@ from sada_gym.application import Application
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, refuse_number
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.problems import Problem
-from sada_gym.parameters import Mu, validate_mu
+from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
+from sada_gym.parameters import validate_mu
 
 Progress = Callable[[int, int, int], None]
 """A function progress(done, total, known): queries answered, budget, answers by the store."""
 
-Stream = Literal["train", "test", "validation", "verification"]
-"""The purpose of evaluations. Two streams never share a seed."""
-
 MAX_QUERIES = 10_000_000
 """The largest budget. An oracle keeps its queries in memory; so many take a gigabyte."""
-
-_STREAMS: tuple[str, ...] = get_args(Stream)
-
-
-@dataclass(frozen=True)
-class Evaluations:
-    """A record of n evaluations.
-
-    Attributes:
-        mu: (n, d) float32.
-        score: (n,) float64.
-        seed: (n,) int64; with mu it replays the evaluation exactly.
-    """
-
-    mu: Mu
-    score: npt.NDArray[np.float64]
-    seed: npt.NDArray[np.int64]
-
-    def __len__(self) -> int:
-        """Count the evaluations."""
-        return len(self.score)
-
-
-def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[int]:
-    """Give the evaluation seeds of queries `start` to `start + count - 1`.
-
-    They are a hash of (seed, index) and not draws of a generator, so that a query's seed depends on
-    nothing that came before it. The two lowest bits hold the stream, so streams are disjoint.
-
-    Args:
-        seed: The oracle's seed.
-        stream: The purpose of the evaluations.
-        start: Index of the first query.
-        count: How many.
-
-    Returns:
-        `count` ints in [0, 2**31).
-    """
-    texts = (f"{seed}:{i}" for i in range(start, start + count))
-    words = (hashlib.blake2b(text.encode(), digest_size=4).digest() for text in texts)
-    return [seed_of(word, stream) for word in words]
-
-
-def seed_of(word: bytes, stream: Stream) -> int:
-    """Make an evaluation seed of a stream, in [0, 2**31), from 4 bytes of a hash."""
-    return int.from_bytes(word, "big") >> 3 << 2 | _STREAMS.index(stream)
 
 
 class Oracle:
@@ -129,8 +79,8 @@ class Oracle:
         refuse_number("seed", seed, 0)
         if progress is not None and not callable(progress):
             raise UserTypeError(f"Expected progress to be a function or None, got {progress!r}.")
-        if stream not in _STREAMS:
-            raise UserError(f"Expected a stream of {', '.join(_STREAMS)}, got {stream!r}.")
+        if stream not in get_args(Stream):
+            raise UserError(f"Expected a stream of {', '.join(get_args(Stream))}, got {stream!r}.")
         self.budget = int(budget)
         self.seed = int(seed)
         self.stream: Stream = stream
@@ -154,8 +104,7 @@ class Oracle:
             raise UserTypeError(
                 "Expected only budget, seed, stream and progress with an Evaluator."
             )
-        none = np.zeros((0, self.dimension), np.float32)
-        self._record = [Evaluations(none, np.zeros(0), np.zeros(0, np.int64))]
+        self._record = [Evaluations.empty(self.dimension)]
 
     @property
     def dimension(self) -> int:
@@ -180,11 +129,7 @@ class Oracle:
     @property
     def record(self) -> Evaluations:
         """All queries so far, in their order."""
-        return Evaluations(
-            np.concatenate([part.mu for part in self._record]),
-            np.concatenate([part.score for part in self._record]),
-            np.concatenate([part.seed for part in self._record]),
-        )
+        return Evaluations.joined(self._record)
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Score mu.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import NEAREST, fooling_coverage, relative_coverage
 from sada_gym.measures.novelty import Neighbour, Neighbours, Novelty, novelty, relative_novelty
@@ -137,7 +137,7 @@ def measure(
     density = coverage = relative = None
     if fooling_set is not None and ideal is not None and len(samples) > NEAREST:
         ours, truth = (
-            fooling_coverage(of.mu, of.score <= threshold, fooling_set, seed=seed)
+            fooling_coverage(of.mu, of.fooled(threshold), fooling_set, seed=seed)
             for of in (samples, ideal)
         )
         density, coverage = ours.density, ours.coverage
@@ -175,7 +175,7 @@ def follow_search(queries: Evaluations, threshold: float, *, fooling_set: Mu | N
     at = checkpoints(len(queries))
     return Search(
         queries=len(queries),
-        fooled=int((queries.score <= threshold).sum()),
+        fooled=int(queries.fooled(threshold).sum()),
         curve=anytime(queries.mu, queries.score, threshold, fooling_set, at) if at else (),
     )
 

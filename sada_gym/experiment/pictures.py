@@ -11,7 +11,7 @@ from sada_gym.files import file_errors
 
 if TYPE_CHECKING:
     from sada_gym.application import Application
-    from sada_gym.evaluation.oracle import Evaluations
+    from sada_gym.evaluations import Evaluations
     from sada_gym.experiment.record import RunReport
 
 _UNFINISHED = ".pictures.tmp"

@@ -16,8 +16,8 @@ from typing_extensions import Self
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, StoreError, UserError, UserTypeError
-from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
 from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
@@ -323,7 +323,7 @@ def read_finished(
             return None
         mu, score = known
     if report.where is None:
-        failures = samples.mu[samples.score <= report.fooling_threshold]
+        failures = samples.mu[samples.fooled(report.fooling_threshold)]
         report = report.model_copy(update={"where": where(application.parameters, failures)})
     return report, samples, Evaluations(mu, score, np.array(seeds, np.int64))
 

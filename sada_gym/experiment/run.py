@@ -16,7 +16,8 @@ import numpy.typing as npt
 from sada_gym.adversaries.base import Adversary
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations, Oracle
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import (
     feasible_rate,
@@ -192,7 +193,7 @@ class Run:
             ideal=self.ideal_samples,
             images=image_novelty(*self.images) if self.images else None,
             seed=settings.seed,
-            feasible=feasible_rate(samples.score <= self._threshold, feasible),
+            feasible=feasible_rate(samples.fooled(self._threshold), feasible),
         )
         flags = (*self.adversary.flags, collapse_flag(samples.mu))
         return RunReport(
@@ -200,7 +201,7 @@ class Run:
             settings=settings,
             fooling_threshold=self._threshold,
             nearest_fooling_query=summarise_distances(
-                samples.mu, queries.mu[queries.score <= self._threshold]
+                samples.mu, queries.mu[queries.fooled(self._threshold)]
             ),
             search=follow_search(queries, self._threshold, fooling_set=self._fooling_set),
             seeds={
@@ -210,7 +211,7 @@ class Run:
                 "test_stream": "test",
             },
             flags=tuple(flag for flag in flags if flag is not None),
-            where=where(self.application.parameters, samples.mu[samples.score <= self._threshold]),
+            where=where(self.application.parameters, samples.mu[samples.fooled(self._threshold)]),
         )
 
     @cached_property
@@ -235,7 +236,7 @@ class Run:
         """Find the queries nearest to the first samples that fool, of ours and of ideal ones."""
         ideal, settings = self.ideal_samples, self.settings
         pools = [self.samples] if ideal is None else [self.samples, ideal]
-        rows = [np.flatnonzero(pool.score <= self._threshold) for pool in pools]
+        rows = [np.flatnonzero(pool.fooled(self._threshold)) for pool in pools]
         count = min(settings.images, *map(len, rows))
         if not count or not len(self.queries):
             return None

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
+from sada_gym.evaluations import fools
 
 _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 
@@ -50,7 +51,7 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
     q = as_array(scores, "scores").astype(np.float64)
     if q.ndim != 1 or not len(q) or np.isnan(q).any():
         raise UserError(f"Expected scores of shape (n,), n >= 1, without NaN; got {q!r}.")
-    fooled = int((q <= threshold).sum())
+    fooled = int(fools(q, threshold).sum())
     low, high = wilson_interval(fooled, len(q))
     return FoolingRate(fooled, len(q), fooled / len(q), low, high)
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError
-from sada_gym.evaluation.oracle import evaluation_seeds
+from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.files import (
     MAX_ARRAYS_BYTES,
     Strict,
@@ -166,7 +166,7 @@ def write_reference(
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
-        fooled=(scores <= application.fooling_threshold).sum(axis=1).astype(np.uint8),
+        fooled=fools(scores, application.fooling_threshold).sum(axis=1).astype(np.uint8),
         mean_score=scores.mean(axis=1).astype(np.float32),
     )
     entry = ReferenceEntry(

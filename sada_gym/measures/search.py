@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
+from sada_gym.evaluations import fools
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import (
     NEAREST,
@@ -75,7 +76,7 @@ def anytime(
             f"Expected increasing checkpoints from 1 to {len(mu)}, the number of queries, got "
             f"{stops}."
         )
-    fooled = q <= threshold
+    fooled = fools(q, threshold)
     rows = np.flatnonzero(fooled)
     firsts = np.sort(rows[np.unique(mu[rows], axis=0, return_index=True)[1]])
     found = np.searchsorted(firsts, checkpoints)

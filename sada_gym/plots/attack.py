@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
 from sada_gym.frames import BLUE, INK, MUTED, ORANGE, Frame
 from sada_gym.parameters import ParameterSpace
@@ -80,7 +80,7 @@ def draw_attack(
     for name, figure in figures.items():
         write_file(folder / name, png(figure))
     names = [*figures]
-    if (samples.score <= threshold).any():
+    if samples.fooled(threshold).any():
         try:
             sheet = draw_failures(application, samples, headline, on_progress)
         except NotDrawnError as error:
@@ -106,7 +106,7 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
     rows = -(-len(shown) // columns)
     figure = new_figure(3.1 * max(columns, 2), 2.3 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    values, fooled = space.physical(samples.mu), samples.score <= threshold
+    values, fooled = space.physical(samples.mu), samples.fooled(threshold)
     for i, axes in enumerate(grid.flat):
         if i >= len(shown):
             axes.set_visible(False)
@@ -213,7 +213,7 @@ def scatter(
     """
     figure = new_figure(5.4, 5.4)
     axes = figure.subplots()
-    asked, drawn = queries.score <= threshold, samples.score <= threshold
+    asked, drawn = queries.fooled(threshold), samples.fooled(threshold)
     for mu, colour, marker, size, name in (
         (queries.mu[~asked], "#c5ccd4", ".", 12, "training query"),
         (queries.mu[asked], ORANGE, "^", 12, "training query that fooled"),

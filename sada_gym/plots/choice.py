@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import ParameterSpace
 
 ALIKE = 0.02
@@ -70,7 +70,7 @@ def choose_failures(
         counts: The numbers of worst, typical and diverse failures. There are fewer where there are
             not as many different samples.
     """
-    rows = np.flatnonzero(samples.score <= threshold)[:_MOST]
+    rows = np.flatnonzero(samples.fooled(threshold))[:_MOST]
     if not len(rows):
         return Failures((), (), ())
     places, score = features(space, samples.mu[rows]), samples.score[rows]

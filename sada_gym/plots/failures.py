@@ -11,7 +11,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.frames import Frame, LegendEntry, Mark, checked_frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.choice import Failure, choose_failures
@@ -76,7 +76,7 @@ def draw_failures(
             ("Diverse", "those that are least like the others here", chosen.diverse),
         )
     ]
-    fooled = int((samples.score <= threshold).sum())
+    fooled = int(samples.fooled(threshold).sum())
     title = (
         f"{total} of {fooled} samples that fool the agent (score Q ≤ {threshold:g}). "
         "#0 is the first row of samples.npz."

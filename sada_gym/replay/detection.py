@@ -10,6 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.detection.picture import FLOOR
+from sada_gym.evaluations import fools
 from sada_gym.frames import ORANGE, SKY, Colour, rgb
 from sada_gym.plots.drawing import dashed_box, font
 from sada_gym.replay import shots
@@ -167,6 +168,6 @@ def _chart(
     points = [at(i, float(score)) for i, score in enumerate(scores)]
     if len(points) > 1:
         draw.line(points, fill=INK, width=3 * _FINER, joint="curve")
-    colour = FAILED if scores[-1] <= threshold else DONE
+    colour = FAILED if fools(scores[-1], threshold) else DONE
     draw.circle(points[-1], 6 * _FINER, colour, PAPER, 2 * _FINER)
     return picture.resize((WIDTH - SIDE, SIDE), Image.Resampling.LANCZOS)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations, fools
 from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
@@ -203,8 +203,8 @@ def _played(
             f"Expected an application that draws pictures, got {application.name}: {error}"
         ) from error
     stored = float(samples.score[row])
-    same_verdict = (take.score <= application.fooling_threshold) == (
-        stored <= application.fooling_threshold
+    same_verdict = fools(take.score, application.fooling_threshold) == (
+        fools(stored, application.fooling_threshold)
     )
     if abs(take.score - stored) > CLOSE or not same_verdict:
         raise UserError(
@@ -241,7 +241,7 @@ def _replayed(application: Application, samples: Evaluations, row: int, take: Ta
         seed=int(samples.seed[row]),
         score=take.score,
         stored=float(samples.score[row]),
-        fooled=bool(take.score <= application.fooling_threshold),
+        fooled=fools(take.score, application.fooling_threshold),
         endings=tuple(shot.ending.text for shot in take.shots),
     )
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
-from sada_gym.evaluation.oracle import Evaluations
 from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import (
     SAMPLES_FILE,
     SETTINGS_FILE,

@@ -12,6 +12,7 @@ from PIL import Image
 
 from sada_gym.application import Application
 from sada_gym.errors import UserError
+from sada_gym.evaluations import fools
 from sada_gym.files import shown
 from sada_gym.frames import Frame, checked_frame
 from sada_gym.lazy import load
@@ -151,7 +152,7 @@ def way_to(mu: Mu, seconds: float) -> Mu:
 
 def scored_ending(score: float, threshold: float, reason: object = None) -> Ending:
     """End with what the application says, else with the score."""
-    fooled = score <= threshold
+    fooled = fools(score, threshold)
     said = shown(reason) if isinstance(reason, str) else None
     return Ending(said or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
 

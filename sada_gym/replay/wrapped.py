@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
+from sada_gym.evaluations import fools
 from sada_gym.parameters import number
 from sada_gym.replay import shots
 from sada_gym.replay.shots import Shot, Take
@@ -21,7 +22,7 @@ def take(application: GymnasiumApplication, mu: shots.Mu, seed: int, seconds: fl
         application.render(mu, seed)  # says why
     rollouts = application.rollouts(mu, seed)
     threshold = application.fooling_threshold
-    failed = [i for i, rollout in enumerate(rollouts) if rollout.score <= threshold]
+    failed = [i for i, rollout in enumerate(rollouts) if fools(rollout.score, threshold)]
     chosen, each_s = shots.shared(failed, seconds)
     world = shots.world_words(application, mu)
     made = []
@@ -35,7 +36,7 @@ def take(application: GymnasiumApplication, mu: shots.Mu, seed: int, seconds: fl
             for step in steps
         ]
         text = f"return {number(float(rollout['return'][-1]))} after {last} steps"
-        ending = shots.Ending(text, rollout.score <= threshold)
+        ending = shots.Ending(text, fools(rollout.score, threshold))
         pictures = [Image.fromarray(rollout["frame"][step]) for step in steps]
         made.append(Shot(pictures, fps, notes, world, ending))
     return Take(made, float(np.mean([rollout.score for rollout in rollouts])))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from sada_gym import __version__
 from sada_gym.errors import UserError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import differences
 from sada_gym.files import as_path, file_errors, shown
 from sada_gym.measures.coverage import NEAREST

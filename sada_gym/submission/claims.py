@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from sada_gym.errors import UserError
-from sada_gym.evaluation.oracle import Evaluations, evaluation_seeds
+from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.measure import Measures
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate, mu_std
@@ -80,7 +80,7 @@ def check_coverage(path: Path, identity: Identity, claimed: SeedResult, one: Eva
     measures, target = claimed.measures, find_target(identity.track, identity.agent)
     if measures is None or target.fooling_set is None:
         return
-    fooled = one.score <= identity.fooling_threshold
+    fooled = one.fooled(identity.fooling_threshold)
     found = fooling_coverage(one.mu, fooled, target.fooling_set, seed=claimed.seed)
     for name, given in (("coverage", measures.coverage), ("density", measures.density)):
         value = getattr(found, name)

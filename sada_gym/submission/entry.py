@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from sada_gym.errors import FileError, UserError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import file_errors, first_error, read_model, read_toml, write_file, write_model
 from sada_gym.submission.models import FORMAT, About, Result, Tier, Verified
 from sada_gym.submission.samples import Samples, read_samples, samples_bytes, samples_sha256

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest, fisher_exact
 
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.measure import Measures
 from sada_gym.measures.collapse import collapse_flag
@@ -90,14 +90,14 @@ class Evidence:
     @property
     def claimed(self) -> npt.NDArray[np.bool_]:
         """Which samples fool as claimed, (n,)."""
-        scores = np.concatenate([one.samples.score for one in self.seeds])
-        return np.asarray(scores <= self.identity.fooling_threshold)
+        samples = Evaluations.joined([one.samples for one in self.seeds])
+        return samples.fooled(self.identity.fooling_threshold)
 
     @property
     def verified(self) -> npt.NDArray[np.bool_]:
         """Which samples fool on fresh seeds, (n,)."""
-        scores = np.concatenate([one.again.score for one in self.seeds])
-        return np.asarray(scores <= self.identity.fooling_threshold)
+        samples = Evaluations.joined([one.again for one in self.seeds])
+        return samples.fooled(self.identity.fooling_threshold)
 
 
 def find_flags(evidence: Evidence) -> dict[str, str]:
@@ -222,10 +222,10 @@ def worse_than_random(evidence: Evidence) -> str | None:
         rate = evidence.reference.uniform_rate
         p = binomtest(fooled, count, rate, alternative="less").pvalue
     else:
-        scores = np.concatenate([one.uniform.score for one in evidence.seeds if one.uniform])
-        uniform = int((scores <= evidence.identity.fooling_threshold).sum())
-        rate = uniform / len(scores)
-        table = [[fooled, count - fooled], [uniform, len(scores) - uniform]]
+        samples = Evaluations.joined([one.uniform for one in evidence.seeds if one.uniform])
+        uniform = int(samples.fooled(evidence.identity.fooling_threshold).sum())
+        rate = uniform / len(samples)
+        table = [[fooled, count - fooled], [uniform, len(samples) - uniform]]
         p = fisher_exact(table, alternative="less").pvalue
     if p >= SIGNIFICANCE:
         return None

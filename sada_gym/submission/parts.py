@@ -11,7 +11,7 @@ from pathlib import Path
 from sada_gym import agents
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import (
     RESULT_FILE,
     SAMPLES_FILE,

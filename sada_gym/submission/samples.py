@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.errors import FileError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_arrays
 
 Samples = Mapping[int, Evaluations]

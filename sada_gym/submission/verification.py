@@ -18,7 +18,7 @@ from typing_extensions import Self
 
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations, seed_of
+from sada_gym.evaluations import Evaluations, seed_of
 from sada_gym.experiment.assemble import RunTarget
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import feasible_rate, measure
@@ -221,13 +221,13 @@ class Verifier:
             feasible = evaluator.application.feasible(again.mu, fresh)
             measures = measure(
                 again,
-                _none(target.dimension),
+                Evaluations.empty(target.dimension),
                 identity.fooling_threshold,
                 fooling_set=target.halves[0],
                 ideal=ideal,
                 images=None,
                 seed=claimed.seed,
-                feasible=feasible_rate(again.score <= identity.fooling_threshold, feasible),
+                feasible=feasible_rate(again.fooled(identity.fooling_threshold), feasible),
             )
             seeds.append(SeedEvidence(claimed, samples, again, ideal, uniform, measures))
         evidence = Evidence(
@@ -262,10 +262,6 @@ class Verifier:
 def _score(evaluator: Evaluator, mu: Mu, seeds: list[int]) -> Evaluations:
     scores, _ = evaluator.evaluate(mu, seeds, lambda *_: None)
     return Evaluations(mu, scores, np.array(seeds, np.int64))
-
-
-def _none(dimension: int) -> Evaluations:
-    return Evaluations(np.zeros((0, dimension), np.float32), np.zeros(0), np.zeros(0, np.int64))
 
 
 def _uniform(text: str, shape: tuple[int, ...]) -> Mu:

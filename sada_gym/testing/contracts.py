@@ -19,6 +19,7 @@ from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import fools
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import FoolingRate, attack_fooling_rate
 from sada_gym.parameters import validate_mu
@@ -214,7 +215,7 @@ class AdversaryContract:
             adversary.train(oracle)
             mu = adversary.sample(250)
             afr = attack_fooling_rate(score(mu), boxes.fooling_threshold)
-            fooled = score(mu) <= boxes.fooling_threshold
+            fooled = fools(score(mu), boxes.fooling_threshold)
             found.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
         _, rates, coverages = zip(*found, strict=True)
         assert max(rate.low for rate in rates) <= min(rate.high for rate in rates), found

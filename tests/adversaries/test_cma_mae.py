@@ -6,8 +6,8 @@ import pytest
 
 from sada_gym.adversaries.cma_mae import CMAMAE
 from sada_gym.adversaries.learner import NONE_FOOLED
-from sada_gym.adversaries.omega import Omega
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.evaluations import Evaluations
 from sada_gym.testing import AdversaryContract, RecordingOracle
 from studies.landscapes import FunctionOracle, Landscape
 
@@ -57,7 +57,7 @@ def test_luck_fades():
     fools = rng.uniform(size=2000) < np.where(mu[:, 0] > 0.0, 0.9, 0.03)
     adversary = CMAMAE(2, seed=0)
     adversary.threshold, adversary._centroids = 0.3, centroids
-    adversary._fit(Omega(mu.astype(np.float32), np.where(fools, 0.0, 0.6)))
+    adversary._fit(Evaluations.unseeded(mu.astype(np.float32), np.where(fools, 0.0, 0.6)))
     lucky = adversary._points[:, 0] < -0.2
     assert lucky.mean() > 0.02
     assert adversary._odds[lucky].sum() < 0.4 * lucky.mean()

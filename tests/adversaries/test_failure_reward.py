@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.rl import failure_rewards, novelties
+from sada_gym.evaluations import Evaluations
 
 
 def omega(scores, mu=None):
     mu = np.zeros((len(scores), 2)) if mu is None else np.asarray(mu)
-    return Omega(mu.astype(np.float32), np.asarray(scores, float))
+    return Evaluations.unseeded(mu.astype(np.float32), np.asarray(scores, float))
 
 
 def rewards(asked, seen, rank=0.5, dissimilarity=0.0):

@@ -1,13 +1,16 @@
 import numpy as np
 import pytest
 
-from sada_gym.adversaries.omega import FALLBACK_SIZE, Omega, evaluate_uniform, induce
+from sada_gym.adversaries.omega import FALLBACK_SIZE, evaluate_uniform, induce
+from sada_gym.evaluations import Evaluations
 from studies.landscapes import FunctionOracle
 
 
 def pool(scores):
     scores = np.asarray(scores, dtype=np.float64)
-    return Omega(np.arange(len(scores), dtype=np.float32)[:, None] / len(scores), scores)
+    return Evaluations.unseeded(
+        np.arange(len(scores), dtype=np.float32)[:, None] / len(scores), scores
+    )
 
 
 def test_the_lowest_that_fool_are_induced_and_the_rest_does_not_fool():

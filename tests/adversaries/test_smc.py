@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.learner import NONE_FOOLED
-from sada_gym.adversaries.omega import Omega
 from sada_gym.adversaries.smc import SMC
 from sada_gym.envs.analytic import AnalyticApplication
+from sada_gym.evaluations import Evaluations
 from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
 from studies.landscapes import FunctionOracle, Landscape
@@ -57,8 +57,8 @@ def test_chains_keep_to_the_odds_of_fooling():
         return np.where(rng.random(len(mu)) < np.where(mu[:, 0] > 0.0, 0.9, 0.1), 0.0, 1.0)
 
     mu = rng.uniform(-1.0, 1.0, (40_000, 1)).astype(np.float32)
-    pool = Omega(mu, score(mu))
-    fooled = Omega(mu[pool.score <= 0.3], pool.score[pool.score <= 0.3])
+    pool = Evaluations.unseeded(mu, score(mu))
+    fooled = Evaluations.unseeded(mu[pool.score <= 0.3], pool.score[pool.score <= 0.3])
     adversary = SMC(1, seed=0, steps=50)
     adversary._scale = 0.5
     states, queries = adversary._walk(fooled, 0.3, 200_000, FunctionOracle(score, 200_000))

@@ -8,7 +8,7 @@ import pytest
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
 from sada_gym.errors import UserError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import (

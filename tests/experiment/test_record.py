@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sada_gym.errors import FileError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import differences, read_samples, refuse_other, write_samples
 
 

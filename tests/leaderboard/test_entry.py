@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sada_gym.errors import FileError, UserError
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import (
     EntryResult,

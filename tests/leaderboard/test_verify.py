@@ -16,7 +16,8 @@ from leaderboard.verify import app
 from sada_gym import adversaries
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Oracle, evaluation_seeds
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import evaluation_seeds
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.submission.entry import read_entry, read_verified, write_result
 from sada_gym.submission.models import Result

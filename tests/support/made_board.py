@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.cards import find_card
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified
 from sada_gym.submission.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed

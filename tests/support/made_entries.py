@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.oracle import Evaluations, Oracle
+from sada_gym.evaluation.oracle import Oracle
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import measure
 from sada_gym.measures.rates import attack_fooling_rate

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from made_entries import make_entry, rescored, uniform
 
-from sada_gym.evaluation.oracle import Evaluations
+from sada_gym.evaluations import Evaluations
 from sada_gym.submission.entry import read_entry, write_result
 from sada_gym.submission.models import Result
 from sada_gym.submission.verification import verify

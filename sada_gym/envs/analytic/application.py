@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sada_gym.application import Application, Scored, validate_world
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -115,7 +116,7 @@ class AnalyticApplication(Application):
     def fooling_region(self, mu: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """Tell which region each mu (n, d) lies in: (n,) indices, -1 where Q is above threshold."""
         nearest, score = self._nearest(self.parameters.validate(mu))
-        return np.where(score <= self.fooling_threshold, nearest, -1)
+        return np.where(fools(score, self.fooling_threshold), nearest, -1)
 
     def sample_fooling_set(self, n: int, rng: np.random.Generator) -> Mu:
         """Draw n mu uniformly from the true fooling set: (n, d) float32."""
@@ -140,7 +141,7 @@ class AnalyticApplication(Application):
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw `observation`, and a line around where Q fools."""
         frame, score = self._drawn(mu, seed)
-        fooled = score <= self.fooling_threshold
+        fooled = fools(score, self.fooling_threshold)
         inside = fooled.copy()
         for axis in (0, 1):
             for step in (1, -1):
@@ -172,7 +173,7 @@ class AnalyticApplication(Application):
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         nearest, score = self._nearest(mu)
-        region = np.where(score <= self.fooling_threshold, nearest, -1)
+        region = np.where(fools(score, self.fooling_threshold), nearest, -1)
         if self.noise:
             shift = {seed: np.random.default_rng(seed).uniform(-1.0, 1.0) for seed in set(seeds)}
             score = np.clip(score + self.noise * np.array([shift[seed] for seed in seeds]), 0, 1)

@@ -15,6 +15,7 @@ import numpy as np
 from sada_gym.application import Outcomes
 from sada_gym.envs.robot.application import PLANS, RobotApplication
 from sada_gym.envs.robot.world.floor_plan import TRIPS
+from sada_gym.evaluations import fools
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 
 MILD = 0.25
@@ -73,7 +74,7 @@ def measure(robot: Any, *, seed: int, worlds: int = 500, referenced: int = 100) 
         fooled=len(fooled),
         again=int(again.fooled.sum()),
         reference=round(float(reference.sum()) * _GOALS),
-        feasible=int((reference > application.fooling_threshold).sum()),
+        feasible=int((~fools(reference, application.fooling_threshold)).sum()),
         referenced=referenced,
     )
 

@@ -16,6 +16,7 @@ from sada_gym.application import Outcomes
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
+from sada_gym.evaluations import fools
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 from studies.training.uav.recipe import MILD
 
@@ -92,7 +93,7 @@ def measure(
             mean_score=float(outcomes.score.mean()),
             again=again,
             near=near,
-            feasible=int((reference > application.fooling_threshold).sum()),
+            feasible=int((~fools(reference, application.fooling_threshold)).sum()),
         )
     return figures
 

@@ -16,8 +16,8 @@ from sada_gym.envs.digits.application import NAMES
 from sada_gym.envs.digits.classifier import CLASSIFIER_TILE, ClassifierAgent
 from sada_gym.envs.digits.images import test_images as shipped_images
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
-from sada_gym.evaluation.oracle import evaluation_seeds
 from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluations import evaluation_seeds
 from sada_gym.oracle import Oracle
 
 ANY = DigitsApplication()

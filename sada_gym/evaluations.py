@@ -1,0 +1,112 @@
+"""Records of evaluations: mu, score and seed, and whether the agent was fooled."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from sada_gym.parameters import Mu
+
+Stream = Literal["train", "test", "validation", "verification"]
+"""The purpose of evaluations. Two streams never share a seed."""
+
+UNKNOWN_SEED = -1
+"""The seed of an evaluation whose seed is unknown: adversaries are not told the seeds."""
+
+_STREAMS: tuple[str, ...] = get_args(Stream)
+
+
+@overload
+def fools(score: float, threshold: float) -> bool: ...
+@overload
+def fools(score: npt.NDArray[np.floating], threshold: float) -> npt.NDArray[np.bool_]: ...
+def fools(
+    score: float | npt.NDArray[np.floating], threshold: float
+) -> bool | npt.NDArray[np.bool_]:
+    """Return whether the agent is fooled: Q <= epsilon.
+
+    Args:
+        score: The score Q, or an array of scores.
+        threshold: The fooling threshold epsilon.
+    """
+    fooled = score <= threshold
+    return fooled if isinstance(fooled, np.ndarray) else bool(fooled)
+
+
+@dataclass(frozen=True)
+class Evaluations:
+    """A record of n evaluations; `evaluations[rows]` selects some, and `+` joins two records.
+
+    Attributes:
+        mu: (n, d) float32 in [-1, 1].
+        score: (n,) float64, the score Q of each mu.
+        seed: (n,) int64; with mu it replays the evaluation exactly.
+    """
+
+    mu: Mu
+    score: npt.NDArray[np.float64]
+    seed: npt.NDArray[np.int64]
+
+    @classmethod
+    def unseeded(cls, mu: Mu, score: npt.NDArray[np.float64]) -> Evaluations:
+        """Make a record without seeds, which an adversary does not know: all `UNKNOWN_SEED`."""
+        return cls(mu, score, np.full(len(score), UNKNOWN_SEED, np.int64))
+
+    @classmethod
+    def empty(cls, dimension: int) -> Evaluations:
+        """Make a record of no evaluation."""
+        return cls(np.zeros((0, dimension), np.float32), np.zeros(0), np.zeros(0, np.int64))
+
+    @classmethod
+    def joined(cls, records: Sequence[Evaluations]) -> Evaluations:
+        """Join records, at least one, in their order."""
+        return cls(
+            np.concatenate([record.mu for record in records]),
+            np.concatenate([record.score for record in records]),
+            np.concatenate([record.seed for record in records]),
+        )
+
+    def fooled(self, threshold: float) -> npt.NDArray[np.bool_]:
+        """Return which evaluations fooled the agent, (n,) bool: Q <= threshold."""
+        return fools(self.score, threshold)
+
+    def __len__(self) -> int:
+        """Count the evaluations."""
+        return len(self.score)
+
+    def __getitem__(
+        self, rows: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
+    ) -> Evaluations:
+        """Select evaluations."""
+        return Evaluations(self.mu[rows], self.score[rows], self.seed[rows])
+
+    def __add__(self, other: Evaluations) -> Evaluations:
+        """Join two records."""
+        return Evaluations.joined([self, other])
+
+
+def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[int]:
+    """Return the evaluation seeds of queries `start` to `start + count - 1`, each in [0, 2**31).
+
+    They are a hash of (seed, index) and not draws of a generator, so that a query's seed depends on
+    nothing that came before it. The two lowest bits hold the stream, so streams are disjoint.
+
+    Args:
+        seed: The oracle's seed.
+        stream: The purpose of the evaluations.
+        start: Index of the first query.
+        count: The number of seeds.
+    """
+    texts = (f"{seed}:{i}" for i in range(start, start + count))
+    words = (hashlib.blake2b(text.encode(), digest_size=4).digest() for text in texts)
+    return [seed_of(word, stream) for word in words]
+
+
+def seed_of(word: bytes, stream: Stream) -> int:
+    """Make an evaluation seed of a stream, in [0, 2**31), from 4 bytes of a hash."""
+    return int.from_bytes(word, "big") >> 3 << 2 | _STREAMS.index(stream)
