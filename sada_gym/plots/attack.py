@@ -15,8 +15,8 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
 from sada_gym.frames import BLUE, INK, MUTED, ORANGE, Frame
 from sada_gym.parameters import ParameterSpace
+from sada_gym.plots.failure_sheet import png_of
 from sada_gym.plots.failures import NotDrawnError, draw_failures
-from sada_gym.plots.sheet import png_of
 from sada_gym.plots.style import (
     ACCENT,
     FOOLED,

@@ -14,8 +14,8 @@ from sada_gym.application import Application
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import Frame, LegendEntry, Mark, checked_frame
 from sada_gym.parameters import ParameterSpace
-from sada_gym.plots.choice import Failure, choose_failures
-from sada_gym.plots.sheet import Group, columns_for, failure_sheet
+from sada_gym.plots.failure_choice import Failure, choose_failures
+from sada_gym.plots.failure_sheet import FrameGroup, columns_for, failure_sheet
 
 _MOST_VALUES = 6
 
@@ -69,7 +69,9 @@ def draw_failures(
             on_progress(len(pictures), total)
     rest, told = iter(pictures), space if plain else None
     groups = [
-        Group(name, note, [next(rest) for _ in shown], [_caption(f, samples, told) for f in shown])
+        FrameGroup(
+            name, note, [next(rest) for _ in shown], [_caption(f, samples, told) for f in shown]
+        )
         for name, note, shown in (
             ("Worst", "the lowest scores Q", chosen.worst),
             ("Typical", "each stands for the failures nearest to it", chosen.typical),

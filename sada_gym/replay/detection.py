@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.envs.detection.picture import FLOOR
+from sada_gym.envs.detection.frame import FLOOR
 from sada_gym.evaluations import fools
 from sada_gym.frames import ORANGE, SKY, Colour, rgb
 from sada_gym.plots.drawing import dashed_box, font

@@ -15,7 +15,7 @@ from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Scored, validate_seeds, validate_world
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
-from sada_gym.envs.detection.picture import annotate, legend
+from sada_gym.envs.detection.frame import annotate, legend
 from sada_gym.envs.detection.renderers.base import (
     DEFAULT_KEY,
     Renderer,

@@ -15,8 +15,8 @@ from sada_gym import agents
 from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Scored, validate_world
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
-from sada_gym.envs.digits.images import checked_images, test_images
-from sada_gym.envs.digits.picture import LEGEND, beside, enlarged
+from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
+from sada_gym.envs.digits.images import test_images, validate_images
 from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
 from sada_gym.frames import Frame, LegendEntry
@@ -50,7 +50,7 @@ class ClassifierApplication(Application):
         self._agent_id = agent_id
         self._classifier = ClassifierAgent(self.agent, tile)
         self._own_images = images is not None or labels is not None
-        self.images = checked_images(images, labels) if self._own_images else test_images()
+        self.images = validate_images(images, labels) if self._own_images else test_images()
         self.image = None if image is None else self._checked_image(image)
         self.digit = None if digit is None else self._checked_digit(digit)
         self.indices = self._attackable()

@@ -78,7 +78,7 @@ def test_images() -> LabelledImages:
 test_images.__test__ = False  # type: ignore[attr-defined]  # pytest takes it for a test
 
 
-def checked_images(images: Any, labels: Any) -> LabelledImages:
+def validate_images(images: Any, labels: Any) -> LabelledImages:
     """Give a user's images and labels.
 
     Raises:

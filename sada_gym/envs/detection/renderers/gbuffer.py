@@ -57,7 +57,7 @@ class Lamp(NamedTuple):
     nearest: Array
 
 
-class Place(NamedTuple):
+class KernelBackdrop(NamedTuple):
     """What surrounds the object: `Backdrop` with the buildings in sight, and the ambient light."""
 
     ground: int

@@ -15,9 +15,9 @@ from sada_gym.envs.detection.backdrop import Backdrop
 from sada_gym.envs.detection.renderers.base import DEFAULT_KEY, Renderer, Rendering
 from sada_gym.envs.detection.renderers.gbuffer import (
     GBuffer,
+    KernelBackdrop,
     KernelCamera,
     Lamp,
-    Place,
     noise_tile,
     painted,
 )
@@ -97,13 +97,13 @@ class Rasteriser(Renderer):
         box = np.array([left + x0, top + y0, left + x1, top + y1]) / SUPERSAMPLING
         return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
-    def _place(self, backdrop: Backdrop, camera: Pinhole) -> Place:
+    def _place(self, backdrop: Backdrop, camera: Pinhole) -> KernelBackdrop:
         ambient = [
             AMBIENT * sum(pair) for pair in zip(backdrop.horizon, backdrop.zenith, strict=True)
         ]
         buildings = _buildings_in_sight(backdrop.buildings, camera)
         ours = {"buildings": buildings, "ambient": tuple(ambient), "noise": self._noise}
-        return Place(**vars(backdrop) | ours)
+        return KernelBackdrop(**vars(backdrop) | ours)
 
 
 def _kernel_camera(camera: Pinhole, samples: int) -> KernelCamera:
@@ -114,7 +114,7 @@ def _kernel_camera(camera: Pinhole, samples: int) -> KernelCamera:
 
 
 def _lamp(scene: Scene, shape: Shape) -> Lamp:
-    """Place the light of a scene far away, and draw what it sees of the object."""
+    """KernelBackdrop the light of a scene far away, and draw what it sees of the object."""
     centre, axes = centre_of(scene), axes_facing(light_of(scene))
     eye = centre + LIGHT_DISTANCE * axes[2]
     tangent = LIGHT_HALF / LIGHT_DISTANCE

@@ -12,7 +12,13 @@ from __future__ import annotations
 import math
 
 from sada_gym.compiled import inlined, uncounted
-from sada_gym.envs.detection.renderers.gbuffer import Array, GBuffer, KernelCamera, Lamp, Place
+from sada_gym.envs.detection.renderers.gbuffer import (
+    Array,
+    GBuffer,
+    KernelBackdrop,
+    KernelCamera,
+    Lamp,
+)
 from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled
 
 SUPERSAMPLING = 2
@@ -48,7 +54,7 @@ def _unit(a: Triple) -> Triple:
 
 
 @inlined
-def _light(sun: float, ambient: float, place: Place) -> Triple:
+def _light(sun: float, ambient: float, place: KernelBackdrop) -> Triple:
     """Add up shares of the sun's light and of the ambient light."""
     return (
         SUN[0] * sun + ambient * place.ambient[0],
@@ -84,7 +90,7 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
 
 
 @inlined
-def _sky(height: float, place: Place) -> Triple:
+def _sky(height: float, place: KernelBackdrop) -> Triple:
     return mix(place.horizon, place.zenith, min(1.0, 1.6 * max(0.0, height)))
 
 
@@ -96,7 +102,7 @@ def _grain(texture: Array, row: float, column: float) -> float:
 
 
 @inlined
-def _ground_albedo(place: Place, x: float, y: float, sharpness: float) -> Triple:
+def _ground_albedo(place: KernelBackdrop, x: float, y: float, sharpness: float) -> Triple:
     """Give the ground's colour at (x, y); lines thinner than a pixel fade.
 
     `sharpness` is the inverse of a pixel's width on the ground.
@@ -147,7 +153,7 @@ def _inverse(part: float) -> float:
 
 @inlined
 def _building(
-    eye: Triple, ray: Triple, reach: float, toward: Triple, place: Place
+    eye: Triple, ray: Triple, reach: float, toward: Triple, place: KernelBackdrop
 ) -> tuple[float, Triple]:
     """Find the first building along a ray within reach: its distance and colour."""
     best, face, which = reach, -1, -1
@@ -182,7 +188,9 @@ def _building(
 
 
 @inlined
-def _ground(ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: Place) -> Triple:
+def _ground(
+    ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: KernelBackdrop
+) -> Triple:
     """Light the ground at (x, y), where a ray meets it: pattern, shadow, wet mirror and glint.
 
     `width` is a pixel's there, seen along the ray.
@@ -203,7 +211,7 @@ def _ground(ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: Pl
 
 @inlined
 def _background(
-    eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: Place
+    eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: KernelBackdrop
 ) -> Triple:
     """Give the light along a ray that misses the object and meets the ground within reach."""
     distance, colour = reach, (0.0, 0.0, 0.0)
@@ -219,7 +227,7 @@ def _background(
 
 @inlined
 def _surface(
-    normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: Place
+    normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: KernelBackdrop
 ) -> Triple:
     """Light a point of the object as the eye sees it: Blinn-Phong and a mirrored place."""
     facing = -dot(normal, ray)
@@ -267,7 +275,7 @@ def _object(
     face: int,
     g: GBuffer,
     lamp: Lamp,
-    place: Place,
+    place: KernelBackdrop,
     materials: Array,
 ) -> Triple:
     """Light a face of the object where it is seen at sample coordinates (u, v)."""
@@ -295,7 +303,7 @@ def compose(
     coverage: Array,
     camera: KernelCamera,
     lamp: Lamp,
-    place: Place,
+    place: KernelBackdrop,
     g: GBuffer,
     materials: Array,
     tone: Array,

@@ -3,7 +3,7 @@ import pytest
 
 from sada_gym.oracle import Evaluations
 from sada_gym.parameters import Parameter, ParameterSpace
-from sada_gym.plots.choice import choose_failures, features
+from sada_gym.plots.failure_choice import choose_failures, features
 
 PLANE = ParameterSpace(Parameter("x", -1, 1), Parameter("y", -1, 1))
 

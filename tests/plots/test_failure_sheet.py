@@ -6,7 +6,7 @@ from PIL import Image, ImageDraw
 
 from sada_gym.frames import LegendEntry, Mark
 from sada_gym.plots.drawing import dashed, font, swatch, wrapped
-from sada_gym.plots.sheet import WIDTH, Group, columns_for, failure_sheet
+from sada_gym.plots.failure_sheet import WIDTH, FrameGroup, columns_for, failure_sheet
 
 FRAME = np.full((40, 60, 3), (10, 200, 30), np.uint8)
 LEGEND = (
@@ -16,7 +16,9 @@ LEGEND = (
 
 
 def sheet(counts=(3, 3, 1), **changes):
-    groups = [Group(f"Group {i}", "a note", [FRAME] * n, ["Q"] * n) for i, n in enumerate(counts)]
+    groups = [
+        FrameGroup(f"Group {i}", "a note", [FRAME] * n, ["Q"] * n) for i, n in enumerate(counts)
+    ]
     arguments = {"columns": 3, "legend": LEGEND, "title": "Some failures"} | changes
     return np.asarray(failure_sheet(groups, **arguments))
 
@@ -44,7 +46,9 @@ def test_a_long_headline_is_broken_into_lines():
 
 def test_frames_of_any_shape_fit():
     frames = [np.zeros(shape, np.uint8) for shape in ((1, 1, 3), (900, 20, 3), (20, 2000, 3))]
-    group = Group("All", "", frames, ["one", "two\nlines", "a caption that is far too long " * 4])
+    group = FrameGroup(
+        "All", "", frames, ["one", "two\nlines", "a caption that is far too long " * 4]
+    )
     assert failure_sheet([group], 3, (), "Odd frames").width == WIDTH
 
 

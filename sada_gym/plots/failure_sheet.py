@@ -23,7 +23,7 @@ _TALLEST = 1.6  # times a cell's width
 
 
 @dataclass(frozen=True)
-class Group:
+class FrameGroup:
     """Some frames under a heading.
 
     Attributes:
@@ -54,7 +54,7 @@ def columns_for(frame: Frame, *, plain: bool = False) -> int:
 
 
 def failure_sheet(
-    groups: Sequence[Group],
+    groups: Sequence[FrameGroup],
     columns: int,
     legend: Sequence[LegendEntry],
     title: str,
