@@ -15,8 +15,8 @@ import torch
 import sada_gym  # noqa: F401
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.episodes import POLICY_HZ, SIMULATION_HZ, Drives
+from sada_gym.envs.driving.episodes import POLICY_HZ, SIMULATION_HZ, DrivingEpisodes
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.sb3_vec_env import SB3VecEnv
@@ -61,18 +61,18 @@ def test_racetrack(benchmark):
 def test_lockstep(benchmark):
     """Camera, network and dynamics of a batch, as an evaluation runs them."""
     application = DrivingApplication("navigation")
-    course, rng = Course("benchmark"), np.random.default_rng(0)
+    distribution, rng = StartDistribution("benchmark"), np.random.default_rng(0)
     steps = 20
 
     def setup():
-        drives = Drives(camera("benchmark"), [course.draw(rng) for _ in range(CARS)])
-        application.acting.start(CARS)
+        drives = DrivingEpisodes(camera("benchmark"), [distribution.draw(rng) for _ in range(CARS)])
+        application.policy.start(CARS)
         return (drives,), {}
 
     def drive(drives):
         everyone = np.arange(CARS)
         for _ in range(steps):
-            drives.step(everyone, application.acting.act(drives, everyone))
+            drives.step(everyone, application.policy.act(drives, everyone))
 
     benchmark.pedantic(drive, setup=setup, rounds=5, warmup_rounds=1)
     record(benchmark, "lockstep, camera and network included", CARS * steps / POLICY_HZ)

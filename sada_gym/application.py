@@ -208,7 +208,7 @@ class Application(ABC):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
-    def reference_score(
+    def privileged_score(
         self,
         mu: npt.ArrayLike,  # noqa: ARG002
         seeds: Sequence[int],  # noqa: ARG002
@@ -237,7 +237,7 @@ class Application(ABC):
         Returns:
             (n,) bool, or None if no privileged agent is known, as by default.
         """
-        score = self.reference_score(mu, seeds)
+        score = self.privileged_score(mu, seeds)
         return None if score is None else ~fools(score, self.fooling_threshold)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:

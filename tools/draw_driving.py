@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.episodes import PICTURE_COLUMNS, PICTURE_ROWS
-from sada_gym.envs.driving.pictures import summary
+from sada_gym.envs.driving.frame import summary
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 

@@ -10,11 +10,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sada_gym import agents
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import Start
-from sada_gym.envs.uav.pictures import Plan, summary
+from sada_gym.envs.uav.episodes import RacingStart
+from sada_gym.envs.uav.frame import Plan, summary
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import line
 
@@ -76,7 +76,7 @@ def seen(application: UAVApplication) -> Image.Image:
 
 def rollouts(
     application: UAVApplication, rng: np.random.Generator
-) -> tuple[Rollout[Start], Rollout[Start] | None]:
+) -> tuple[Rollout[RacingStart], Rollout[RacingStart] | None]:
     """A race without a miss and one below the threshold, of uniform mu, the first of each."""
     mu = rng.uniform(-1, 1, (64, len(application.parameters)))
     outcomes = application.evaluate(mu, list(range(len(mu))))

@@ -10,13 +10,13 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.driving.camera.pinhole import Lens, camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Start
-from sada_gym.envs.driving.pictures import town_plan  # the whole town from above
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
+from sada_gym.envs.driving.frame import town_plan  # the whole town from above
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
 from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
 from sada_gym.envs.driving.world.weather import NAMES
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import SKY, YELLOW, rgb
 from sada_gym.parameters import number
 from sada_gym.replay import shots
@@ -46,18 +46,18 @@ def take(application: DrivingApplication, mu: shots.Mu, seed: int, seconds: floa
     return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
 
 
-def _shot(rollout: Rollout[Start], name: str, seconds: float) -> Shot:
+def _shot(rollout: Rollout[DrivingStart], name: str, seconds: float) -> Shot:
     states, last = rollout["states"], len(rollout["states"]) - 1
     steps = shots.steps_before(last, seconds * POLICY_HZ)
     moments = np.linspace(steps[0], last, (len(steps) - 1) * _BETWEEN + 1)
     places = np.stack([np.interp(moments, np.arange(last + 1), column) for column in states.T], 1)
     views = _views(rollout.start, places, moments)
-    ending = Ending(int(rollout["ending"][-1]))
+    ending = DrivingEnd(int(rollout["ending"][-1]))
     pictures, notes = [], []
     for i, (view, place, moment) in enumerate(zip(views, places, moments, strict=True)):
         driven = np.vstack([states[: int(moment) + 1, :2], place[None, :2]])
         picture = Image.fromarray(view)
-        over = i == len(places) - 1 and ending != Ending.ARRIVED
+        over = i == len(places) - 1 and ending != DrivingEnd.ARRIVED
         inset = _map(rollout.start, place, driven, failed=over)
         picture.paste(inset, (WIDTH - inset.width - 8, 8))
         pictures.append(picture)
@@ -74,7 +74,7 @@ def _shot(rollout: Rollout[Start], name: str, seconds: float) -> Shot:
     return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, told_end)
 
 
-def _side(rollout: Rollout[Start]) -> str:
+def _side(rollout: Rollout[DrivingStart]) -> str:
     """Say on which side of its route the car is at the end; y points to the right of x."""
     route, place = rollout.start.route, rollout["states"][-1, :2]
     off = place - route.points
@@ -84,13 +84,13 @@ def _side(rollout: Rollout[Start]) -> str:
     return "right" if right > 0 else "left"
 
 
-def _ending(ending: Ending, after_s: float, side: str) -> shots.Ending:
+def _ending(ending: DrivingEnd, after_s: float, side: str) -> shots.Ending:
     texts = {
-        Ending.ARRIVED: f"arrived after {after_s:.0f} s",
-        Ending.LEFT_LANE: f"left its lane on the {side} after {after_s:.1f} s",
-        Ending.TOO_LATE: f"not there after {after_s:.0f} s",
+        DrivingEnd.ARRIVED: f"arrived after {after_s:.0f} s",
+        DrivingEnd.LEFT_LANE: f"left its lane on the {side} after {after_s:.1f} s",
+        DrivingEnd.TOO_LATE: f"not there after {after_s:.0f} s",
     }
-    return shots.Ending(texts[ending], ending != Ending.ARRIVED)
+    return shots.Ending(texts[ending], ending != DrivingEnd.ARRIVED)
 
 
 def _weather(index: int) -> str:
@@ -98,7 +98,7 @@ def _weather(index: int) -> str:
     return "".join(f" {c.lower()}" if c.isupper() else c for c in NAMES[index]).strip()
 
 
-def _views(start: Start, places: Array, moments: Array) -> npt.NDArray[np.uint8]:
+def _views(start: DrivingStart, places: Array, moments: Array) -> npt.NDArray[np.uint8]:
     """Draw what the camera sees from places (n, 4), at some steps of the driver, (n,)."""
     count, lens = len(places), Lens(ROWS, WIDTH)
     poses = np.column_stack([places[:, :3], np.full(count, start.mount.height_m)])
@@ -108,7 +108,7 @@ def _views(start: Start, places: Array, moments: Array) -> npt.NDArray[np.uint8]
     return camera(LAYOUT).draw(lens, rays, of, poses, weathers, keys)
 
 
-def _map(start: Start, place: Array, driven: Array, *, failed: bool) -> Image.Image:
+def _map(start: DrivingStart, place: Array, driven: Array, *, failed: bool) -> Image.Image:
     """Draw the streets around the car from above, its route, and the way that it drove."""
     side = _INSET * _FINER
     chart = _town()

@@ -10,13 +10,13 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
-from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, Start
-from sada_gym.envs.uav.pictures import flown_ways
+from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingStart
+from sada_gym.envs.uav.frame import flown_ways
 from sada_gym.envs.uav.world.drone import ARM_X_M, ARM_Y_M, heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M, TOP_M
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import SKY, YELLOW, rgb
 from sada_gym.plots.drawing import font
@@ -46,14 +46,14 @@ def take(application: UAVApplication, mu: shots.Mu, seed: int, seconds: float) -
     """Show how the drone missed the first gates that it missed, or the lap's end."""
     (rollout,) = application.rollouts(mu, seed)
     endings = rollout["endings"]
-    missed = [int(gate) for gate in np.flatnonzero(endings[-1] > Ending.PASSED)]
+    missed = [int(gate) for gate in np.flatnonzero(endings[-1] > GateOutcome.PASSED)]
     moved = application.parameters.physical(mu).reshape(-1, 2)
     most_m = float(np.hypot(*moved.T).max())
     world = f"the track's {len(moved)} anchor points are moved by up to {most_m:.1f} m"
     if not missed:
         steps = _steps(0, len(endings) - 1, seconds)
         return Take([_shot(rollout, steps, None, world)], rollout.score)
-    ends = [int((endings[:, gate] > Ending.PASSED).argmax()) for gate in missed]
+    ends = [int((endings[:, gate] > GateOutcome.PASSED).argmax()) for gate in missed]
     chosen, each_s = shots.shared(range(len(missed)), seconds)
     made = []
     for k in chosen:
@@ -69,7 +69,7 @@ def _steps(first: int, last: int, seconds: float) -> range:
     return range(max(min(first, last), kept[0]), last + 1)
 
 
-def _shot(rollout: Rollout[Start], steps: range, missed: int | None, world: str) -> Shot:
+def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world: str) -> Shot:
     states = [rollout["states"][step] for step in steps]
     times = [float(rollout["time_s"][step]) for step in steps]
     endings = [rollout["endings"][step] for step in steps]
@@ -87,7 +87,7 @@ def _shot(rollout: Rollout[Start], steps: range, missed: int | None, world: str)
     for i, (view, state) in enumerate(zip(views, states, strict=True)):
         last = i == count - 1
         picture = Image.fromarray(view)
-        coming = np.flatnonzero(endings[i] == Ending.AHEAD)
+        coming = np.flatnonzero(endings[i] == GateOutcome.AHEAD)
         ahead = int(coming[0]) if len(coming) and not last else missed
         ahead = len(gates) - 1 if ahead is None else ahead
         _number(picture, of, eyes[i], gates[ahead], ahead + 1)
@@ -111,22 +111,22 @@ def _shot(rollout: Rollout[Start], steps: range, missed: int | None, world: str)
 
 
 def _ending(
-    rollout: Rollout[Start], missed: int | None, at: Array | None, time_s: float
+    rollout: Rollout[RacingStart], missed: int | None, at: Array | None, time_s: float
 ) -> shots.Ending:
     gates = rollout.start.gates
     if missed is None or at is None:
         return shots.Ending(f"all {len(gates)} gates in {time_s:.1f} s", failed=False)
     gate = f"gate {missed + 1}"
-    code = Ending(int(rollout["endings"][-1][missed]))
+    code = GateOutcome(int(rollout["endings"][-1][missed]))
     texts = {
-        Ending.LATE: f"not through {gate} in {GATE_LIMIT_S:.0f} s",
-        Ending.LOST: f"lost on the way to {gate}",
-        Ending.HIT: f"hit the ground before {gate}",
+        GateOutcome.LATE: f"not through {gate} in {GATE_LIMIT_S:.0f} s",
+        GateOutcome.LOST: f"lost on the way to {gate}",
+        GateOutcome.HIT: f"hit the ground before {gate}",
     }
     away = np.hypot(*(gates[:, :2] - at[:2]).T)
     nearest = int(away.argmin())
     # a drone that touches a frame is no further from its middle than that
-    if code == Ending.HIT and away[nearest] < OUTER_WIDTH_M / 2 + 0.3:
+    if code == GateOutcome.HIT and away[nearest] < OUTER_WIDTH_M / 2 + 0.3:
         return shots.Ending(f"hit the frame of gate {nearest + 1}", failed=True)
     return shots.Ending(texts[code], failed=True)
 
@@ -200,7 +200,7 @@ def _drone(picture: Image.Image, of: DroneCamera, eye: Array, state: Array) -> N
 
 
 def _map(
-    start: Start,
+    start: RacingStart,
     endings: npt.NDArray[np.int8],
     ways: Sequence[Array],
     state: Array,
@@ -223,7 +223,7 @@ def _map(
     for way in ways:
         draw.line(pixels(way), fill=_FLOWN, width=6, joint="curve")
     for gate, code in zip(start.gates, endings.tolist(), strict=True):
-        colour = {Ending.AHEAD: _AHEAD, Ending.PASSED: DONE}.get(code, FAILED)
+        colour = {GateOutcome.AHEAD: _AHEAD, GateOutcome.PASSED: DONE}.get(code, FAILED)
         left = np.array([-np.sin(gate[3]), np.cos(gate[3])]) * OUTER_WIDTH_M * 0.7
         draw.line(pixels(np.stack([gate[:2] - left, gate[:2] + left])), fill=colour, width=11)
     heading = float(heading_of(*state[3:7]))

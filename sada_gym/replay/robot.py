@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ImageDraw
 
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.frame import WIDTH, snapshot
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M

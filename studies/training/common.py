@@ -19,16 +19,16 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from sada_gym.determinism import generators_kept
 from sada_gym.sb3_vec_env import SB3VecEnv
 
-CourseT = TypeVar("CourseT")
-"""What episodes are drawn from: an application's `Course`."""
+DistributionT = TypeVar("DistributionT")
+"""What episodes are drawn from: an application's `StartDistribution`."""
 
 
 @dataclass(frozen=True)
-class Imitation(Generic[CourseT]):
+class Imitation(Generic[DistributionT]):
     """Settings of an imitation by DAgger (Ross, Gordon, Bagnell 2011).
 
     Attributes:
-        course: What episodes are drawn from.
+        distribution: What episodes are drawn from.
         lockstep: The number of episodes that run at a time.
         rounds: How often episodes run and the learner is fitted; the expert acts in the first.
         steps: How many steps are gathered in a round.
@@ -39,7 +39,7 @@ class Imitation(Generic[CourseT]):
         light_jitter: How much each training image's brightness and tint are changed.
     """
 
-    course: CourseT
+    distribution: DistributionT
     lockstep: int
     rounds: int
     steps: int
@@ -51,11 +51,11 @@ class Imitation(Generic[CourseT]):
 
 
 @dataclass(frozen=True)
-class Reinforcement(Generic[CourseT]):
+class Reinforcement(Generic[DistributionT]):
     """Settings of a training by PPO (Schulman et al. 2017).
 
     Attributes:
-        course: What episodes are drawn from.
+        distribution: What episodes are drawn from.
         lockstep: The number of episodes that run at a time.
         steps: How many steps the training takes in all.
         rollout: Steps of each episode between two updates.
@@ -68,7 +68,7 @@ class Reinforcement(Generic[CourseT]):
             imitator knows no values, and updates by wrong ones would spoil its policy.
     """
 
-    course: CourseT
+    distribution: DistributionT
     lockstep: int
     steps: int
     rollout: int
@@ -80,11 +80,11 @@ class Reinforcement(Generic[CourseT]):
     value_steps: int = 0
 
 
-Recipe = Imitation[CourseT] | Reinforcement[CourseT]
+Recipe = Imitation[DistributionT] | Reinforcement[DistributionT]
 
 
 @dataclass(frozen=True)
-class Options(Generic[CourseT]):
+class Options(Generic[DistributionT]):
     """What a training script was asked for.
 
     Attributes:
@@ -96,7 +96,7 @@ class Options(Generic[CourseT]):
     """
 
     name: str
-    recipe: Imitation[CourseT] | Reinforcement[CourseT]
+    recipe: Imitation[DistributionT] | Reinforcement[DistributionT]
     seed: int
     out: Path
     trial: bool
@@ -108,8 +108,8 @@ class Options(Generic[CourseT]):
 
 
 def parse_options(
-    description: str | None, recipes: Mapping[str, Recipe[CourseT]], unit: str
-) -> Options[CourseT]:
+    description: str | None, recipes: Mapping[str, Recipe[DistributionT]], unit: str
+) -> Options[DistributionT]:
     """Read a training script's options; end the script with a sentence if they cannot be used.
 
     Args:
@@ -204,13 +204,13 @@ class Report(BaseCallback):
 
 def run_script(
     description: str | None,
-    recipes: Mapping[str, Recipe[CourseT]],
+    recipes: Mapping[str, Recipe[DistributionT]],
     unit: str,
     *,
     train: Callable[..., Any],
     save: Callable[[Any, Path], None],
     measure: Callable[[Any, int], str],
-    write_card: Callable[[Path, Recipe[CourseT], int, float, str], None],
+    write_card: Callable[[Path, Recipe[DistributionT], int, float, str], None],
 ) -> None:
     """Train an agent as the command line says, measure it, and write weights and card.
 
@@ -248,7 +248,7 @@ class ModelCard:
         description: What the agent is and what it learnt from, in Markdown.
         command: The command that trains it anew.
         training: How long the training took, and on what.
-        recipe: A dataclass; a course in it is written setting by setting.
+        recipe: A dataclass; a distribution in it is written setting by setting.
         measured: The command that measured the agent, and on what it did.
         figures: What was measured, as a Markdown table.
     """
@@ -264,11 +264,11 @@ class ModelCard:
     def write(self, path: Path, weights: Path) -> None:
         """Write the card, with the SHA-256 of the file of weights."""
         digest = hashlib.sha256(weights.read_bytes()).hexdigest()
-        course = getattr(self.recipe, "course", None)
+        distribution = getattr(self.recipe, "distribution", None)
         settings = asdict(self.recipe)
-        if is_dataclass(course):
-            del settings["course"]
-            settings |= asdict(course)  # type: ignore[arg-type]
+        if is_dataclass(distribution):
+            del settings["distribution"]
+            settings |= asdict(distribution)  # type: ignore[arg-type]
         rows = "\n".join(f"| {key} | {value} |" for key, value in settings.items())
         path.write_text(
             f"""# {self.name}

@@ -165,8 +165,11 @@ def test_any_seed_that_gymnasium_takes_is_taken_by_the_batch_too(task):
         task.vector_env(num_envs=1).reset(seed=-1)
 
 
-def test_what_is_no_course_is_refused(task):
-    with pytest.raises(ValueError, match=r"Expected course to be a Course, got \{'spread': 1\}"):
+def test_what_is_no_distribution_is_refused(task):
+    with pytest.raises(
+        ValueError,
+        match=r"Expected distribution to be a StartDistribution, got \{'spread': 1\}",
+    ):
         task.env({"spread": 1})
 
 

@@ -136,7 +136,7 @@ def test_reset_and_step_equal_evaluate(env_id: str) -> None:
     env.close()
 
 
-# test_driving.py and test_racing_pictures.py replay longer episodes
+# test_driving.py and test_racing_frame.py replay longer episodes
 def test_replay_gives_frames_and_the_same_score(env: AdversaryEnv, env_id: str) -> None:
     (mu,) = proposals(env_id, 1)
     env.reset(seed=11)

@@ -6,9 +6,9 @@ import pytest
 from sada_gym import frames
 from sada_gym.envs.detection import picture as detection
 from sada_gym.envs.digits import picture as digits
-from sada_gym.envs.driving import pictures as driving
+from sada_gym.envs.driving import frame as driving
 from sada_gym.envs.robot import frame as robot
-from sada_gym.envs.uav import pictures as racing
+from sada_gym.envs.uav import frame as racing
 from sada_gym.frames import rgb
 from sada_gym.plots import style
 

@@ -21,9 +21,9 @@ from sada_gym import (
     make_application,
 )
 from sada_gym.attack import attack
-from sada_gym.envs.episodes.acting import Rollout
-from sada_gym.envs.uav.episodes import Start
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.uav.episodes import RacingStart
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.record import read_samples, write_samples
 from sada_gym.replay import replay
@@ -345,16 +345,16 @@ def test_pictures_of_any_size_fit(size):
 @pytest.mark.parametrize(
     ("code", "at", "text"),
     [
-        (Ending.HIT, (10.0, 1.2, 2.0), "hit the frame of gate 2"),
-        (Ending.HIT, (5.0, 0.0, 0.02), "hit the ground before gate 2"),
-        (Ending.LATE, (5.0, 0.0, 2.0), "not through gate 2 in 10 s"),
-        (Ending.LOST, (90.0, 0.0, 2.0), "lost on the way to gate 2"),
+        (GateOutcome.HIT, (10.0, 1.2, 2.0), "hit the frame of gate 2"),
+        (GateOutcome.HIT, (5.0, 0.0, 0.02), "hit the ground before gate 2"),
+        (GateOutcome.LATE, (5.0, 0.0, 2.0), "not through gate 2 in 10 s"),
+        (GateOutcome.LOST, (90.0, 0.0, 2.0), "lost on the way to gate 2"),
     ],
 )
 def test_a_race_says_how_a_gate_was_missed(code, at, text):
     gates = np.array([[0.0, 0.0, 2.0, 0.0], [10.0, 0.0, 2.0, 0.0]])
-    endings = np.array([[Ending.PASSED, code]])
-    rollout = Rollout(Start(gates, (0, 0, 2, 0)), {"endings": endings}, 0.5)
+    endings = np.array([[GateOutcome.PASSED, code]])
+    rollout = Rollout(RacingStart(gates, (0, 0, 2, 0)), {"endings": endings}, 0.5)
     assert _ending(rollout, 1, np.array(at), 3.0).text == text
 
 

@@ -10,7 +10,7 @@ import torch
 from sada_gym import agents
 from sada_gym.envs.uav.agent.network import light, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot, as_pilot
-from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
@@ -40,7 +40,7 @@ def impatient(monkeypatch):
 
 
 def test_drones_stray_past_their_gate():
-    races = Races([MILD.draw(np.random.default_rng(k)) for k in range(3)])
+    races = RacingEpisodes([MILD.draw(np.random.default_rng(k)) for k in range(3)])
     assert not strayed(races).any()
     state = races.states[1].copy()
     x, y, _, heading = races.gates[1, races.next_gate[1]]
@@ -155,7 +155,7 @@ def test_a_measurement_counts_gates(network):
 
 def test_the_recipes_train_on_tracks_milder_than_uniform_ones():
     assert set(RECIPES) == {"waypoint-pid", "ppo"}
-    assert RECIPES["waypoint-pid"].course.spread == 0.25
-    assert RECIPES["ppo"].course.spread == 0.5
+    assert RECIPES["waypoint-pid"].distribution.spread == 0.25
+    assert RECIPES["ppo"].distribution.spread == 0.5
     for recipe in RECIPES.values():
-        assert recipe.course.anchors == tuple(TEMPLATES)
+        assert recipe.distribution.anchors == tuple(TEMPLATES)

@@ -6,15 +6,15 @@ from sada_gym.lazy import lazy_names
 
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication
-    from sada_gym.envs.driving.course import Course
+    from sada_gym.envs.driving.start_distribution import StartDistribution
     from sada_gym.envs.driving.task import DrivingTaskEnv, DrivingTaskVectorEnv
 
-__all__ = ["Course", "DrivingApplication", "DrivingTaskEnv", "DrivingTaskVectorEnv"]
+__all__ = ["DrivingApplication", "DrivingTaskEnv", "DrivingTaskVectorEnv", "StartDistribution"]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "Course": "course",
+        "StartDistribution": "start_distribution",
         "DrivingApplication": "application",
         "DrivingTaskEnv": "task",
         "DrivingTaskVectorEnv": "task",

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from sada_gym.application import Scored, validate_world
 from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
-from sada_gym.envs.episodes.acting import Rollout
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sada_gym.frames import LegendEntry
 
 
-class DrivingApplication(EpisodesApplication[Drives]):
+class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
     """A frozen driver with a camera drives five routes through a town.
 
     ## Description
@@ -97,7 +97,7 @@ class DrivingApplication(EpisodesApplication[Drives]):
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
         """What the marks in frames mean."""
-        from sada_gym.envs.driving.pictures import LEGEND
+        from sada_gym.envs.driving.frame import LEGEND
 
         return LEGEND
 
@@ -114,13 +114,13 @@ class DrivingApplication(EpisodesApplication[Drives]):
         height, pitch, place = self.parameters.physical(mu).tolist()
         return Mount(height, pitch), min(int(place), len(NAMES) - 1)
 
-    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Drives:
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> DrivingEpisodes:
         """Begin all routes in the worlds of mu, five drives each: (5 n) of them."""
         starts = []
         for row, seed in zip(mu, seeds, strict=True):
             mount, weather = self.camera_and_weather(row)
-            starts += [Start(route, mount, weather, seed) for route in self.routes]
-        return Drives(camera(LAYOUT), starts)
+            starts += [DrivingStart(route, mount, weather, seed) for route in self.routes]
+        return DrivingEpisodes(camera(LAYOUT), starts)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         # the seed fixes the rain alone: a dry world is the same for all, and is driven once
@@ -140,7 +140,7 @@ class DrivingApplication(EpisodesApplication[Drives]):
         extras = [
             {
                 "weather": NAMES[weather],
-                "endings": [Ending(code).name.lower() for code in codes],
+                "endings": [DrivingEnd(code).name.lower() for code in codes],
                 "progress": np.clip(made / lengths, 0.0, 1.0),
             }
             for (_, weather, _), codes, made in zip(worlds, ending, progress, strict=True)
@@ -154,20 +154,20 @@ class DrivingApplication(EpisodesApplication[Drives]):
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.driving.pictures import summary
+        from sada_gym.envs.driving.frame import summary
 
         for rollouts in self.rollouts_batch(mu, seeds):
             yield summary(rollouts)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start of the first route."""
-        from sada_gym.envs.driving.pictures import observation
+        from sada_gym.envs.driving.frame import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
         drives = self.episodes(row, [seed])
         return observation(drives.starts[0], drives.states[0])
 
-    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
-        from sada_gym.envs.driving.pictures import frames
+    def _frames(self, rollouts: list[Rollout[DrivingStart]]) -> list[Frame]:
+        from sada_gym.envs.driving.frame import frames
 
         return frames(rollouts)

@@ -43,7 +43,7 @@ OBSERVATION_SPACE = spaces.Dict(
 ACTION_SPACE: spaces.Box[Any] = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-class Ending(IntEnum):
+class DrivingEnd(IntEnum):
     """How a drive ended."""
 
     UNDER_WAY = 0
@@ -53,7 +53,7 @@ class Ending(IntEnum):
 
 
 @dataclass(frozen=True)
-class Start:
+class DrivingStart:
     """How one drive begins.
 
     Attributes:
@@ -75,7 +75,7 @@ class Start:
     speed_m_s: float = 0.0
 
 
-class Drives(Episodes[Start]):
+class DrivingEpisodes(Episodes[DrivingStart]):
     """Cars that drive in lockstep.
 
     Args:
@@ -86,14 +86,14 @@ class Drives(Episodes[Start]):
         states: (n, 4) x, y, heading, speed.
         progress_m: (n,) along the route.
         lateral_m: (n,) to the right of the lane's middle.
-        ending: (n,) int8, of `Ending`.
+        ending: (n,) int8, of `DrivingEnd`.
     """
 
     task_id = "SADA-DrivingTask-v0"
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 
-    def __init__(self, camera: TownCamera, starts: Sequence[Start]) -> None:
+    def __init__(self, camera: TownCamera, starts: Sequence[DrivingStart]) -> None:
         super().__init__(starts)
         self._camera = camera
         self._lens = Lens(PICTURE_ROWS, PICTURE_COLUMNS)
@@ -110,7 +110,7 @@ class Drives(Episodes[Start]):
         for i, start in enumerate(starts):
             self.begin(i, start)
 
-    def begin(self, i: int, start: Start) -> None:
+    def begin(self, i: int, start: DrivingStart) -> None:
         """Begin another drive in place i."""
         before, self.starts[i] = self.starts[i], start
         if before.route is not start.route:
@@ -123,22 +123,22 @@ class Drives(Episodes[Start]):
         place = route.points[0] + start.lateral_m * side
         self.states[i] = [*place, heading + start.turned_rad, start.speed_m_s]
         self._at[i] = 0
-        self.steps[i], self.ending[i] = 0, Ending.UNDER_WAY
+        self.steps[i], self.ending[i] = 0, DrivingEnd.UNDER_WAY
         self.progress_m[i], self.lateral_m[i] = 0.0, start.lateral_m
         self._height[i], self._weather[i] = start.mount.height_m, start.weather
         self._limit[i] = int(np.ceil(route.time_limit_s * POLICY_HZ))
 
     def under_way(self) -> Indices:
         """Give the drives that have not ended."""
-        return np.flatnonzero(self.ending == Ending.UNDER_WAY)
+        return np.flatnonzero(self.ending == DrivingEnd.UNDER_WAY)
 
     @property
     def score(self) -> Array:
         """The scores, (n,): 1 where a car has arrived, else 0."""
-        score: Array = (self.ending == Ending.ARRIVED).astype(np.float64)
+        score: Array = (self.ending == DrivingEnd.ARRIVED).astype(np.float64)
         return score
 
-    def moment(self) -> Batch:
+    def snapshot(self) -> Batch:
         """Give states and the drivers' commands."""
         everyone = np.arange(len(self))
         return {"states": self.states, "command": self.commands(everyone), "ending": self.ending}
@@ -198,9 +198,9 @@ class Drives(Episodes[Start]):
         self.progress_m[which] = SPACING_M * (at - first) + along
         self.lateral_m[which] = lateral
         length = SPACING_M * (last - first)
-        ending = np.where(self.steps[which] >= self._limit[which], Ending.TOO_LATE, 0)
-        ending = np.where(self.progress_m[which] >= length, Ending.ARRIVED, ending)
-        ending = np.where(np.abs(lateral) > LANE_TOLERANCE_M, Ending.LEFT_LANE, ending)
+        ending = np.where(self.steps[which] >= self._limit[which], DrivingEnd.TOO_LATE, 0)
+        ending = np.where(self.progress_m[which] >= length, DrivingEnd.ARRIVED, ending)
+        ending = np.where(np.abs(lateral) > LANE_TOLERANCE_M, DrivingEnd.LEFT_LANE, ending)
         self.ending[which] = ending
 
     def _pack(self) -> None:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.world.route import CRUISE_M_S
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
@@ -19,36 +19,38 @@ from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0
 
 
-class DrivingTask(Task[Drives]):
-    """Drives of a course, and their rewards."""
+class DrivingTask(Task[DrivingEpisodes]):
+    """Drives from a start distribution, and their rewards."""
 
-    episodes_class, course_class = Drives, Course
+    episodes_class, distribution_class = DrivingEpisodes, StartDistribution
 
-    def _begin(self, starts: Sequence[Start]) -> Drives:
-        return Drives(camera(self.course.layout), starts)
+    def _begin(self, starts: Sequence[DrivingStart]) -> DrivingEpisodes:
+        return DrivingEpisodes(camera(self.distribution.layout), starts)
 
-    def _step(self, episodes: Drives, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(
+        self, episodes: DrivingEpisodes, actions: npt.NDArray[Any]
+    ) -> npt.NDArray[np.float64]:
         before = episodes.progress_m.copy()
         episodes.step(np.arange(len(episodes)), actions)
         pace = np.clip((episodes.progress_m - before) * POLICY_HZ / CRUISE_M_S, -1.0, 1.0)
         off = np.minimum(np.abs(episodes.lateral_m) / (LANE_WIDTH_M / 2), 1.0)
-        end = np.where(episodes.ending == Ending.ARRIVED, ARRIVAL_REWARD, 0.0)
-        end = np.where(episodes.ending == Ending.LEFT_LANE, FAILURE_REWARD, end)
+        end = np.where(episodes.ending == DrivingEnd.ARRIVED, ARRIVAL_REWARD, 0.0)
+        end = np.where(episodes.ending == DrivingEnd.LEFT_LANE, FAILURE_REWARD, end)
         reward: npt.NDArray[np.float64] = pace * (1.0 - 0.5 * off) + end
         return reward
 
     def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Say which drives are terminated, and which are truncated: out of time."""
         ending = self.episodes.ending
-        truncated = ending == Ending.TOO_LATE
-        return (ending != Ending.UNDER_WAY) & ~truncated, truncated
+        truncated = ending == DrivingEnd.TOO_LATE
+        return (ending != DrivingEnd.UNDER_WAY) & ~truncated, truncated
 
     def info(self, i: int) -> dict[str, Any]:
         """Say where car i is."""
         return {
             "progress_m": float(self.episodes.progress_m[i]),
             "lateral_m": float(self.episodes.lateral_m[i]),
-            "is_success": bool(self.episodes.ending[i] == Ending.ARRIVED),
+            "is_success": bool(self.episodes.ending[i] == DrivingEnd.ARRIVED),
         }
 
 
@@ -79,7 +81,7 @@ class DrivingTaskEnv(TaskEnv):
     its lane.
 
     ## Starting State
-    A random route from the course: it passes 1 to 4 corners and never turns back.
+    A random route from the distribution: it passes 1 to 4 corners and never turns back.
 
     ## Episode End
     Terminated on arrival, or when no part of the car is in its lane any more (its middle is 2.75 m
@@ -87,7 +89,7 @@ class DrivingTaskEnv(TaskEnv):
     `progress_m`, `lateral_m`, `is_success`.
 
     ## Arguments
-    - `course=Course()`: what routes, weathers, mounts and starts are drawn from.
+    - `distribution=StartDistribution()`: draws routes, weathers, mounts and starts.
     - `render_mode=None`: `"rgb_array"` gives the camera's image.
 
     ## Version History
@@ -102,7 +104,7 @@ class DrivingTaskVectorEnv(TaskVectorEnv):
     """`DrivingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: The distribution of routes, weathers, mounts and starts.
+        distribution: The distribution of routes, weathers, mounts and starts.
         num_envs: Number of cars.
         render_mode: `"rgb_array"` gives each camera's image.
     """

@@ -78,8 +78,8 @@ class Episodes(ABC, Generic[StartT]):
         """Take one action (k,) in each of some episodes: actions (len(which), k)."""
 
     @abstractmethod
-    def moment(self) -> Batch:
-        """Give what a rollout keeps of this moment, each key (n, ...)."""
+    def snapshot(self) -> Batch:
+        """Give what a rollout keeps of the current step, each key (n, ...)."""
 
     def _checked(self, which: Indices, actions: npt.NDArray[Any]) -> Array:
         """Give a copy of the actions in some episodes as float64.

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, known_as
 from sada_gym.application import Application, validate_seeds, validate_world
-from sada_gym.envs.episodes.acting import EpisodesT, Rollout, play, record
+from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
 
@@ -35,13 +35,13 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
 
     def __init__(self, agent: str | Path | Any, agent_id: str | None) -> None:
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
-        self.acting: Agent[EpisodesT, npt.NDArray[Any]] = self._as_agent(self.agent)
+        self.policy: Agent[EpisodesT, npt.NDArray[Any]] = self._as_agent(self.agent)
         self._agent_id = agent_id
 
     @property
     def fingerprint(self) -> str | None:
         """SHA-256 over the agent's weights, or over its `agent_id` and how it is used."""
-        return known_as(self.acting, self.agent, self._agent_id)
+        return known_as(self.policy, self.agent, self._agent_id)
 
     @abstractmethod
     def _as_agent(self, given: Any) -> Agent[EpisodesT, npt.NDArray[Any]]:
@@ -53,13 +53,13 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
 
     def play(self, episodes: EpisodesT, on_step: Callable[[EpisodesT], None] | None = None) -> None:
         """Let the agent act to the end of all episodes; `on_step` is called before every step."""
-        play(self.acting, episodes, on_step)
+        play(self.policy, episodes, on_step)
 
     def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
         """Play all episodes in the world of one mu, (d,), and keep every step."""
         row, seed = validate_world(self.parameters, mu, seed)
         with closing(self.episodes(row, [seed])) as episodes:
-            return record(self.acting, episodes)
+            return record(self.policy, episodes)
 
     def rollouts_batch(
         self, mu: npt.ArrayLike, seeds: Sequence[int]
@@ -70,7 +70,7 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
         for first in range(0, len(batch), _AT_ONCE):
             rows, some = batch[first : first + _AT_ONCE], checked[first : first + _AT_ONCE]
             with closing(self.episodes(rows, some)) as episodes:
-                found = record(self.acting, episodes)
+                found = record(self.policy, episodes)
             count = len(found) // len(rows)
             yield from (found[start : start + count] for start in range(0, len(found), count))
 

@@ -21,8 +21,8 @@ from sada_gym.envs.checks import (
     checked_render_mode,
     warn_without_render_mode,
 )
-from sada_gym.envs.episodes.acting import EpisodesT
 from sada_gym.envs.episodes.base import Episodes
+from sada_gym.envs.episodes.rollout import EpisodesT
 from sada_gym.envs.vector import SeededVectorEnv
 from sada_gym.frames import Frame
 from sada_gym.resets import check_reset_options, checked_seed
@@ -30,7 +30,7 @@ from sada_gym.resets import check_reset_options, checked_seed
 _FIRST = np.zeros(1, np.intp)
 
 
-class Course(Protocol):
+class StartDistribution(Protocol):
     """A distribution from which the starts of episodes are drawn."""
 
     def draw(self, rng: np.random.Generator) -> Any:
@@ -38,27 +38,27 @@ class Course(Protocol):
 
 
 class Task(ABC, Generic[EpisodesT]):
-    """An inner task: episodes of a course, and a reward for every step.
+    """An inner task: episodes from a start distribution, and a reward for every step.
 
     The episodes live in the process that began them: a copy, or a task that was pickled, needs a
     reset.
 
     Args:
-        course: Draws the starts; by default `course_class()`.
+        distribution: Draws the starts; by default `distribution_class()`.
         count: Number of episodes.
 
     Attributes:
         episodes_class: The class of the episodes.
-        course_class: The class of the course.
+        distribution_class: The class of the distribution.
     """
 
     episodes_class: ClassVar[type[Episodes[Any]]]
-    course_class: ClassVar[type[Any]]
+    distribution_class: ClassVar[type[Any]]
 
-    def __init__(self, course: Course | None, count: int) -> None:
-        course = self.course_class() if course is None else course
-        check_kind("course", course, self.course_class)
-        self.course: Any = course
+    def __init__(self, distribution: StartDistribution | None, count: int) -> None:
+        distribution = self.distribution_class() if distribution is None else distribution
+        check_kind("distribution", distribution, self.distribution_class)
+        self.distribution: Any = distribution
         self._count = count
         self._waiting: dict[int, Any] = {}
         self._episodes: EpisodesT | None = None
@@ -80,7 +80,7 @@ class Task(ABC, Generic[EpisodesT]):
 
     def start(self, i: int, rng: np.random.Generator) -> None:
         """Begin another episode in place i."""
-        start = self.course.draw(rng)
+        start = self.distribution.draw(rng)
         if self._episodes is not None:
             self._episodes.begin(i, start)
             return
@@ -127,14 +127,16 @@ class TaskEnv(gym.Env[Batch, npt.NDArray[Any]]):
     A subclass sets `task_class` and `metadata`.
 
     Args:
-        course: Draws the starts.
+        distribution: Draws the starts.
         render_mode: Among those of the class's `metadata`.
     """
 
     task_class: ClassVar[type[Task[Any]]]
 
-    def __init__(self, course: Course | None = None, *, render_mode: str | None = None) -> None:
-        self.task = self.task_class(course, 1)
+    def __init__(
+        self, distribution: StartDistribution | None = None, *, render_mode: str | None = None
+    ) -> None:
+        self.task = self.task_class(distribution, 1)
         self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         # copies: SB3's VecNormalize changes the space that it is given, and spaces hold generators
         spaces_of: Any = self.task_class.episodes_class
@@ -179,7 +181,7 @@ class TaskVectorEnv(SeededVectorEnv[Batch]):
     A subclass sets `task_class` and `metadata`.
 
     Args:
-        course: Draws the starts.
+        distribution: Draws the starts.
         num_envs: Number of environments.
         render_mode: Among those of the class's `metadata`.
     """
@@ -187,9 +189,14 @@ class TaskVectorEnv(SeededVectorEnv[Batch]):
     task_class: ClassVar[type[Task[Any]]]
 
     def __init__(
-        self, course: Course | None = None, *, num_envs: int = 1, render_mode: str | None = None
+        self,
+        distribution: StartDistribution | None = None,
+        *,
+        num_envs: int = 1,
+        render_mode: str | None = None,
     ) -> None:
-        self.task = self.task_class(course, num_envs)  # first: Gymnasium closes what was refused
+        # first: Gymnasium closes what was refused
+        self.task = self.task_class(distribution, num_envs)
         super().__init__(num_envs=num_envs, render_mode=render_mode)
         spaces_of: Any = self.task_class.episodes_class
         self.single_observation_space: spaces.Dict = deepcopy(spaces_of.observation_space)

@@ -7,16 +7,22 @@ from sada_gym.lazy import lazy_names
 if TYPE_CHECKING:
     from sada_gym.envs.robot.application import RobotApplication
     from sada_gym.envs.robot.conditions import Conditions
-    from sada_gym.envs.robot.course import Course
+    from sada_gym.envs.robot.start_distribution import StartDistribution
     from sada_gym.envs.robot.task import RobotTaskEnv, RobotTaskVectorEnv
 
-__all__ = ["Conditions", "Course", "RobotApplication", "RobotTaskEnv", "RobotTaskVectorEnv"]
+__all__ = [
+    "Conditions",
+    "RobotApplication",
+    "RobotTaskEnv",
+    "RobotTaskVectorEnv",
+    "StartDistribution",
+]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "Conditions": "conditions",
-        "Course": "course",
+        "StartDistribution": "start_distribution",
         "RobotApplication": "application",
         "RobotTaskEnv": "task",
         "RobotTaskVectorEnv": "task",

@@ -13,8 +13,8 @@ from sada_gym.agents.contract import Agent
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored, validate_seeds, validate_world
-from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.episodes.rollout import Rollout, play
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import RobotEpisodes
@@ -136,7 +136,7 @@ class RobotApplication(EpisodesApplication[RobotEpisodes]):
         ]
         return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
 
-    def reference_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+    def privileged_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
         """Give the scores of the privileged driver, (n,); arguments as `evaluate`.
 
         It knows the whole world, and what it doesn't reach can hardly be reached.

@@ -142,7 +142,7 @@ class RobotEpisodes(Episodes[RobotStart]):
         start = self.starts[i]
         return f"step {self.steps[i]} of trip {start.trip} on floor plan {start.plan.number}"
 
-    def moment(self) -> Batch:
+    def snapshot(self) -> Batch:
         """Give poses, carts, what the robot believes to see, and endings."""
         return {
             "poses": self.poses,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart

@@ -12,18 +12,18 @@ from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.envs.robot.course import Course
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
+from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 
 
 class RobotTask(Task[RobotEpisodes]):
-    """Trips of a course, and their rewards."""
+    """Trips from a start distribution, and their rewards."""
 
-    episodes_class, course_class = RobotEpisodes, Course
+    episodes_class, distribution_class = RobotEpisodes, StartDistribution
 
     def _begin(self, starts: Sequence[RobotStart]) -> RobotEpisodes:
         return RobotEpisodes(starts)
@@ -84,10 +84,10 @@ class RobotTaskEnv(TaskEnv):
     after the time that the way takes at 0.25 m/s. `info` holds `remaining_m`, `is_success`.
 
     ## Arguments
-    - `course=Course()`: what floor plans, trips and conditions are drawn from.
+    - `distribution=StartDistribution()`: what floor plans, trips and conditions are drawn from.
     - `floor_friction`, `payload_kg`, `payload_offset_m`, `lidar_yaw_deg`, `lidar_offset_m`,
       `lidar_noise_m`, `lidar_dropout`, `wheel_gain`, `obstacle_density`, `latency_s`: the conditions
-      of all trips, see `Conditions`; those that are not given are the course's.
+      of all trips, see `Conditions`; those that are not given are the distribution's.
     - `render_mode=None`: `"rgb_array"` draws the hall from above with the robot and its lidar's
       returns.
 
@@ -100,7 +100,7 @@ class RobotTaskEnv(TaskEnv):
 
     def __init__(
         self,
-        course: Course | None = None,
+        distribution: StartDistribution | None = None,
         *,
         floor_friction: float | None = None,
         payload_kg: float | None = None,
@@ -128,17 +128,19 @@ class RobotTaskEnv(TaskEnv):
         }
         changed = {name: value for name, value in given.items() if value is not None}
         if changed:
-            course = Course() if course is None else course
-            check_kind("course", course, Course)
-            course = replace(course, conditions=replace(course.conditions, **changed))
-        super().__init__(course, render_mode=render_mode)
+            distribution = StartDistribution() if distribution is None else distribution
+            check_kind("distribution", distribution, StartDistribution)
+            distribution = replace(
+                distribution, conditions=replace(distribution.conditions, **changed)
+            )
+        super().__init__(distribution, render_mode=render_mode)
 
 
 class RobotTaskVectorEnv(TaskVectorEnv):
     """`RobotTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: The distribution of floor plans, trips and conditions.
+        distribution: The distribution of floor plans, trips and conditions.
         num_envs: Number of robots.
         render_mode: `"rgb_array"` draws the hall of each robot.
     """

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Scored, validate_seeds, validate_world
-from sada_gym.envs.episodes.acting import Rollout, play
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.episodes.rollout import Rollout, play
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.course import benchmark_starts
-from sada_gym.envs.uav.episodes import REPLAY_HZ, Races, Start
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.episodes import REPLAY_HZ, RacingEpisodes, RacingStart
+from sada_gym.envs.uav.start_distribution import benchmark_starts
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.frames import Frame
@@ -29,7 +29,7 @@ LOCKSTEP = 64
 """The most races that are flown at a time."""
 
 
-class UAVApplication(EpisodesApplication[Races]):
+class UAVApplication(EpisodesApplication[RacingEpisodes]):
     """A frozen pilot flies a racing drone through eight gates.
 
     ## Description
@@ -69,7 +69,7 @@ class UAVApplication(EpisodesApplication[Races]):
     ## Episode End
     Terminated after `horizon` proposals (one by default), never truncated. `info` holds `score`,
     `fooled` (score <= 0.7), `seed`, `parameters`, `gates_passed`, `endings` (for each gate
-    `passed`, `hit`, `late` or `lost`), `time_s` (the time for the course), and of the track
+    `passed`, `hit`, `late` or `lost`), `time_s` (the time for the lap), and of the track
     `length_m`, `sharpest_turn_deg` (the greatest turn from the start or a gate to the next, of more
     than 180 where the track loops), `closest_m` (the smallest distance between two frames) and
     `kept` (how much of the displacements was kept, 1 but for one uniform mu in twenty).
@@ -106,7 +106,7 @@ class UAVApplication(EpisodesApplication[Races]):
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
         """What the marks in frames mean."""
-        from sada_gym.envs.uav.pictures import LEGEND
+        from sada_gym.envs.uav.frame import LEGEND
 
         return LEGEND
 
@@ -118,11 +118,11 @@ class UAVApplication(EpisodesApplication[Races]):
     def _as_agent(self, given: Any) -> Pilot:
         return as_pilot(given)
 
-    def episodes(self, mu: Mu, seeds: Sequence[int]) -> Races:
+    def episodes(self, mu: Mu, seeds: Sequence[int]) -> RacingEpisodes:
         """Begin the races in the worlds of mu, n of them; close them after use."""
-        return Races(benchmark_starts(self.template.tracks(mu), seeds))
+        return RacingEpisodes(benchmark_starts(self.template.tracks(mu), seeds))
 
-    def reference_score(
+    def privileged_score(
         self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
     ) -> npt.NDArray[np.float64]:
         """Score the privileged pilot: where it passes, a failure is the agent's own.
@@ -144,15 +144,15 @@ class UAVApplication(EpisodesApplication[Races]):
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = [], []
-        for tracks, races in self._flown(self.acting, mu, seeds):
+        for tracks, races in self._flown(self.policy, mu, seeds):
             scores.append(races.score)
             sharpest, closest = tracks.sharpest_turn_deg(), tracks.closest_m()
             for i in range(len(races)):
                 ended = races.endings[i]
                 extras.append(
                     {
-                        "gates_passed": int((ended == Ending.PASSED).sum()),
-                        "endings": [Ending(code).name.lower() for code in ended],
+                        "gates_passed": int((ended == GateOutcome.PASSED).sum()),
+                        "endings": [GateOutcome(code).name.lower() for code in ended],
                         "time_s": float(races.time_s[i]),
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(sharpest[i]),
@@ -162,12 +162,14 @@ class UAVApplication(EpisodesApplication[Races]):
                 )
         return Scored(np.concatenate(scores), extras)
 
-    def _flown(self, pilot: Pilot, mu: Mu, seeds: Sequence[int]) -> Iterator[tuple[Tracks, Races]]:
+    def _flown(
+        self, pilot: Pilot, mu: Mu, seeds: Sequence[int]
+    ) -> Iterator[tuple[Tracks, RacingEpisodes]]:
         """Fly the races of mu to their ends, `LOCKSTEP` at a time."""
         for start in range(0, len(mu), LOCKSTEP):
             rows = slice(start, start + LOCKSTEP)
             tracks = self.template.tracks(mu[rows])
-            races = Races(benchmark_starts(tracks, seeds[rows]))
+            races = RacingEpisodes(benchmark_starts(tracks, seeds[rows]))
             play(pilot, races)
             yield tracks, races
 
@@ -178,20 +180,20 @@ class UAVApplication(EpisodesApplication[Races]):
 
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.uav.pictures import summary
+        from sada_gym.envs.uav.frame import summary
 
         for rollouts in self.rollouts_batch(mu, seeds):
             yield summary(rollouts[0])
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start."""
-        from sada_gym.envs.uav.pictures import observation
+        from sada_gym.envs.uav.frame import observation
 
         row, seed = validate_world(self.parameters, mu, seed)
         (start,) = benchmark_starts(self.template.tracks(row), [seed])
         return observation(start, start.state)
 
-    def _frames(self, rollouts: list[Rollout[Start]]) -> list[Frame]:
-        from sada_gym.envs.uav.pictures import frames
+    def _frames(self, rollouts: list[Rollout[RacingStart]]) -> list[Frame]:
+        from sada_gym.envs.uav.frame import frames
 
         return frames(rollouts[0])

@@ -31,7 +31,7 @@ from sada_gym.envs.uav.world.drone import (
 from sada_gym.envs.uav.world.guidance import waypoints
 from sada_gym.envs.uav.world.physics import free_bodies
 from sada_gym.envs.uav.world.referee import (
-    Ending,
+    GateOutcome,
     judge,
     observed_gates,
     observed_motion,
@@ -58,7 +58,7 @@ _GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
 
 
 @dataclass(frozen=True)
-class Start:
+class RacingStart:
     """How one race begins.
 
     Attributes:
@@ -85,7 +85,7 @@ class Start:
         return state
 
 
-class Races(Episodes[Start]):
+class RacingEpisodes(Episodes[RacingStart]):
     """Drones that race in lockstep, each as if it were alone.
 
     Args:
@@ -95,7 +95,7 @@ class Races(Episodes[Start]):
         gates: (n, g, 4) x, y, z and heading.
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
-        endings: (n, g) int8, of `Ending`.
+        endings: (n, g) int8, of `GateOutcome`.
         ended_at: (n, g, 3) where the drone was when a gate was passed or missed; NaN before.
         time_s: (n,) the time flown.
     """
@@ -105,7 +105,7 @@ class Races(Episodes[Start]):
     action_space = ACTION_SPACE
     finite_only = False
 
-    def __init__(self, starts: Sequence[Start]) -> None:
+    def __init__(self, starts: Sequence[RacingStart]) -> None:
         super().__init__(starts)
         count, gates = len(starts), len(starts[0].gates)
         self.gates = np.empty((count, gates, 4))
@@ -124,16 +124,16 @@ class Races(Episodes[Start]):
     @property
     def score(self) -> Array:
         """The share of gates passed, (n,)."""
-        share: Array = (self.endings == Ending.PASSED).mean(axis=1)
+        share: Array = (self.endings == GateOutcome.PASSED).mean(axis=1)
         return share
 
-    def begin(self, i: int, start: Start) -> None:
+    def begin(self, i: int, start: RacingStart) -> None:
         """Begin another race in place i."""
         self.starts[i] = start
         self.gates[i] = start.gates
         self.next_gate[i] = start.first
-        self.endings[i] = Ending.AHEAD
-        self.endings[i, : start.first] = Ending.PASSED
+        self.endings[i] = GateOutcome.AHEAD
+        self.endings[i, : start.first] = GateOutcome.PASSED
         self.ended_at[i] = np.nan
         self.steps[i], self.time_s[i], self._since[i] = 0, 0.0, 0
         self.place(i, start.state)
@@ -148,7 +148,7 @@ class Races(Episodes[Start]):
         """Give the races that are not over."""
         return np.flatnonzero(self.next_gate < self.gates.shape[1])
 
-    def moment(self) -> Batch:
+    def snapshot(self) -> Batch:
         """Give states, what became of each gate and where, and the time flown."""
         names = ("states", "endings", "ended_at", "time_s")
         return {name: getattr(self, name) for name in names}
@@ -207,9 +207,9 @@ class Races(Episodes[Start]):
     def _set_back(self, which: Indices) -> None:
         """Set drones that miss a gate back where they came from; the race goes on without it."""
         next_gate = np.minimum(self.next_gate[which], self.gates.shape[1] - 1)
-        for i in which[self.endings[which, next_gate] > Ending.PASSED].tolist():
+        for i in which[self.endings[which, next_gate] > GateOutcome.PASSED].tolist():
             self.next_gate[i] += 1
             self._since[i] = 0
-            passed = np.flatnonzero(self.endings[i] == Ending.PASSED)
+            passed = np.flatnonzero(self.endings[i] == GateOutcome.PASSED)
             last = self.gates[i, passed[-1]].tolist() if passed.size else self.starts[i].place
             self.place(i, upright(last[:3], last[3]))

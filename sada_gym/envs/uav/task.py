@@ -11,29 +11,29 @@ from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.episodes.base import Array, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.envs.uav.course import Course
-from sada_gym.envs.uav.episodes import POLICY_HZ, Races, Start
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes, RacingStart
+from sada_gym.envs.uav.start_distribution import StartDistribution
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0
 
 
-class RacingTask(Task[Races]):
-    """Races of a course, and their rewards."""
+class RacingTask(Task[RacingEpisodes]):
+    """Races from a start distribution, and their rewards."""
 
-    episodes_class, course_class = Races, Course
+    episodes_class, distribution_class = RacingEpisodes, StartDistribution
 
-    def _begin(self, starts: Sequence[Start]) -> Races:
-        return Races(starts)
+    def _begin(self, starts: Sequence[RacingStart]) -> RacingEpisodes:
+        return RacingEpisodes(starts)
 
-    def _step(self, episodes: Races, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: RacingEpisodes, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         everyone = np.arange(len(episodes))
         gate = episodes.next_gate.copy()
         before = _distances(episodes, gate)
         episodes.step(everyone, actions)
         ended = episodes.endings[everyone, gate]
-        passed, missed = ended == Ending.PASSED, ended > Ending.PASSED
+        passed, missed = ended == GateOutcome.PASSED, ended > GateOutcome.PASSED
         nearer = np.where(passed, before, before - _distances(episodes, gate))
         reward: npt.NDArray[np.float64] = (
             PROGRESS_REWARD_PER_M * np.where(missed, 0.0, nearer)
@@ -45,14 +45,14 @@ class RacingTask(Task[Races]):
     def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Say which races are terminated, and which are truncated: out of time."""
         endings = self.episodes.endings
-        late = (endings == Ending.LATE).any(axis=1)
-        done = np.isin(endings, (Ending.HIT, Ending.LOST)).any(axis=1)
-        done |= endings[:, -1] == Ending.PASSED
+        late = (endings == GateOutcome.LATE).any(axis=1)
+        done = np.isin(endings, (GateOutcome.HIT, GateOutcome.LOST)).any(axis=1)
+        done |= endings[:, -1] == GateOutcome.PASSED
         return done, late
 
     def info(self, i: int) -> dict[str, Any]:
         """Say how far drone i has come."""
-        passed = int((self.episodes.endings[i] == Ending.PASSED).sum())
+        passed = int((self.episodes.endings[i] == GateOutcome.PASSED).sum())
         return {
             "gates_passed": passed,
             "time_s": float(self.episodes.time_s[i]),
@@ -60,7 +60,7 @@ class RacingTask(Task[Races]):
         }
 
 
-def _distances(races: Races, gate: Indices) -> Array:
+def _distances(races: RacingEpisodes, gate: Indices) -> Array:
     """Give the distances of drones from the openings of some gates, (n,)."""
     centres = races.gates[np.arange(len(races)), gate, :3]
     away: Array = np.sqrt(((races.states[:, :3] - centres) ** 2).sum(axis=1))
@@ -93,7 +93,7 @@ class RacingTaskEnv(TaskEnv):
     gate missed.
 
     ## Starting State
-    Between two gates of a random track of the course, flying.
+    Between two gates of a random track of the distribution, flying.
 
     ## Episode End
     Terminated after the last gate, or where the drone touches a frame or the ground, or leaves the
@@ -102,7 +102,7 @@ class RacingTaskEnv(TaskEnv):
     `info` holds `gates_passed`, `time_s`, `is_success`.
 
     ## Arguments
-    - `course=Course()`: what tracks and starts are drawn from.
+    - `distribution=StartDistribution()`: what tracks and starts are drawn from.
     - `render_mode=None`: `"rgb_array"` gives the image of the drone's camera.
 
     ## Version History
@@ -117,7 +117,7 @@ class RacingTaskVectorEnv(TaskVectorEnv):
     """`RacingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
 
     Args:
-        course: The distribution of tracks and starts.
+        distribution: The distribution of tracks and starts.
         num_envs: Number of drones.
         render_mode: `"rgb_array"` gives the image of each drone's camera.
     """

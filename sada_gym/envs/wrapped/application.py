@@ -19,8 +19,8 @@ from gymnasium.error import DependencyNotInstalled
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import Scored, refuse_undeclared, validate_world
-from sada_gym.envs.episodes.acting import Rollout, play, record
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.disturbances import refuse_doubles
 from sada_gym.envs.wrapped.episodes import Game, GymnasiumEpisodes, World
 from sada_gym.envs.wrapped.maker import EnvLike, Maker, layers, own_limit
@@ -225,13 +225,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the model that its policy holds as well, in a form that can be pickled."""
-        shared = self.agent is getattr(self.acting, "model", None)
+        shared = self.agent is getattr(self.policy, "model", None)
         return {**self.__dict__, "agent": None if shared else self.agent}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Take the model from its policy."""
         self.__dict__.update(state)
-        self.agent = getattr(self.acting, "model", None) if self.agent is None else self.agent
+        self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -356,7 +356,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the last frame of the episode, of several that with the lowest score."""
         with closing(self._drawn(mu, seed)) as episodes, _drawing():
-            play(self.acting, episodes)
+            play(self.policy, episodes)
             return np.asarray(episodes.render(episodes.score.argsort(kind="stable")[:1])[0])
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
@@ -368,7 +368,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
         row, seed = validate_world(self.parameters, mu, seed)
         with closing(self.episodes(row, [seed], pictures=self.can_render)) as episodes, _drawing():
-            return record(self.acting, episodes)
+            return record(self.policy, episodes)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Play the episodes again, one after another: all frames, and the score."""

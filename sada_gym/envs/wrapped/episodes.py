@@ -117,7 +117,7 @@ class GymnasiumEpisodes(Episodes[World]):
             self.running[i].step(checked)
             self.steps[i] += 1
 
-    def moment(self) -> Batch:
+    def snapshot(self) -> Batch:
         """Give the return so far, and a frame where the environments render."""
         found: Batch = {"return": np.array([sum(running.rewards) for running in self.running])}
         if self._pictures:

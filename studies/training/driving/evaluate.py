@@ -15,7 +15,7 @@ import numpy.typing as npt
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import Drives, Ending, Start
+from sada_gym.envs.driving.episodes import DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, ROUTES
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
@@ -99,7 +99,7 @@ def _arrivals(
             for number in range(starts):
                 beside = rng.uniform(-1, 1, 2) * (number > 0)
                 drives.append(
-                    Start(
+                    DrivingStart(
                         route,
                         Mount(),
                         weather,
@@ -108,9 +108,9 @@ def _arrivals(
                         turned_rad=float(np.deg2rad(3 * beside[1])),
                     )
                 )
-    together = Drives(camera(LAYOUT), drives)
+    together = DrivingEpisodes(camera(LAYOUT), drives)
     application.play(together)
-    arrived: npt.NDArray[np.bool_] = together.ending == Ending.ARRIVED
+    arrived: npt.NDArray[np.bool_] = together.ending == DrivingEnd.ARRIVED
     return arrived
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.episodes import Drives, Ending
+from sada_gym.envs.driving.episodes import DrivingEnd, DrivingEpisodes
 from studies.training.common import Imitation
 from studies.training.driving.privileged import PrivilegedDriver
 from studies.training.imitation import Examples, dagger, relight
@@ -50,9 +50,11 @@ def gather(
     rng: np.random.Generator,
 ) -> int:
     """Drive for a round, the expert a share of the drives; give how many cars left their lane."""
-    course, cars = settings.course, settings.lockstep
+    distribution, cars = settings.distribution, settings.lockstep
     expert = PrivilegedDriver()
-    drives = Drives(camera(course.layout), [course.draw(rng) for _ in range(cars)])
+    drives = DrivingEpisodes(
+        camera(distribution.layout), [distribution.draw(rng) for _ in range(cars)]
+    )
     everyone = np.arange(cars)
     by_expert = rng.random(cars) < expert_share
     push = np.zeros(cars)
@@ -71,8 +73,8 @@ def gather(
         actions[by_expert, 0] += push[by_expert]
         drives.step(everyone, np.clip(actions, -1, 1))
         for i in np.flatnonzero(drives.ending).tolist():
-            failures += int(drives.ending[i] == Ending.LEFT_LANE)
-            drives.begin(i, course.draw(rng))
+            failures += int(drives.ending[i] == DrivingEnd.LEFT_LANE)
+            drives.begin(i, distribution.draw(rng))
             by_expert[i] = rng.random() < expert_share
     return failures
 

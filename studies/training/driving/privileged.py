@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEpisodes
 from sada_gym.envs.driving.world.route import CRUISE_M_S, SPACING_M, Route
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, MAX_ACCELERATION_M_S2, MAX_STEERING_RAD
 
@@ -31,7 +31,7 @@ class PrivilegedDriver:
     def start(self, count: int) -> None:
         """Begin new drives; nothing is remembered of others."""
 
-    def act(self, drives: Drives, which: npt.NDArray[np.intp]) -> Array:
+    def act(self, drives: DrivingEpisodes, which: npt.NDArray[np.intp]) -> Array:
         """Choose actions (n, 2) for some cars."""
         actions = np.empty((len(which), 2))
         for row, i in enumerate(which):

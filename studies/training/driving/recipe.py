@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.driving.course import Course
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from studies.training.common import Imitation, Recipe, Reinforcement
 
-NEAR_THE_LANE = Course(lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
+NEAR_THE_LANE = StartDistribution(lateral_m=0.8, turned_deg=8.0, speed_m_s=8.0)
 """Default camera, the four training weathers; cars start from anywhere near a lane's middle."""
 
 OTHER_CAMERAS = replace(NEAR_THE_LANE, height_m=(1.15, 1.65), pitch_deg=(-17.5, -12.5))
 """The same with another camera each drive: half of the benchmark's range of either parameter."""
 
 _CIL = Imitation(
-    course=NEAR_THE_LANE,
+    distribution=NEAR_THE_LANE,
     lockstep=64,
     rounds=8,
     steps=8_000,
@@ -25,11 +25,11 @@ _CIL = Imitation(
     light_jitter=0.25,
 )
 
-RECIPES: dict[str, Recipe[Course]] = {
+RECIPES: dict[str, Recipe[StartDistribution]] = {
     "cil": _CIL,
-    "cil-augmented": replace(_CIL, course=OTHER_CAMERAS, light_jitter=0.4),
+    "cil-augmented": replace(_CIL, distribution=OTHER_CAMERAS, light_jitter=0.4),
     "ppo": Reinforcement(
-        course=NEAR_THE_LANE,
+        distribution=NEAR_THE_LANE,
         lockstep=32,
         steps=200_000,
         rollout=128,

@@ -9,7 +9,7 @@ from torch import nn
 
 from sada_gym import agents
 from sada_gym.envs.driving.agent.network import new_model
-from sada_gym.envs.driving.course import Course
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.task import DrivingTaskVectorEnv
 from studies.training.common import Reinforcement, Report, learn, new_learner
 
@@ -31,9 +31,9 @@ class _ValueFirst(Report):
             parameter.requires_grad_(self.num_timesteps >= self._value_steps)
 
 
-def reinforce(settings: Reinforcement[Course], *, seed: int) -> PPO:
+def reinforce(settings: Reinforcement[StartDistribution], *, seed: int) -> PPO:
     """Train a driver from nothing, or from a shipped driver's weights."""
-    tasks = DrivingTaskVectorEnv(settings.course, num_envs=settings.lockstep)
+    tasks = DrivingTaskVectorEnv(settings.distribution, num_envs=settings.lockstep)
     model = new_learner(new_model, tasks, settings, seed=seed)
     policy = model.policy
     driver = [

@@ -13,7 +13,7 @@ from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
 from sada_gym.envs.driving.agent.weights import save
-from sada_gym.envs.driving.course import Course
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
 from studies.training.driving.evaluate import measure, table
 from studies.training.driving.imitation import imitate
@@ -21,7 +21,7 @@ from studies.training.driving.recipe import RECIPES
 from studies.training.driving.reinforcement import reinforce
 
 
-def train(recipe: Recipe[Course], *, seed: int) -> PPO:
+def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
     """Train a driver by its recipe, in one thread: more would give other last bits."""
     with one_thread():
         if isinstance(recipe, Imitation):
@@ -30,7 +30,7 @@ def train(recipe: Recipe[Course], *, seed: int) -> PPO:
 
 
 def write_card(
-    weights: Path, recipe: Recipe[Course], seed: int, minutes: float, figures: str
+    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
 ) -> None:
     """Write a model card: how the driver was trained, its file's SHA-256, what it scores."""
     name = weights.stem

@@ -65,7 +65,7 @@ def measure(robot: Any, *, seed: int, worlds: int = 500, referenced: int = 100) 
     mu, seeds, uniform = evaluate_uniform(application, worlds, rng)
     fooled = mu[uniform.fooled]
     again = application.evaluate(fooled, rng.integers(2**31, size=len(fooled)).tolist())
-    reference = application.reference_score(mu[:referenced], seeds[:referenced])
+    reference = application.privileged_score(mu[:referenced], seeds[:referenced])
     return Figures(
         worlds=worlds,
         nominal=_goals(nominal),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.robot.course import Course
+from sada_gym.envs.robot.start_distribution import StartDistribution
 from studies.training.common import Recipe, Reinforcement
 
 _PPO = Reinforcement(
-    course=Course(),
+    distribution=StartDistribution(),
     lockstep=64,
     steps=1_500_000,
     rollout=64,
@@ -18,7 +18,7 @@ _PPO = Reinforcement(
     discount=0.98,
 )
 
-RECIPES: dict[str, Recipe[Course]] = {
+RECIPES: dict[str, Recipe[StartDistribution]] = {
     "ppo": _PPO,
-    "ppo-randomised": replace(_PPO, course=Course(spread=0.25)),
+    "ppo-randomised": replace(_PPO, distribution=StartDistribution(spread=0.25)),
 }

@@ -14,7 +14,7 @@ from stable_baselines3 import PPO
 from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.agent.network import new_model
 from sada_gym.envs.robot.agent.weights import save
-from sada_gym.envs.robot.course import Course
+from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from studies.training.common import (
     ModelCard,
@@ -29,17 +29,17 @@ from studies.training.robot.evaluate import measure, table
 from studies.training.robot.recipe import RECIPES
 
 
-def train(recipe: Recipe[Course], *, seed: int) -> PPO:
+def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
     """Train a robot by PPO, in one thread: more would give other last bits."""
     assert isinstance(recipe, Reinforcement)
-    tasks = RobotTaskVectorEnv(recipe.course, num_envs=recipe.lockstep)
+    tasks = RobotTaskVectorEnv(recipe.distribution, num_envs=recipe.lockstep)
     with one_thread():
         model = new_learner(new_model, tasks, recipe, seed=seed)
         return learn(model, recipe, seed=seed, report=Report("arrived"))
 
 
 def write_card(
-    weights: Path, recipe: Recipe[Course], seed: int, minutes: float, figures: str
+    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
 ) -> None:
     """Write a model card: how the robot was trained, its file's SHA-256, what it scores."""
     name = weights.stem

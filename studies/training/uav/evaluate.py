@@ -76,7 +76,7 @@ def measure(
         _, _, template = evaluate_uniform(application, starts, rng, spread=0.0)
         _, _, on_mild = evaluate_uniform(application, mild, rng, spread=MILD.spread)
         mu, seeds, outcomes = evaluate_uniform(application, samples, rng)
-        reference = application.reference_score(mu, seeds)
+        reference = application.privileged_score(mu, seeds)
         fooling = mu[outcomes.fooled]
         moved = np.clip(fooling + rng.normal(0, NEAR, fooling.shape), -1, 1)
         again, near = (

@@ -18,9 +18,9 @@ from sada_gym.envs.uav.agent.drone_frame import motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_network
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from studies.training.common import Imitation
 from studies.training.imitation import Examples, dagger, relight
 from studies.training.imitation import fit as fit_parameters
@@ -58,7 +58,7 @@ def gather(
 ) -> int:
     """Fly for a round, the expert a share of the races; give how many drones went astray."""
     pilot, expert, drones = WaypointPilot(network), PrivilegedPilot(SPEED_M_S), settings.lockstep
-    races = Races([settings.course.draw(rng) for _ in range(drones)])
+    races = RacingEpisodes([settings.distribution.draw(rng) for _ in range(drones)])
     everyone = np.arange(drones)
     by_expert = rng.random(drones) < expert_share
     push = np.zeros((drones, 4))
@@ -78,17 +78,17 @@ def gather(
         finished = races.next_gate == races.gates.shape[1]
         astray += int(lost.sum())
         for i in np.flatnonzero(lost | finished).tolist():
-            races.begin(i, settings.course.draw(rng))
+            races.begin(i, settings.distribution.draw(rng))
             by_expert[i] = rng.random() < expert_share
             push[i] = 0.0
     return astray
 
 
-def strayed(races: Races) -> npt.NDArray[np.bool_]:
+def strayed(races: RacingEpisodes) -> npt.NDArray[np.bool_]:
     """Give which drones missed their gate: nothing ahead of them shows where it is."""
     gates = races.gates.shape[1]
     flying = np.flatnonzero(races.next_gate < gates)
-    found: npt.NDArray[np.bool_] = np.any(races.endings > Ending.PASSED, axis=1)
+    found: npt.NDArray[np.bool_] = np.any(races.endings > GateOutcome.PASSED, axis=1)
     x, y, _, turn = races.waypoints(flying).T
     ahead = x * np.cos(turn) + y * np.sin(turn)
     found[flying] |= (ahead < -_BEHIND_M) | (np.hypot(x, y) > _ASTRAY_M)

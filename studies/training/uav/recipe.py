@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from studies.training.common import Imitation, Recipe, Reinforcement
 
-MILD = Course(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
+MILD = StartDistribution(spread=0.25, shift_m=0.5, turned_deg=15.0, speed_m_s=SPEED_M_S)
 """Tracks of all numbers of anchors, little displaced; races begin between any two gates."""
 WIDE = replace(MILD, spread=0.5)
 """Tracks that are displaced twice as far: trained on less, `ppo` misses gates of mild tracks."""
 
-RECIPES: dict[str, Recipe[Course]] = {
+RECIPES: dict[str, Recipe[StartDistribution]] = {
     "waypoint-pid": Imitation(
-        course=MILD,
+        distribution=MILD,
         lockstep=48,
         rounds=6,
         steps=9_600,
@@ -26,7 +26,7 @@ RECIPES: dict[str, Recipe[Course]] = {
         light_jitter=0.15,
     ),
     "ppo": Reinforcement(
-        course=WIDE,
+        distribution=WIDE,
         lockstep=32,
         steps=2_400_000,
         rollout=128,

@@ -14,7 +14,7 @@ from stable_baselines3 import PPO
 from sada_gym.determinism import one_thread
 from sada_gym.envs.uav.agent.network import WaypointNetwork
 from sada_gym.envs.uav.agent.weights import save
-from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
 from studies.training.uav.evaluate import NEAR, measure, table
@@ -33,7 +33,7 @@ tracks with mu of at most {WIDE.spread:g}.""",
 }
 
 
-def train(recipe: Recipe[Course], *, seed: int) -> WaypointNetwork | PPO:
+def train(recipe: Recipe[StartDistribution], *, seed: int) -> WaypointNetwork | PPO:
     """Train a pilot by its recipe, in one thread: more would give other last bits."""
     with one_thread():
         if isinstance(recipe, Imitation):
@@ -42,7 +42,7 @@ def train(recipe: Recipe[Course], *, seed: int) -> WaypointNetwork | PPO:
 
 
 def write_card(
-    weights: Path, recipe: Recipe[Course], seed: int, minutes: float, figures: str
+    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
 ) -> None:
     """Write a model card: how the pilot was trained, its file's SHA-256, what it scores."""
     name = weights.stem

@@ -23,8 +23,8 @@ from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera
-from sada_gym.envs.driving.course import Course
-from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, Drives
+from sada_gym.envs.driving.episodes import ACTION_SPACE, OBSERVATION_SPACE, DrivingEpisodes
+from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.task import DrivingTaskEnv
 from sada_gym.sb3_vec_env import SB3VecEnv
 from studies.training.driving.privileged import PrivilegedDriver
@@ -45,8 +45,8 @@ def model():
 
 def cars(count, seed=0):
     rng = np.random.default_rng(seed)
-    course = Course(lateral_m=0.5, turned_deg=5.0, speed_m_s=8.0)
-    return Drives(camera("training"), [course.draw(rng) for _ in range(count)])
+    distribution = StartDistribution(lateral_m=0.5, turned_deg=5.0, speed_m_s=8.0)
+    return DrivingEpisodes(camera("training"), [distribution.draw(rng) for _ in range(count)])
 
 
 class Recorder:

@@ -4,7 +4,7 @@ import pytest
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
-from sada_gym.envs.driving.episodes import POLICY_HZ, Drives, Ending, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
@@ -32,7 +32,9 @@ def test_golden_drives(task, scores):
 
 def test_golden_frames():
     route = benchmark_routes("navigation")[0]
-    drives = Drives(camera(LAYOUT), [Start(route, Mount(), w, 5) for w in range(len(NAMES))])
+    drives = DrivingEpisodes(
+        camera(LAYOUT), [DrivingStart(route, Mount(), w, 5) for w in range(len(NAMES))]
+    )
     drives.states[:, :3] = [*route.points[60], route.heading[60]]
     means = [
         [133.43, 135.18, 132.50],
@@ -100,7 +102,7 @@ def crossed(picture):
 def test_a_replay_shows_every_step_and_how_each_drive_ended(application):
     rollouts = application.rollouts(MU[2], 7)
     info = application.evaluate([MU[2]], [7]).infos[0]
-    endings = [Ending(rollout["ending"][-1]) for rollout in rollouts]
+    endings = [DrivingEnd(rollout["ending"][-1]) for rollout in rollouts]
     assert [ending.name.lower() for ending in endings] == info["endings"]
     frames, score = application.replay(MU[2], 7)
     assert score == np.mean([rollout.score for rollout in rollouts]) == info["score"]

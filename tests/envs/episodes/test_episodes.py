@@ -12,9 +12,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sada_gym.agents.policy import POLICY_TILE, Policy
 from sada_gym.application import Scored
-from sada_gym.envs.episodes.acting import play, record
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
+from sada_gym.envs.episodes.rollout import play, record
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.testing.purity import assert_pure
@@ -57,7 +57,7 @@ class Walks(Episodes):
         self.place[which] += np.clip(actions[:, 0], -1.0, 1.0)
         self.steps[which] += 1
 
-    def moment(self):
+    def snapshot(self):
         return {"place": self.place}
 
     def close(self):
@@ -100,7 +100,7 @@ class Goals:
 
 
 class WalkTask(Task):
-    episodes_class, course_class = Walks, Goals
+    episodes_class, distribution_class = Walks, Goals
 
     def _begin(self, starts):
         return Walks(starts)

@@ -73,7 +73,7 @@ def test_golden_trips():
 def test_the_privileged_driver_says_what_can_be_reached():
     application = blind()
     mu, seeds = draw_worlds(application, 3, 0)
-    score = application.reference_score(mu, seeds)
+    score = application.privileged_score(mu, seeds)
     assert (score >= 0.9).all()
     assert application.feasible(mu, seeds).all()
     np.testing.assert_array_equal(

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.course import Course
+from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.task import RacingTaskEnv
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
 
 
@@ -39,7 +39,7 @@ def test_who_flies_out_of_the_world_is_lost():
         _, reward, terminated, truncated, _ = env.step(np.array([0.0, 0.0, 1.0, 0.0], np.float32))
         assert not truncated
     assert reward < -4
-    assert Ending.LOST in env.task.episodes.endings[0]
+    assert GateOutcome.LOST in env.task.episodes.endings[0]
 
 
 def test_the_task_ends_where_the_drone_touches_the_ground():
@@ -52,7 +52,7 @@ def test_the_task_ends_where_the_drone_touches_the_ground():
         assert not truncated
     assert reward == -5
     assert not info["is_success"]
-    assert env.task.episodes.endings[0, 0] == Ending.HIT
+    assert env.task.episodes.endings[0, 0] == GateOutcome.HIT
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_the_task_ends_where_the_drone_touches_the_ground():
 )
 def test_a_course_of_what_there_is_not_is_refused(keywords, message):
     with pytest.raises(ValueError, match=message):
-        Course(**keywords)
+        StartDistribution(**keywords)
 
 
 def test_the_picture_is_the_cameras():

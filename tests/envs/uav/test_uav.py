@@ -13,7 +13,7 @@ from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.agent.speechless import Speechless
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES, Tracks
 from sada_gym.testing.purity import assert_pure, compare_outcomes, draw_worlds
 from sada_gym.testing.rules import check_outcomes
@@ -24,7 +24,7 @@ def application(anchors=3, speed_m_s=9.5):
 
 
 def test_scores_are_pure():
-    # at that speed it hits frames; test_races.py flies more at a time
+    # at that speed it hits frames; test_racing_episodes.py flies more at a time
     assert_pure(application(4, 13.0), n=4, sizes=(3,), other_process=False)
 
 
@@ -104,9 +104,9 @@ def test_golden_races(anchors):
 def test_the_reference_says_which_tracks_can_be_flown():
     slow = UAVApplication(3, agent=PrivilegedPilot(2.0))
     mu = draw_worlds(slow, 4, 0)[0]
-    assert (slow.reference_score(mu) > slow.fooling_threshold).all()
+    assert (slow.privileged_score(mu) > slow.fooling_threshold).all()
     np.testing.assert_array_equal(
-        slow.reference_score(mu, [5, 6, 7, 8]),
+        slow.privileged_score(mu, [5, 6, 7, 8]),
         UAVApplication(3, agent=PrivilegedPilot()).evaluate(mu, [5, 6, 7, 8]).score,
     )
 
@@ -139,7 +139,7 @@ def test_on_step_is_called_before_every_decision():
     seen = []
     flown.play(races, lambda races: seen.append(races.states.copy()))
     assert len(seen) == races.steps.max()
-    assert (races.endings == Ending.PASSED).all()
+    assert (races.endings == GateOutcome.PASSED).all()
     races.close()
 
 
@@ -216,7 +216,7 @@ def test_the_inner_task_is_no_adversary_environment():
 def test_the_privileged_pilot_masters_nearly_every_track(anchors):
     rng = np.random.default_rng(7)
     mu = rng.uniform(-1, 1, (1000, 2 * anchors))
-    score = UAVApplication(anchors).reference_score(mu, rng.integers(2**31, size=1000).tolist())
+    score = UAVApplication(anchors).privileged_score(mu, rng.integers(2**31, size=1000).tolist())
     assert (score > UAVApplication.fooling_threshold).mean() >= 0.99
     assert score.mean() > 0.97
 
@@ -224,7 +224,7 @@ def test_the_privileged_pilot_masters_nearly_every_track(anchors):
 @pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [-1, 2], [1.5, 2], ["a", 2]])
 def test_bad_seeds_of_the_privileged_pilot_are_refused(seeds):
     with pytest.raises(ValueError, match=r"Expected (2 seeds|seeds to be ints)"):
-        application().reference_score(np.zeros((2, 6)), seeds)
+        application().privileged_score(np.zeros((2, 6)), seeds)
 
 
 def test_a_track_is_feasible_where_the_privileged_pilot_is_not_fooled(monkeypatch):

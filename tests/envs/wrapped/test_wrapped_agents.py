@@ -38,7 +38,7 @@ def trained(env):
 def test_sb3_models_are_pure_with_what_they_were_trained_under():
     vec = VecFrameStack(VecNormalize(make_vec_env("Pendulum-v1", 2, seed=0)), 3)
     application = pendulum(agent=trained(vec))
-    assert [type(one).__name__ for one in application.acting._transforms] == [
+    assert [type(one).__name__ for one in application.policy._transforms] == [
         "Normalize",
         "StackFrames",
     ]

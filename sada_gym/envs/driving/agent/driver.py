@@ -10,9 +10,9 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.envs.driving.episodes import Drives
+from sada_gym.envs.driving.episodes import DrivingEpisodes
 
-Driver = Agent[Drives, npt.NDArray[np.float64]]
+Driver = Agent[DrivingEpisodes, npt.NDArray[np.float64]]
 """Chooses the actions of cars."""
 
 DriverLike = Predictor | Driver
@@ -25,4 +25,4 @@ def as_driver(agent: Any) -> Driver:
     Raises:
         UserError: If it is no `DriverLike`, or a model's spaces are not the driving task's.
     """
-    return as_policy(agent, Drives)
+    return as_policy(agent, DrivingEpisodes)

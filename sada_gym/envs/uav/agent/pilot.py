@@ -20,7 +20,7 @@ from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.uav.agent.drone_frame import Floats, in_level, motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, light
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import SPEED_M_S, steer
 from sada_gym.errors import UserError
 
@@ -28,7 +28,7 @@ WAYPOINT_TILE = 8
 """The images in one call of the perception network."""
 
 
-Pilot: TypeAlias = Agent[Races, Floats]
+Pilot: TypeAlias = Agent[RacingEpisodes, Floats]
 """Chooses the actions of drones."""
 
 PilotLike: TypeAlias = WaypointNetwork | Predictor | Pilot
@@ -59,7 +59,7 @@ class WaypointPilot:
     def start(self, count: int) -> None:
         """Begin new races; nothing is remembered."""
 
-    def act(self, races: Races, which: npt.NDArray[np.intp]) -> Floats:
+    def act(self, races: RacingEpisodes, which: npt.NDArray[np.intp]) -> Floats:
         """Choose actions (n, 4) for some drones."""
         seeds = [races.starts[i].seed for i in which.tolist()]
         waypoints = self.waypoints(races.gates[which], races.states[which], seeds)
@@ -70,7 +70,7 @@ class WaypointPilot:
         """Say where n drones see their next gates.
 
         Args:
-            gates: (n, g, 4) all gates of each course, for the camera.
+            gates: (n, g, 4) all gates of each track, for the camera.
             poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
             seeds: (n,) integers that fix light and background, for the camera.
 
@@ -104,5 +104,5 @@ def as_pilot(agent: Any) -> Pilot:
     """
     if isinstance(agent, WaypointNetwork):
         return WaypointPilot(agent)
-    kinds = f"a WaypointNetwork, an SB3 model trained on {Races.task_id}"
-    return as_agent(agent, partial(Policy, episodes=Races), kinds)
+    kinds = f"a WaypointNetwork, an SB3 model trained on {RacingEpisodes.task_id}"
+    return as_agent(agent, partial(Policy, episodes=RacingEpisodes), kinds)

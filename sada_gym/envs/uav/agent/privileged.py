@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.uav.episodes import Races
+from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import steer
 
 FEASIBLE_SPEED_M_S = 7.0
@@ -31,7 +31,7 @@ class PrivilegedPilot:
     def start(self, count: int) -> None:
         """Begin new races; nothing is remembered."""
 
-    def act(self, races: Races, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def act(self, races: RacingEpisodes, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
         """Choose actions (n, 4) for some drones."""
         actions: npt.NDArray[np.float64] = steer(races.waypoints(which), self._speed_m_s)
         return actions

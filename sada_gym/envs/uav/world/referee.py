@@ -31,7 +31,7 @@ _MOST = 1_000.0
 """No velocity of a drone is as great."""
 
 
-class Ending(IntEnum):
+class GateOutcome(IntEnum):
     """What became of a gate: passed, or missed in one of three ways."""
 
     AHEAD = 0
@@ -99,7 +99,7 @@ def orders(
         i = which[row]
         s, action = states[i], actions[row]
         if is_lost(s) or not np.isfinite(action).all():
-            endings[i, next_gate[i]] = Ending.LOST
+            endings[i, next_gate[i]] = GateOutcome.LOST
             ended_at[i, next_gate[i]] = s[:3]
             commands[i] = 0.0
             continue
@@ -137,7 +137,7 @@ def judge(
         gates: (n, g, 4).
         states: (n, 13) as they are now.
         next_gate: (n,), changed in place where a gate was passed. A gate that was missed stays the
-            next one, and nothing happens to its drone any more, until `Races` sets that back.
+            next one, and its drone stays as it is until `RacingEpisodes` sets it back.
         endings: (n, g), changed in place.
         ended_at: (n, g, 3) where the drone was when a gate ended; changed in place.
         time_s: (n,), changed in place.
@@ -146,20 +146,20 @@ def judge(
     """
     for i in which:
         k = next_gate[i]
-        if k == gates.shape[1] or endings[i, k] != Ending.AHEAD:
+        if k == gates.shape[1] or endings[i, k] != GateOutcome.AHEAD:
             continue
         time_s[i] += 1 / SIMULATION_HZ
         since[i] += 1
         if is_lost(states[i]):
-            endings[i, k] = Ending.LOST
+            endings[i, k] = GateOutcome.LOST
         elif touches(states[i], gates[i]):
-            endings[i, k] = Ending.HIT
+            endings[i, k] = GateOutcome.HIT
         elif _passes(before[i], states[i], gates[i, k]):
-            endings[i, k] = Ending.PASSED
+            endings[i, k] = GateOutcome.PASSED
             next_gate[i], since[i] = k + 1, 0
         elif since[i] >= limit:
-            endings[i, k] = Ending.LATE
-        if endings[i, k] != Ending.AHEAD:
+            endings[i, k] = GateOutcome.LATE
+        if endings[i, k] != GateOutcome.AHEAD:
             ended_at[i, k] = states[i, :3]
 
 

@@ -43,18 +43,18 @@ class Rollout(Generic[StartT]):
 
     Attributes:
         start: How it began.
-        moments: What `Episodes.moment` gave before every step and at the end: each key has
+        snapshots: What `Episodes.snapshot` gave before every step and at the end: each key has
             (steps + 1, ...).
         score: The episode's Q.
     """
 
     start: StartT
-    moments: Mapping[str, npt.NDArray[Any]]
+    snapshots: Mapping[str, npt.NDArray[Any]]
     score: float
 
     def __getitem__(self, key: str) -> npt.NDArray[Any]:
-        """Give one key of the moments."""
-        return self.moments[key]
+        """Give one key of the snapshots."""
+        return self.snapshots[key]
 
 
 def record(agent: Agent[EpisodesT, npt.NDArray[Any]], episodes: EpisodesT) -> list[Rollout[Any]]:
@@ -62,14 +62,17 @@ def record(agent: Agent[EpisodesT, npt.NDArray[Any]], episodes: EpisodesT) -> li
     kept: list[Batch] = []
 
     def keep(now: EpisodesT) -> None:
-        kept.append({key: value.copy() for key, value in now.moment().items()})
+        kept.append({key: value.copy() for key, value in now.snapshot().items()})
 
     play(agent, episodes, keep)
     keep(episodes)
     return [
         Rollout(
             start,
-            {key: np.array([moment[key][i] for moment in kept[: steps + 1]]) for key in kept[0]},
+            {
+                key: np.array([snapshot[key][i] for snapshot in kept[: steps + 1]])
+                for key in kept[0]
+            },
             score,
         )
         for i, (start, steps, score) in enumerate(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sada_gym.envs.checks import check_number
-from sada_gym.envs.uav.episodes import Start
+from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.world.templates import TEMPLATES, template
 from sada_gym.envs.uav.world.track import GATES, Tracks, along
@@ -23,7 +23,7 @@ _BOUNDS = {"spread": 1.0, "shift_m": 1.0, "turned_deg": 45.0, "speed_m_s": TOP_S
 
 
 @dataclass(frozen=True)
-class Course:
+class StartDistribution:
     """A distribution of races on tracks around the templates.
 
     A race may begin between any two gates; it is a lap all the same.
@@ -53,7 +53,7 @@ class Course:
         for name, most in _BOUNDS.items():
             check_number(name, getattr(self, name), 0.0, most)
 
-    def draw(self, rng: np.random.Generator) -> Start:
+    def draw(self, rng: np.random.Generator) -> RacingStart:
         """Draw one race."""
         chosen = template(int(self.anchors[rng.integers(len(self.anchors))]))
         mu = rng.uniform(-self.spread, self.spread, (1, len(chosen.parameters)))
@@ -64,7 +64,7 @@ class Course:
         x, y = place[:2] + rng.uniform(-self.shift_m, self.shift_m, 2)
         turned = np.deg2rad(rng.uniform(-self.turned_deg, self.turned_deg))
         heading, speed = float(place[3] + turned), float(rng.uniform(0, self.speed_m_s))
-        return Start(
+        return RacingStart(
             gates=np.roll(track.gates[0], -first, axis=0),
             place=(float(x), float(y), float(place[2]), heading),
             seed=int(rng.integers(2**31)),
@@ -73,7 +73,7 @@ class Course:
         )
 
 
-def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
+def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[RacingStart]:
     """Make the benchmark's starts on some tracks: at rest near the start, moved by the seeds."""
     starts = []
     laid = zip(tracks.gates, tracks.starts, tracks.anchors, seeds, strict=True)
@@ -85,5 +85,5 @@ def benchmark_starts(tracks: Tracks, seeds: Sequence[int]) -> list[Start]:
             float(z),
             float(heading) + float(np.deg2rad(START_TURN_DEG)) * draw[2],
         )
-        starts.append(Start(gates, place, seed, anchors=anchors))
+        starts.append(RacingStart(gates, place, seed, anchors=anchors))
     return starts

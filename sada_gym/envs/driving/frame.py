@@ -12,12 +12,12 @@ from PIL import Image, ImageDraw
 
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
-from sada_gym.envs.driving.episodes import POLICY_HZ, Ending, Start
+from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
 from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
 from sada_gym.plots.drawing import dashed, font
@@ -27,7 +27,7 @@ _MAP_LEVEL = 2
 _EDGE_M = 22.0
 _ROUTE, _DRIVEN, _FAILED, _GOAL = rgb(YELLOW), rgb(BLUE), rgb(VERMILLION), rgb(GREEN)
 _TEXT = 20
-Rollouts = Sequence[Rollout[Start]]
+Rollouts = Sequence[Rollout[DrivingStart]]
 
 LEGEND = (
     LegendEntry("route", YELLOW, "line"),
@@ -42,10 +42,10 @@ LEGEND = (
 )
 
 _ENDING_TEXTS = {
-    Ending.ARRIVED: "arrived",
-    Ending.LEFT_LANE: "left its lane",
-    Ending.TOO_LATE: "too late",
-    Ending.UNDER_WAY: "under way",
+    DrivingEnd.ARRIVED: "arrived",
+    DrivingEnd.LEFT_LANE: "left its lane",
+    DrivingEnd.TOO_LATE: "too late",
+    DrivingEnd.UNDER_WAY: "under way",
 }
 
 
@@ -58,12 +58,12 @@ def summary(rollouts: Rollouts) -> Frame:
     image = Image.fromarray(_view(rollouts[which], step))
     arrived = len(rollouts) - len(failed)
     title = f"{_world(rollouts)}\n{arrived} of {len(rollouts)} routes driven to the goal"
-    moment = "a second before it failed" if failed else "half-way"
+    seen_at = "a second before it failed" if failed else "half-way"
     parts = [
         caption(title, image.width, _TEXT),
         image,
         _map(_chart(image.width), dict(enumerate(rollouts))),
-        caption(f"seen: route {which + 1}, {moment}", image.width, _TEXT),
+        caption(f"seen: route {which + 1}, {seen_at}", image.width, _TEXT),
     ]
     return stacked(parts)
 
@@ -77,7 +77,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
         for step in range(len(states)):
             image = Image.fromarray(_view(rollout, step))
             pair = beside(image, _map(chart, {i: rollout}, until=step))
-            ending = _ENDING_TEXTS[Ending(int(rollout["ending"][step]))]
+            ending = _ENDING_TEXTS[DrivingEnd(int(rollout["ending"][step]))]
             command = COMMANDS[rollout["command"][step]]
             text = (
                 f"route {i + 1} of {len(rollouts)}   {step / POLICY_HZ:4.1f} s   "
@@ -89,7 +89,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     return drawn
 
 
-def observation(start: Start, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
+def observation(start: DrivingStart, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
     """Draw the camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
@@ -110,12 +110,12 @@ def _world(rollouts: Rollouts) -> str:
     return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
 
 
-def _view(rollout: Rollout[Start], step: int) -> Frame:
+def _view(rollout: Rollout[DrivingStart], step: int) -> Frame:
     return observation(rollout.start, rollout["states"][step], step)
 
 
 def _map(
-    chart: _Chart, rollouts: Mapping[int, Rollout[Start]], until: int | None = None
+    chart: _Chart, rollouts: Mapping[int, Rollout[DrivingStart]], until: int | None = None
 ) -> Image.Image:
     """Draw the town with routes, the ways driven, and crosses where a drive failed.
 

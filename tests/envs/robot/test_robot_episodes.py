@@ -4,12 +4,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sada_gym.envs.episodes.acting import play, record
+from sada_gym.envs.episodes.rollout import play, record
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
 from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
-from sada_gym.envs.robot.course import Course
 from sada_gym.envs.robot.episodes import GRACE_S, SLOWEST_M_S, RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
+from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.carts import SEES_M
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, floor_plan
 from sada_gym.envs.robot.world.geometry import clearance
@@ -37,9 +37,9 @@ class Blind(Still):
         return np.column_stack([np.where(abs(angle) < 0.8, 0.9, 0.0), np.clip(2 * angle, -1, 1)])
 
 
-def draw(count, course=None, seed=0):
+def draw(count, distribution=None, seed=0):
     rng = np.random.default_rng(seed)
-    return [(course or Course()).draw(rng) for _ in range(count)]
+    return [(distribution or StartDistribution()).draw(rng) for _ in range(count)]
 
 
 def gap(trips, i):
@@ -104,16 +104,16 @@ def test_carts_drive_to_and_fro_and_wait_for_the_robot():
 
 
 def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
-    starts = draw(7, Course(spread=1.0))
+    starts = draw(7, StartDistribution(spread=1.0))
     together = record(Blind(), RobotEpisodes(starts))
     alone = [record(Blind(), RobotEpisodes([start]))[0] for start in starts[::-1]][::-1]
     for one, two in zip(together, alone, strict=True):
-        for key in one.moments:
+        for key in one.snapshots:
             np.testing.assert_array_equal(one[key], two[key])
 
 
 def test_a_place_is_used_again_as_if_it_were_new():
-    first, second = draw(2, Course(spread=1.0))
+    first, second = draw(2, StartDistribution(spread=1.0))
     trips = RobotEpisodes([first, first])
     for _ in range(9):
         trips.step(np.arange(2), np.full((2, 2), 0.3))
@@ -133,7 +133,7 @@ def test_the_seed_fixes_the_lidars_noise_alone():
 
 
 def test_the_privileged_driver_arrives():
-    trips = RobotEpisodes(draw(20, Course(spread=1.0)))
+    trips = RobotEpisodes(draw(20, StartDistribution(spread=1.0)))
     play(PrivilegedDriver(), trips)
     assert (trips.ending == RobotEnd.ARRIVED).sum() >= 19
 
@@ -177,9 +177,9 @@ def test_conditions_outside_of_their_ranges_are_refused(name):
 )
 def test_bad_courses_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        Course(**settings)
+        StartDistribution(**settings)
 
 
 def test_courses_can_be_pickled():
-    course = Course(spread=0.5)
-    assert pickle.loads(pickle.dumps(course)) == course
+    distribution = StartDistribution(spread=0.5)
+    assert pickle.loads(pickle.dumps(distribution)) == distribution

@@ -8,7 +8,7 @@ import numpy as np
 
 from sada_gym.envs.checks import check_number, check_range
 from sada_gym.envs.driving.camera.pinhole import Mount
-from sada_gym.envs.driving.episodes import TOP_SPEED_M_S, Start
+from sada_gym.envs.driving.episodes import TOP_SPEED_M_S, DrivingStart
 from sada_gym.envs.driving.world.layout import LAYOUTS
 from sada_gym.envs.driving.world.route import random_route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, town
@@ -28,7 +28,7 @@ _NUMBERS: dict[str, tuple[float, float]] = {
 
 
 @dataclass(frozen=True)
-class Course:
+class StartDistribution:
     """A distribution of drives.
 
     Attributes:
@@ -64,12 +64,12 @@ class Course:
         for name, bounds in _NUMBERS.items():
             check_number(name, getattr(self, name), *bounds)
 
-    def draw(self, rng: np.random.Generator) -> Start:
+    def draw(self, rng: np.random.Generator) -> DrivingStart:
         """Draw one drive."""
         corners = int(rng.integers(self.corners[0], self.corners[1] + 1))
         route = random_route(town(self.layout), rng, corners)
         mount = Mount(float(rng.uniform(*self.height_m)), float(rng.uniform(*self.pitch_deg)))
-        return Start(
+        return DrivingStart(
             route=route,
             mount=mount,
             weather=weather_index(self.weathers[rng.integers(len(self.weathers))]),

@@ -17,7 +17,7 @@ numbers of 63 bits."""
 
 
 @dataclass(frozen=True)
-class Course:
+class StartDistribution:
     """A distribution of trips.
 
     Attributes:
@@ -31,7 +31,7 @@ class Course:
     turned_deg: float = 30.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no course."""
+        """Check the ranges."""
         check_kind("conditions", self.conditions, Conditions)
         check_number("spread", self.spread, 0.0, 1.0)
         check_number("turned_deg", self.turned_deg, 0.0, 180.0)

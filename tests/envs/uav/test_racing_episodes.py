@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.course import Course, benchmark_starts
-from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, Races, Start
+from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingEpisodes, RacingStart
+from sada_gym.envs.uav.start_distribution import StartDistribution, benchmark_starts
 from sada_gym.envs.uav.world.contact import touches
 from sada_gym.envs.uav.world.drone import upright
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, OPENING_WIDTH_M
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.templates import TEMPLATES
 from sada_gym.envs.uav.world.track import GATES
 
@@ -19,7 +19,7 @@ ONE = np.zeros(1, np.intp)
 
 
 def race(place, *, gates=ROW, velocity=(8.0, 0.0, 0.0), first=0):
-    return Races([Start(gates, (*place, 0.0), velocity=velocity, first=first)])
+    return RacingEpisodes([RacingStart(gates, (*place, 0.0), velocity=velocity, first=first)])
 
 
 def fly(races, action, seconds):
@@ -35,7 +35,7 @@ def test_gates_are_passed_in_order_and_the_race_is_over():
     fly(races, FORWARD, 1.0)
     assert races.next_gate[0] == 1
     fly(races, FORWARD, 10.0)
-    assert races.endings[0].tolist() == [Ending.PASSED] * 4
+    assert races.endings[0].tolist() == [GateOutcome.PASSED] * 4
     assert len(races.under_way()) == 0
     assert races.score[0] == 1.0
     assert races.time_s[0] == pytest.approx((32 - 4) / 8, abs=0.15)
@@ -56,7 +56,7 @@ def test_gates_are_passed_in_order_and_the_race_is_over():
 def test_only_the_opening_counts(place, passed):
     races = race(place)
     fly(races, FORWARD, 0.8)
-    assert races.endings[0, 0] == (Ending.PASSED if passed else Ending.AHEAD)
+    assert races.endings[0, 0] == (GateOutcome.PASSED if passed else GateOutcome.AHEAD)
     assert races.next_gate[0] == int(passed)
 
 
@@ -64,7 +64,7 @@ def test_the_wrong_direction_does_not_count():
     races = race((12, 0, H), velocity=(-8.0, 0.0, 0.0))
     fly(races, -FORWARD, 1.0)
     assert races.states[0, 0] < 8
-    assert races.endings[0, 0] == Ending.AHEAD
+    assert races.endings[0, 0] == GateOutcome.AHEAD
 
 
 def test_a_gate_out_of_order_does_not_count():
@@ -77,22 +77,27 @@ def test_a_gate_out_of_order_does_not_count():
 def test_who_takes_ten_seconds_misses_the_gate_and_is_set_back_at_the_start():
     races = race((4, 0, H), velocity=(0.0, 0.0, 0.0))
     fly(races, np.array([-0.1, 0.0, 0.0, 0.0]), GATE_LIMIT_S - 1 / POLICY_HZ)
-    assert races.endings[0, 0] == Ending.AHEAD
+    assert races.endings[0, 0] == GateOutcome.AHEAD
     fly(races, np.zeros(4), 1 / POLICY_HZ)
-    assert races.endings[0].tolist() == [Ending.LATE, Ending.AHEAD, Ending.AHEAD, Ending.AHEAD]
+    assert races.endings[0].tolist() == [
+        GateOutcome.LATE,
+        GateOutcome.AHEAD,
+        GateOutcome.AHEAD,
+        GateOutcome.AHEAD,
+    ]
     assert races.next_gate[0] == 1
     np.testing.assert_array_equal(races.states[0], upright((4, 0, H), 0.0))
     fly(races, FORWARD, 3.0)
-    assert races.endings[0, 1] == Ending.PASSED
+    assert races.endings[0, 1] == GateOutcome.PASSED
 
 
 def test_who_misses_a_gate_is_set_back_at_the_last_that_it_passed():
     races = race((4, 0, H))
     fly(races, FORWARD, 0.8)
-    assert races.endings[0, :2].tolist() == [Ending.PASSED, Ending.AHEAD]
+    assert races.endings[0, :2].tolist() == [GateOutcome.PASSED, GateOutcome.AHEAD]
     for missed in (1, 2):
         fly(races, np.zeros(4), GATE_LIMIT_S)
-        assert races.endings[0, missed] == Ending.LATE
+        assert races.endings[0, missed] == GateOutcome.LATE
         np.testing.assert_array_equal(races.states[0], upright((8, 0, H), 0.0))
 
 
@@ -103,13 +108,13 @@ def test_the_ten_seconds_begin_at_each_gate():
     fly(races, np.zeros(4), GATE_LIMIT_S - 0.6)
     assert races.next_gate[0] == 1
     fly(races, np.zeros(4), 0.6)
-    assert races.endings[0, :2].tolist() == [Ending.PASSED, Ending.LATE]
+    assert races.endings[0, :2].tolist() == [GateOutcome.PASSED, GateOutcome.LATE]
 
 
 def test_who_always_waits_misses_all_and_the_race_ends():
     races = race((4, 0, H))
     fly(races, np.zeros(4), 60.0)
-    assert races.endings[0].tolist() == [Ending.LATE] * 4
+    assert races.endings[0].tolist() == [GateOutcome.LATE] * 4
     assert races.score[0] == 0.0
     assert races.time_s[0] == pytest.approx(4 * GATE_LIMIT_S)
 
@@ -120,7 +125,7 @@ def test_a_pilot_that_diverges_misses_gates_and_nothing_breaks(bad):
     actions = FORWARD.copy()
     actions[1] = bad
     fly(races, actions, 5.0)
-    assert races.endings[0].tolist() == [Ending.LOST] * 4
+    assert races.endings[0].tolist() == [GateOutcome.LOST] * 4
     assert races.steps[0] == 4
     assert np.isfinite(races.states).all()
 
@@ -128,7 +133,7 @@ def test_a_pilot_that_diverges_misses_gates_and_nothing_breaks(bad):
 def test_who_leaves_the_world_is_lost():
     races = race((4, 0, H))
     fly(races, np.array([0.0, 0.0, 1.0, 0.0]), 5.0)
-    assert races.endings[0, 0] == Ending.LOST
+    assert races.endings[0, 0] == GateOutcome.LOST
     assert len(races.under_way()) == 1
 
 
@@ -150,7 +155,12 @@ def test_who_touches_something_misses_the_gate_and_is_set_back_at_once(place, ac
     while races.next_gate[0] == 0:
         assert races.time_s[0] < 1
         fly(races, np.array(action), 1 / POLICY_HZ)
-    assert races.endings[0].tolist() == [Ending.HIT, Ending.AHEAD, Ending.AHEAD, Ending.AHEAD]
+    assert races.endings[0].tolist() == [
+        GateOutcome.HIT,
+        GateOutcome.AHEAD,
+        GateOutcome.AHEAD,
+        GateOutcome.AHEAD,
+    ]
     np.testing.assert_array_equal(races.states[0], upright(place, 0.0))
     assert touches(upright(races.ended_at[0, 0], 0.0), ROW) or place[1] == -1.15
     assert np.isnan(races.ended_at[0, 1:]).all()
@@ -165,7 +175,7 @@ def test_who_hits_the_second_gate_is_set_back_into_the_first():
     gates[1, 1] = 1.3
     races = race((4, 0, H), gates=gates)
     fly(races, FORWARD, 1.5)
-    assert races.endings[0, :3].tolist() == [Ending.PASSED, Ending.HIT, Ending.AHEAD]
+    assert races.endings[0, :3].tolist() == [GateOutcome.PASSED, GateOutcome.HIT, GateOutcome.AHEAD]
     assert races.ended_at[0, 1, 0] == pytest.approx(16 - 0.27, abs=0.05)
 
 
@@ -174,7 +184,7 @@ def test_nobody_flies_through_a_bar_however_fast():
     for _ in range(20):
         races = race((rng.uniform(6, 7), 1.3, H), velocity=(16.0, 0.0, 0.0))
         fly(races, np.array([1.0, 0, 0, 0]), 0.3)
-        assert races.endings[0, 0] == Ending.HIT
+        assert races.endings[0, 0] == GateOutcome.HIT
         assert races.ended_at[0, 0, 0] < 8
 
 
@@ -182,13 +192,13 @@ def test_a_gate_that_was_passed_stays_so_where_its_frame_is_hit_afterwards():
     races = race((7.9, 0, H), velocity=(2.0, 10.0, 0.0))
     while races.next_gate[0] < 2:
         fly(races, np.array([0.0, 0.9, 0.0, 0.0]), 1 / POLICY_HZ)
-    assert races.endings[0, :2].tolist() == [Ending.PASSED, Ending.HIT]
+    assert races.endings[0, :2].tolist() == [GateOutcome.PASSED, GateOutcome.HIT]
     assert abs(races.ended_at[0, 1, 0] - 8) < 0.3
     np.testing.assert_array_equal(races.states[0], upright((8, 0, H), 0.0))
 
 
 def test_on_its_back_above_the_ground_a_drone_flies_on_and_on_the_ground_it_has_hit():
-    for height, ending in ((3.0, Ending.AHEAD), (0.1, Ending.HIT)):
+    for height, ending in ((3.0, GateOutcome.AHEAD), (0.1, GateOutcome.HIT)):
         races = race((4, 0, H))
         state = upright((4, 0, height), 0.0)
         state[3:7] = [1.0, 0.0, 0.0, 0.0]
@@ -205,7 +215,7 @@ def test_a_drone_that_is_lost_takes_no_old_command_with_it(value):
     state[8] = value
     races.place(0, state)
     races.step(ONE, np.array([[1.0, 0, 0, 0]]))
-    assert races.endings[0, 0] == Ending.LOST
+    assert races.endings[0, 0] == GateOutcome.LOST
     np.testing.assert_allclose(races.states[0], upright((4, 0, H), 0.0), atol=1e-12)
 
 
@@ -215,15 +225,15 @@ def test_numbers_that_are_none_lose_a_drone():
     state[7] = np.nan
     races.place(0, state)
     races.step(ONE, FORWARD[None])
-    assert races.endings[0, 0] == Ending.LOST
+    assert races.endings[0, 0] == GateOutcome.LOST
     fly(races, FORWARD, 10.0)
-    assert races.endings[0, 1:].tolist() == [Ending.PASSED] * 3
+    assert races.endings[0, 1:].tolist() == [GateOutcome.PASSED] * 3
 
 
 def test_a_drone_that_is_lost_leaves_the_others_alone():
     made = starts(2)
     alone = outcome(made[:1])
-    races = Races(made)
+    races = RacingEpisodes(made)
     while len(which := races.under_way()):
         if races.steps[0] % 7 == 3:
             races.place(1, np.full(13, np.nan))
@@ -232,19 +242,19 @@ def test_a_drone_that_is_lost_leaves_the_others_alone():
         races.step(which, Clumsy().act(races, which))
     np.testing.assert_array_equal(races.endings[0], alone.endings[0])
     np.testing.assert_array_equal(races.states[0], alone.states[0])
-    assert (races.endings[1] == Ending.LOST).sum() > 5
+    assert (races.endings[1] == GateOutcome.LOST).sum() > 5
 
 
 def test_after_a_miss_the_race_goes_on_to_the_gate_after():
     tracks = TEMPLATES[3].tracks(np.zeros((1, 6)))
-    races = Races(benchmark_starts(tracks, [0]))
+    races = RacingEpisodes(benchmark_starts(tracks, [0]))
     pilot = PrivilegedPilot(8.0)
     while len(which := races.under_way()):
         asleep = races.next_gate[0] == 4
         races.step(which, np.zeros((1, 4)) if asleep else pilot.act(races, which))
-    assert races.endings[0, :5].tolist() == [Ending.PASSED] * 4 + [Ending.LATE]
-    assert races.endings[0, 5] == Ending.HIT  # the frame of the gate that it slept before
-    assert races.endings[0, 6:].tolist() == [Ending.PASSED] * 2
+    assert races.endings[0, :5].tolist() == [GateOutcome.PASSED] * 4 + [GateOutcome.LATE]
+    assert races.endings[0, 5] == GateOutcome.HIT  # the frame of the gate that it slept before
+    assert races.endings[0, 6:].tolist() == [GateOutcome.PASSED] * 2
 
 
 class Clumsy:
@@ -255,7 +265,7 @@ class Clumsy:
 
 
 def outcome(starts):
-    races = Races(starts)
+    races = RacingEpisodes(starts)
     while len(which := races.under_way()):
         races.step(which, Clumsy().act(races, which))
     return races
@@ -275,7 +285,7 @@ def starts(count):
 def test_a_race_does_not_depend_on_who_else_races():
     made = starts(17)
     together = outcome(made)
-    assert {Ending.PASSED, Ending.HIT} <= {*together.endings.flat}
+    assert {GateOutcome.PASSED, GateOutcome.HIT} <= {*together.endings.flat}
     order = np.random.default_rng(0).permutation(17)
     batches = [order, order[:16], [16, 3, 16, 3, 3], *([i] for i in range(12, 17))]
     for rows in batches:
@@ -288,7 +298,7 @@ def test_a_race_does_not_depend_on_who_else_races():
 
 def test_races_do_not_disturb_one_another_in_turn():
     made = starts(6)
-    both, begun = [Races(made[:4]), Races(made[4:])], outcome(made)
+    both, begun = [RacingEpisodes(made[:4]), RacingEpisodes(made[4:])], outcome(made)
     while any(len(races.under_way()) for races in both):
         for races in both:
             if len(which := races.under_way()):
@@ -300,7 +310,7 @@ def test_races_do_not_disturb_one_another_in_turn():
 def test_a_race_begun_anew_is_as_in_a_new_world():
     made = starts(3)
     fresh = outcome([made[2]])
-    races = Races([made[0], made[1]])
+    races = RacingEpisodes([made[0], made[1]])
     for _ in range(70):
         races.step(np.arange(2), Clumsy().act(races, np.arange(2)))
     races.begin(1, made[2])
@@ -332,7 +342,7 @@ def test_seeds_move_the_start_a_little_and_fix_the_look():
 
 def test_a_course_begins_before_any_gate():
     rng = np.random.default_rng(0)
-    made = [Course().draw(rng) for _ in range(60)]
+    made = [StartDistribution().draw(rng) for _ in range(60)]
     for start in made:
         first = start.gates[0]
         away = first[:2] - start.place[:2]

@@ -6,15 +6,15 @@ import pytest
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import REPLAY_HZ
-from sada_gym.envs.uav.pictures import (
+from sada_gym.envs.uav.frame import (
     VIEW_COLUMNS,
     VIEW_ROWS,
     Plan,
     flown_ways,
+    shown_step,
     summary,
-    summary_moment,
 )
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES, line
 
 GREEN, RED = (0, 158, 115), (213, 94, 0)
@@ -89,18 +89,18 @@ def test_frames_have_one_even_shape(flown, failed, replay):
 
 
 def test_the_summary_looks_before_the_first_gate_missed(application, failed):
-    step, text = summary_moment(failed)
+    step, text = shown_step(failed)
     assert text == f"seen: on the way to gate {BLIND[0] + 1} (lost)"
-    assert failed["endings"][step, BLIND[0]] == Ending.AHEAD
-    assert failed["endings"][step, BLIND[0] - 1] == Ending.PASSED
+    assert failed["endings"][step, BLIND[0]] == GateOutcome.AHEAD
+    assert failed["endings"][step, BLIND[0] - 1] == GateOutcome.PASSED
     assert painted(summary(failed), RED) > 50
     np.testing.assert_array_equal(application.render(MU, 5), summary(failed))
 
 
 def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed):
-    step, _ = summary_moment(failed)
+    step, _ = shown_step(failed)
     x, y, _, heading = failed.start.gates[BLIND[0]]
-    since = np.flatnonzero(failed["endings"][:, BLIND[0] - 1] == Ending.PASSED)[0]
+    since = np.flatnonzero(failed["endings"][:, BLIND[0] - 1] == GateOutcome.PASSED)[0]
     beyond = failed["states"][[step]].copy()
     beyond[0, :2] = x + 2 * np.cos(heading), y + 2 * np.sin(heading)
     late = step + 40
@@ -108,19 +108,19 @@ def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed)
     endings = np.concatenate(
         [failed["endings"][: step + 1], np.repeat(failed["endings"][[step]], 40, 0)]
     )
-    endings[late, BLIND[0]] = Ending.LATE
-    moments = {"states": states, "endings": endings, "time_s": np.arange(late + 1.0)}
-    rollout = replace(failed, moments=moments)
-    shown, _ = summary_moment(rollout)
+    endings[late, BLIND[0]] = GateOutcome.LATE
+    snapshots = {"states": states, "endings": endings, "time_s": np.arange(late + 1.0)}
+    rollout = replace(failed, snapshots=snapshots)
+    shown, _ = shown_step(rollout)
     assert since <= shown <= step
 
 
 def test_two_gates_may_end_between_two_decisions(failed):
     endings = np.zeros((3, GATES), np.int8)
-    endings[2, :2] = Ending.PASSED, Ending.LOST
-    moments = {key: value[:3] for key, value in failed.moments.items()}
-    rollout = replace(failed, moments={**moments, "endings": endings})
-    assert summary_moment(rollout) == (1, "seen: on the way to gate 2 (lost)")
+    endings[2, :2] = GateOutcome.PASSED, GateOutcome.LOST
+    snapshots = {key: value[:3] for key, value in failed.snapshots.items()}
+    rollout = replace(failed, snapshots={**snapshots, "endings": endings})
+    assert shown_step(rollout) == (1, "seen: on the way to gate 2 (lost)")
 
 
 def test_the_way_is_cut_where_the_drone_was_set_back(failed):

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.envs.episodes.acting import Rollout
+from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
-from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, Start
+from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
 from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
-from sada_gym.envs.uav.world.referee import Ending
+from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
 from sada_gym.frames import INK as INK_HEX
@@ -55,26 +55,26 @@ LEGEND = (
 Array = npt.NDArray[np.float64]
 
 
-def summary(rollout: Rollout[Start]) -> Frame:
+def summary(rollout: Rollout[RacingStart]) -> Frame:
     """Draw the camera's picture where the first gate is missed (or half-way), beside the track."""
-    step, moment = summary_moment(rollout)
-    passed = int((rollout["endings"][-1] == Ending.PASSED).sum())
+    step, seen_at = shown_step(rollout)
+    passed = int((rollout["endings"][-1] == GateOutcome.PASSED).sum())
     pair = _pair(rollout, step, len(rollout["states"]))
     text = (
         f"{passed} of {len(rollout.start.gates)} gates passed in {rollout['time_s'][-1]:.1f} s   "
-        f"({_track(rollout)})\n{moment}"
+        f"({_track(rollout)})\n{seen_at}"
     )
     return stacked([pair, caption(text, pair.width, _TEXT)])
 
 
-def frames(rollout: Rollout[Start]) -> list[Frame]:
+def frames(rollout: Rollout[RacingStart]) -> list[Frame]:
     """Draw `REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
     drawn: list[Frame] = []
     last = len(rollout["states"]) - 1
     for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:
         state, endings = rollout["states"][step], rollout["endings"][step]
-        passed = int((endings == Ending.PASSED).sum())
-        missed = int((endings > Ending.PASSED).sum())
+        passed = int((endings == GateOutcome.PASSED).sum())
+        missed = int((endings > GateOutcome.PASSED).sum())
         ahead = len(endings) - passed - missed
         goal = f"to gate {passed + missed + 1}" if ahead else "over"
         text = (
@@ -86,14 +86,14 @@ def frames(rollout: Rollout[Start]) -> list[Frame]:
     return drawn + drawn[-1:] * (REPLAY_HZ - 1)  # a second to read how it ended
 
 
-def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
+def shown_step(rollout: Rollout[RacingStart]) -> tuple[int, str]:
     """Choose the decision that the summary shows, and say which it is."""
-    missed = rollout["endings"] > Ending.PASSED
+    missed = rollout["endings"] > GateOutcome.PASSED
     if not missed.any():
         return len(rollout["states"]) // 2, "seen: half-way"
     late = int(missed.any(axis=1).argmax())
     gate = int(missed[late].argmax())
-    since = int((rollout["endings"][:late, gate - 1] == Ending.AHEAD).sum()) if gate else 0
+    since = int((rollout["endings"][:late, gate - 1] == GateOutcome.AHEAD).sum()) if gate else 0
     since = min(since, late - 1)  # both may have ended between two decisions
     flown = rollout["states"][since:late]
     centre, heading = rollout.start.gates[gate, :3], rollout.start.gates[gate, 3]
@@ -107,13 +107,13 @@ def summary_moment(rollout: Rollout[Start]) -> tuple[int, str]:
     if not (in_view & before).any():  # a drone that leans far may never have it in view
         far = np.nan_to_num(off, nan=np.inf)
     step = since + int(np.lexsort((far, ~in_view, ~before))[0])
-    how = Ending(int(rollout["endings"][late, gate])).name.lower()
+    how = GateOutcome(int(rollout["endings"][late, gate])).name.lower()
     return step, f"seen: on the way to gate {gate + 1} ({how})"
 
 
-def flown_ways(rollout: Rollout[Start], until: int) -> tuple[Array, ...]:
+def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Array, ...]:
     """Give the ways flown, each to the place where a gate was missed and the drone set back."""
-    missed = rollout["endings"][:until] > Ending.PASSED
+    missed = rollout["endings"][:until] > GateOutcome.PASSED
     cuts = np.flatnonzero(np.diff(missed.sum(axis=1))) + 1
     ways = np.split(rollout["states"][:until, :2], cuts)
     for way, cut in enumerate(cuts.tolist()):
@@ -122,23 +122,23 @@ def flown_ways(rollout: Rollout[Start], until: int) -> tuple[Array, ...]:
     return tuple(ways)
 
 
-def _pair(rollout: Rollout[Start], step: int, until: int) -> Image.Image:
+def _pair(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
     """Draw what the camera sees at a step, beside the race up to another."""
     state, endings = rollout["states"][step], rollout["endings"][until - 1]
     plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
         endings,
         flown_ways(rollout, until),
         np.array([*state[:2], heading_of(*state[3:7])]),
-        rollout["ended_at"][until - 1, endings == Ending.HIT, :2],
+        rollout["ended_at"][until - 1, endings == GateOutcome.HIT, :2],
     )
     return beside(Image.fromarray(observation(rollout.start, state)), plan)
 
 
-def _track(rollout: Rollout[Start]) -> str:
+def _track(rollout: Rollout[RacingStart]) -> str:
     return f"{len(rollout.start.anchors)} anchors"
 
 
-def observation(start: Start, state: Array) -> Frame:
+def observation(start: RacingStart, state: Array) -> Frame:
     """Draw what the drone's camera sees, large, from a state (13,)."""
     of = camera(VIEW_ROWS, VIEW_COLUMNS)
     frame: Frame
@@ -170,7 +170,7 @@ class Plan:
         """Draw the track.
 
         Args:
-            endings: (g,) of `Ending`; by default all gates are ahead.
+            endings: (g,) of `GateOutcome`; by default all gates are ahead.
             flown: The ways flown, (k, 2) each.
             drone: The drone's x, y and heading.
             hits: (k, 2) where it hit something; each is marked by a cross.
@@ -185,8 +185,8 @@ class Plan:
         codes = np.zeros(len(self.gates), int) if endings is None else np.asarray(endings)
         of = font(19 * _FINER, bold=True)
         for number, (gate, code) in enumerate(zip(self.gates, codes.tolist(), strict=True), 1):
-            colour = _AHEAD if code == Ending.AHEAD else _MISSED
-            colour = _PASSED if code == Ending.PASSED else colour
+            colour = _AHEAD if code == GateOutcome.AHEAD else _MISSED
+            colour = _PASSED if code == GateOutcome.PASSED else colour
             self._gate(draw, gate, colour, code)
             aside = gate[:2] + 3.2 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
             (place,) = self._pixels(aside[None])
@@ -204,8 +204,9 @@ class Plan:
         left = np.array([-ahead[1], ahead[0]]) * OUTER_WIDTH_M / 2
         ends = self._pixels(np.stack([gate[:2] + left, gate[:2] - left]))
         length = math.dist(*ends)
-        dash, gap = (0.26 * length, 0.11 * length) if code > Ending.PASSED else (length, 0.0)
-        width = (2 if code == Ending.AHEAD else 4) * _FINER  # thin, and never dashed, where ahead
+        dash, gap = (0.26 * length, 0.11 * length) if code > GateOutcome.PASSED else (length, 0.0)
+        # thin, and never dashed, where ahead
+        width = (2 if code == GateOutcome.AHEAD else 4) * _FINER
         dashed(draw, ends, colour, width, dash, gap)
         draw.line(self._pixels(np.stack([gate[:2], gate[:2] + 1.2 * ahead])), fill=colour, width=4)
 
