@@ -1,18 +1,37 @@
-# `make attack` and `make test` do everything from a clean clone.
+# `make attack` and `make test` do everything from a clean clone; `make help` lists all commands.
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 OUT ?= runs/attack
 WORKERS ?= 2
 
-.PHONY: attack test test-all package lint docs bench results clean
+UV := $(shell command -v uv)
+PIP_INSTALL = $(BIN)/python -m pip install -qq --no-compile -c constraints.txt
+# PyTorch's builds for the CPU: its other builds bring CUDA, several GB that nothing here uses
+UV_INSTALL = uv pip install --quiet --torch-backend cpu --python $(BIN)/python -c constraints.txt
+INSTALL = $(if $(UV),$(UV_INSTALL) $(1) || (echo "uv failed, so pip installs" && $(PIP_INSTALL) $(1)),$(PIP_INSTALL) $(1))
 
-$(VENV)/.installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
-	touch $@
+.PHONY: help attack test test-all package lint docs bench results clean
 
-attack: $(VENV)/.installed  ## attack the shipped detector with BBGAN
+help:  ## what make can do
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+# what an attack needs
+$(VENV)/.package: pyproject.toml constraints.txt
+	@echo "Creating the environment $(VENV)$(if $(UV), with uv)"
+	@$(if $(UV),uv venv --quiet --seed --allow-existing --python $(PYTHON) $(VENV),$(PYTHON) -m venv $(VENV))
+	@echo "Installing sada_gym and the packages that it needs (a minute or two, 1.6 GB)"
+	@$(call INSTALL,-e .)
+	@touch $@
+
+# what developers need beside it
+$(VENV)/.installed: $(VENV)/.package
+	@echo "Installing the developers' tools (some minutes, 1 GB)"
+	@$(call INSTALL,-e '.[dev]')
+	@touch $@
+
+attack: $(VENV)/.package  ## attack the shipped detector with BBGAN
+	@echo "Attacking the detector in 20,000 worlds; the results go to $(OUT)"
 	$(BIN)/sada-gym attack SADA-Detection-Car-v0 --adversary bbgan --budget 20000 --seed 0 --workers 2 --out $(OUT) --resume
 
 test: $(VENV)/.installed  ## the fast tests
