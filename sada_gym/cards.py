@@ -116,6 +116,8 @@ class ApplicationCard:
         title: What people call it, such as `Object detection`.
         summary: A sentence on what the adversary changes and what the agent has to do.
         application: `module:class` of the `Application`.
+        clip: `module:function` that plays a world again as a clip, see `sada_gym.clips`;
+            empty where the frames of `replay` are enough.
         version: The version of its ids.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
             name, such as `Car`.
@@ -137,6 +139,7 @@ class ApplicationCard:
     title: str
     summary: str
     application: str
+    clip: str = ""
     version: int = 0
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     same_as: str | None = None

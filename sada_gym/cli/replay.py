@@ -43,8 +43,8 @@ def replay(
     """
     with errors_as_sentences():
         from sada_gym.progress import COMPILING, will_compile
-        from sada_gym.replay.film import Stage
-        from sada_gym.replay.film import replay as make
+        from sada_gym.replay.video import Stage
+        from sada_gym.replay.video import replay as make
 
         status = Status("Opening the run", console=err)
         compiling = False

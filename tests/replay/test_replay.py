@@ -21,23 +21,16 @@ from sada_gym import (
     make_application,
 )
 from sada_gym.attack import attack
+from sada_gym.clips.captions import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
+from sada_gym.clips.make import find_clip, replayed_clip
+from sada_gym.clips.shots import describe_world, pace, path_to, scored_ending, share_time
 from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.uav.clip import _ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.record import read_samples, write_samples
 from sada_gym.replay import replay
-from sada_gym.replay.lettering import BAR, DONE, FAILED, HOLD_S, WIDTH, fit
-from sada_gym.replay.racing import _ending
-from sada_gym.replay.shots import (
-    any_take,
-    maker_of,
-    paced,
-    scored_ending,
-    shared,
-    way_to,
-    world_words,
-)
 
 
 def run(folder: Path, environment="SADA-Analytic-v0", **keywords) -> Path:
@@ -301,38 +294,38 @@ def test_an_own_replay_goes_before_ours():
         def replay(self, mu, seed):
             return super().replay(mu, seed)
 
-    assert maker_of(Mine()) is any_take
-    assert maker_of(make_application("SADA-Digits-v0")) is not any_take
-    assert maker_of(Counting()) is any_take
+    assert find_clip(Mine()) is replayed_clip
+    assert find_clip(make_application("SADA-Digits-v0")) is not replayed_clip
+    assert find_clip(Counting()) is replayed_clip
 
 
 def test_the_way_to_a_world_ends_there_exactly():
     mu = np.array([0.3, -0.9], np.float32)
-    way = way_to(mu, 10)
+    way = path_to(mu, 10)
     assert (way[0] == 0).all()
     assert (way[-1] == mu).all()
-    assert len(way_to(mu, 1)) == 8
+    assert len(path_to(mu, 1)) == 8
 
 
 def test_failures_share_the_time():
-    assert shared([], 10) == ([0], 10)
-    assert shared([3], 10) == ([3], 10)
-    assert shared([1, 2, 4], 10) == ([1, 2], 5)
-    assert shared([1, 2, 4], 3) == ([1], 3)
+    assert share_time([], 10) == ([0], 10)
+    assert share_time([3], 10) == ([3], 10)
+    assert share_time([1, 2, 4], 10) == ([1, 2], 5)
+    assert share_time([1, 2, 4], 3) == ([1], 3)
 
 
 def test_pace():
-    assert paced(500, 50, 4)[:2] == (range(499, 499 - 67 * 3, -3)[::-1], 50 / 3)
-    kept, fps, remark = paced(10, 50, 4)
+    assert pace(500, 50, 4)[:2] == (range(499, 499 - 67 * 3, -3)[::-1], 50 / 3)
+    kept, fps, remark = pace(10, 50, 4)
     assert (list(kept), fps) == ([*range(10)], 5)
     assert "slow" in remark
-    assert paced(1000, 1, 10)[0] == range(990, 1000)
+    assert pace(1000, 1, 10)[0] == range(990, 1000)
 
 
 def test_worlds_in_words():
     application = make_application("SADA-Driving-Navigation-v0")
     mu = np.array([-0.9, 0.1, 0.5], np.float32)
-    assert world_words(application, mu, 2) == "camera height 1.05 m, weather WetCloudyNoon"
+    assert describe_world(application, mu, 2) == "camera height 1.05 m, weather WetCloudyNoon"
 
 
 @pytest.mark.parametrize("size", [(600, 400), (84, 84), (160, 210), (2000, 100), (3, 900)])

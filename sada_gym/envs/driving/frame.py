@@ -18,9 +18,9 @@ from sada_gym.envs.driving.world.route import COMMANDS
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
-from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
 from sada_gym.plots.drawing import dashed, font
+from sada_gym.plots.panels import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2

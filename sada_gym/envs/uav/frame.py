@@ -10,7 +10,6 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.envs.episodes.rollout import Rollout
-from sada_gym.envs.episodes.sheet import INK, beside, caption, stacked
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
 from sada_gym.envs.uav.world.drone import heading_of
@@ -20,6 +19,7 @@ from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
 from sada_gym.frames import INK as INK_HEX
 from sada_gym.plots.drawing import dashed, font
+from sada_gym.plots.panels import INK, beside, caption, stacked
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0

@@ -6,16 +6,19 @@ from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from sada_gym.replay import shots
-from sada_gym.replay.shots import MORPH_FPS, Shot, Take
+from sada_gym.clips.shots import MORPH_FPS, Clip, Shot, ShotEnding, describe_world, path_to
+from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
     from sada_gym.envs.digits.base import ClassifierApplication
 
+MANY = 30
+"""More parameters than this are not named one by one."""
 
-def take(application: ClassifierApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+
+def clip(application: ClassifierApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the classifier's answer changes on the way from mu = 0."""
-    way = shots.way_to(mu, seconds)
+    way = path_to(mu, seconds)
     outcomes = application.evaluate(way, [seed] * len(way))
     pictures = [Image.fromarray(application.render(row, seed)) for row in way]
     notes = [
@@ -26,10 +29,10 @@ def take(application: ClassifierApplication, mu: shots.Mu, seed: int, seconds: f
     wrong = last["predicted"] != last["label"]
     said = f"takes the {last['label']} for {_a(last['predicted'])}"
     text = said if wrong else f"sees that it is {_a(last['label'])}"
-    ending = shots.Ending(text, last["fooled"])
-    many = len(application.parameters) > shots.MANY
-    world = "noise on every pixel" if many else shots.world_words(application, mu)
-    return Take([Shot(pictures, MORPH_FPS, notes, world, ending)], last["score"])
+    ending = ShotEnding(text, last["fooled"])
+    many = len(application.parameters) > MANY
+    world = "noise on every pixel" if many else describe_world(application, mu)
+    return Clip([Shot(pictures, MORPH_FPS, notes, world, ending)], last["score"])
 
 
 def _a(number: int) -> str:

@@ -10,15 +10,16 @@ from typing import Literal
 import numpy as np
 
 from sada_gym.application import Application
+from sada_gym.clips.captions import captioned
+from sada_gym.clips.make import find_clip
+from sada_gym.clips.shots import Clip
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations, fools
 from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
-from sada_gym.replay.lettering import lettered
 from sada_gym.replay.run import choose, open_application, read_run
-from sada_gym.replay.shots import Take, maker_of
 
 SECONDS = 10.0
 MOST_SECONDS = 60.0
@@ -125,11 +126,11 @@ def replay(
     try:
         for done, row in enumerate(rows):
             on_progress("play", done, len(rows))
-            take = _played(opened, samples, row, settings, seconds)
-            replayed = _replayed(opened, samples, row, take)
+            clip = _played(opened, samples, row, settings, seconds)
+            replayed = _replayed(opened, samples, row, clip)
             shown.append(replayed)
-            for shot in take.shots:
-                for frame, time_s in lettered(shot, _last_line(opened, replayed)):
+            for shot in clip.shots:
+                for frame, time_s in captioned(shot, _last_line(opened, replayed)):
                     frames.append(frame)
                     times.append(time_s)
     finally:
@@ -188,7 +189,7 @@ def _check_seconds(seconds: float, count: int) -> None:
 
 def _played(
     application: Application, samples: Evaluations, row: int, settings: RunSettings, seconds: float
-) -> Take:
+) -> Clip:
     mu, seed = samples.mu[row], int(samples.seed[row])
     if mu.shape != (len(application.parameters),):
         raise UserError(
@@ -197,21 +198,21 @@ def _played(
         )
     try:
         with application.isolated_rng():
-            take = maker_of(application)(application, mu, seed, seconds)
+            clip = find_clip(application)(application, mu, seed, seconds)
     except NotImplementedError as error:
         raise UserError(
             f"Expected an application that draws pictures, got {application.name}: {error}"
         ) from error
     stored = float(samples.score[row])
-    same_verdict = fools(take.score, application.fooling_threshold) == (
+    same_verdict = fools(clip.score, application.fooling_threshold) == (
         fools(stored, application.fooling_threshold)
     )
-    if abs(take.score - stored) > CLOSE or not same_verdict:
+    if abs(clip.score - stored) > CLOSE or not same_verdict:
         raise UserError(
             f"Expected Q = {stored:.6g} of sample {row}, as the run stored it, got "
-            f"{take.score:.6g}. {_why(settings)}"
+            f"{clip.score:.6g}. {_why(settings)}"
         )
-    return take
+    return clip
 
 
 def _why(settings: RunSettings) -> str:
@@ -235,14 +236,14 @@ def _why(settings: RunSettings) -> str:
     )
 
 
-def _replayed(application: Application, samples: Evaluations, row: int, take: Take) -> Replayed:
+def _replayed(application: Application, samples: Evaluations, row: int, clip: Clip) -> Replayed:
     return Replayed(
         sample=row,
         seed=int(samples.seed[row]),
-        score=take.score,
+        score=clip.score,
         stored=float(samples.score[row]),
-        fooled=fools(take.score, application.fooling_threshold),
-        endings=tuple(shot.ending.text for shot in take.shots),
+        fooled=fools(clip.score, application.fooling_threshold),
+        endings=tuple(shot.ending.text for shot in clip.shots),
     )
 
 

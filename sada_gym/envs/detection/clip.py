@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.clips.captions import DONE, FAILED, INK, PAPER, SOFT, WIDTH
+from sada_gym.clips.shots import MORPH_FPS, Clip, Shot, ShotEnding, path_to
 from sada_gym.envs.detection.frame import FLOOR
 from sada_gym.evaluations import fools
 from sada_gym.frames import ORANGE, SKY, Colour, rgb
+from sada_gym.parameters import Mu
 from sada_gym.plots.drawing import dashed_box, font
-from sada_gym.replay import shots
-from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, SOFT, WIDTH
-from sada_gym.replay.shots import MORPH_FPS, Shot, Take
 
 if TYPE_CHECKING:
     from sada_gym.envs.detection.application import DetectionApplication
@@ -29,12 +29,12 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 14, 44, 40
 Detection = Mapping[str, Any]
 
 
-def take(application: DetectionApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+def clip(application: DetectionApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the detector's answer changes on the way from mu = 0.
 
     The pictures are finer than what the detector gets, where the renderer can draw any size.
     """
-    way = shots.way_to(mu, seconds)
+    way = path_to(mu, seconds)
     outcomes = application.evaluate(way, [seed] * len(way))
     wanted, threshold = application.object_class, application.fooling_threshold
     names = application.class_names
@@ -57,11 +57,11 @@ def take(application: DetectionApplication, mu: shots.Mu, seed: int, seconds: fl
     if fooled and said.startswith(f"{wanted},"):
         text = f"only {last['score']:.2f} sure of the {wanted}"
     world = _world(application, mu)
-    ending = shots.Ending(text, fooled)
-    return Take([Shot(pictures, MORPH_FPS, notes, world, ending)], float(last["score"]))
+    ending = ShotEnding(text, fooled)
+    return Clip([Shot(pictures, MORPH_FPS, notes, world, ending)], float(last["score"]))
 
 
-def _world(application: DetectionApplication, mu: shots.Mu) -> str:
+def _world(application: DetectionApplication, mu: Mu) -> str:
     """Say where the camera and the light stand in the attacked world."""
     distance, azimuth, pitch, _, light, *_ = application.parameters.physical(mu).tolist()
     side = "right" if azimuth < 0 else "left"
@@ -71,7 +71,7 @@ def _world(application: DetectionApplication, mu: shots.Mu) -> str:
     )
 
 
-def _views(application: DetectionApplication, way: shots.Mu, seed: int) -> list[Image.Image]:
+def _views(application: DetectionApplication, way: Mu, seed: int) -> list[Image.Image]:
     """Draw the worlds, large."""
     side, renderer = SIDE * _FINER, application.renderer
     if renderer.any_size:

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
+from sada_gym.clips.captions import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
 from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingStart
@@ -19,10 +21,8 @@ from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M, TOP_M
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import SKY, YELLOW, rgb
+from sada_gym.parameters import Mu
 from sada_gym.plots.drawing import font
-from sada_gym.replay import shots
-from sada_gym.replay.lettering import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
-from sada_gym.replay.shots import Shot, Take
 
 if TYPE_CHECKING:
     from sada_gym.envs.uav.application import UAVApplication
@@ -42,7 +42,7 @@ _FINE = 4
 Array = npt.NDArray[np.float64]
 
 
-def take(application: UAVApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+def clip(application: UAVApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the drone missed the first gates that it missed, or the lap's end."""
     (rollout,) = application.rollouts(mu, seed)
     endings = rollout["endings"]
@@ -52,20 +52,20 @@ def take(application: UAVApplication, mu: shots.Mu, seed: int, seconds: float) -
     world = f"the track's {len(moved)} anchor points are moved by up to {most_m:.1f} m"
     if not missed:
         steps = _steps(0, len(endings) - 1, seconds)
-        return Take([_shot(rollout, steps, None, world)], rollout.score)
+        return Clip([_shot(rollout, steps, None, world)], rollout.score)
     ends = [int((endings[:, gate] > GateOutcome.PASSED).argmax()) for gate in missed]
-    chosen, each_s = shots.shared(range(len(missed)), seconds)
+    chosen, each_s = share_time(range(len(missed)), seconds)
     made = []
     for k in chosen:
         # a drone that missed a gate was set back in the same decision
         begins = ends[k - 1] if k else 0
         steps = _steps(begins, ends[k] - 1, each_s)
         made.append(_shot(rollout, steps, missed[k], world))
-    return Take(made, rollout.score)
+    return Clip(made, rollout.score)
 
 
 def _steps(first: int, last: int, seconds: float) -> range:
-    kept = shots.steps_before(last, seconds * POLICY_HZ / SLOWER)
+    kept = steps_before(last, seconds * POLICY_HZ / SLOWER)
     return range(max(min(first, last), kept[0]), last + 1)
 
 
@@ -112,10 +112,10 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
 
 def _ending(
     rollout: Rollout[RacingStart], missed: int | None, at: Array | None, time_s: float
-) -> shots.Ending:
+) -> ShotEnding:
     gates = rollout.start.gates
     if missed is None or at is None:
-        return shots.Ending(f"all {len(gates)} gates in {time_s:.1f} s", failed=False)
+        return ShotEnding(f"all {len(gates)} gates in {time_s:.1f} s", failed=False)
     gate = f"gate {missed + 1}"
     code = GateOutcome(int(rollout["endings"][-1][missed]))
     texts = {
@@ -127,8 +127,8 @@ def _ending(
     nearest = int(away.argmin())
     # a drone that touches a frame is no further from its middle than that
     if code == GateOutcome.HIT and away[nearest] < OUTER_WIDTH_M / 2 + 0.3:
-        return shots.Ending(f"hit the frame of gate {nearest + 1}", failed=True)
-    return shots.Ending(texts[code], failed=True)
+        return ShotEnding(f"hit the frame of gate {nearest + 1}", failed=True)
+    return ShotEnding(texts[code], failed=True)
 
 
 def _eyes(states: Sequence[Array]) -> Array:

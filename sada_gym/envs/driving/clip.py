@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.clips.captions import FAILED, INK, PAPER, WIDTH, cross
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
 from sada_gym.envs.driving.camera.pinhole import Lens, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
 from sada_gym.envs.driving.frame import town_plan  # the whole town from above
@@ -18,10 +20,7 @@ from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import SKY, YELLOW, rgb
-from sada_gym.parameters import number
-from sada_gym.replay import shots
-from sada_gym.replay.lettering import FAILED, INK, PAPER, WIDTH, cross
-from sada_gym.replay.shots import Shot, Take
+from sada_gym.parameters import Mu, number
 
 if TYPE_CHECKING:
     from sada_gym.envs.driving.application import DrivingApplication
@@ -37,18 +36,18 @@ _TOLD["straight"] = "straight on"
 Array = npt.NDArray[np.float64]
 
 
-def take(application: DrivingApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+def clip(application: DrivingApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the drives that failed ended."""
     rollouts = application.rollouts(mu, seed)
     failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
-    chosen, each_s = shots.shared(failed, seconds)
+    chosen, each_s = share_time(failed, seconds)
     made = [_shot(rollouts[i], f"route {i + 1} of {len(rollouts)}", each_s) for i in chosen]
-    return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
+    return Clip(made, float(np.mean([rollout.score for rollout in rollouts])))
 
 
 def _shot(rollout: Rollout[DrivingStart], name: str, seconds: float) -> Shot:
     states, last = rollout["states"], len(rollout["states"]) - 1
-    steps = shots.steps_before(last, seconds * POLICY_HZ)
+    steps = steps_before(last, seconds * POLICY_HZ)
     moments = np.linspace(steps[0], last, (len(steps) - 1) * _BETWEEN + 1)
     places = np.stack([np.interp(moments, np.arange(last + 1), column) for column in states.T], 1)
     views = _views(rollout.start, places, moments)
@@ -84,13 +83,13 @@ def _side(rollout: Rollout[DrivingStart]) -> str:
     return "right" if right > 0 else "left"
 
 
-def _ending(ending: DrivingEnd, after_s: float, side: str) -> shots.Ending:
+def _ending(ending: DrivingEnd, after_s: float, side: str) -> ShotEnding:
     texts = {
         DrivingEnd.ARRIVED: f"arrived after {after_s:.0f} s",
         DrivingEnd.LEFT_LANE: f"left its lane on the {side} after {after_s:.1f} s",
         DrivingEnd.TOO_LATE: f"not there after {after_s:.0f} s",
     }
-    return shots.Ending(texts[ending], ending != DrivingEnd.ARRIVED)
+    return ShotEnding(texts[ending], ending != DrivingEnd.ARRIVED)
 
 
 def _weather(index: int) -> str:

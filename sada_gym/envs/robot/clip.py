@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ImageDraw
 
+from sada_gym.clips.captions import ring
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, describe_world, share_time, steps_before
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.frame import WIDTH, snapshot
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M
-from sada_gym.replay import shots
-from sada_gym.replay.lettering import ring
-from sada_gym.replay.shots import Shot, Take
+from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
     from sada_gym.envs.robot.application import RobotApplication
@@ -25,19 +25,19 @@ FASTER = 2
 Array = npt.NDArray[np.float64]
 
 
-def take(application: RobotApplication, mu: shots.Mu, seed: int, seconds: float) -> Take:
+def clip(application: RobotApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the trips that failed ended."""
     rollouts = application.rollouts(mu, seed)
     failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
-    chosen, each_s = shots.shared(failed, seconds)
-    world = shots.world_words(application, mu)
+    chosen, each_s = share_time(failed, seconds)
+    world = describe_world(application, mu)
     made = [_shot(rollouts[i], f"trip {i + 1} of {len(rollouts)}", world, each_s) for i in chosen]
-    return Take(made, float(np.mean([rollout.score for rollout in rollouts])))
+    return Clip(made, float(np.mean([rollout.score for rollout in rollouts])))
 
 
 def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -> Shot:
     last = len(rollout["poses"]) - 1
-    steps = shots.steps_before(last, seconds * FASTER * POLICY_HZ)
+    steps = steps_before(last, seconds * FASTER * POLICY_HZ)
     ending = RobotEnd(int(rollout["ending"][-1]))
     pictures = [snapshot(rollout, step) for step in steps]
     if ending != RobotEnd.ARRIVED:
@@ -52,7 +52,7 @@ def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -
         RobotEnd.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
         RobotEnd.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
     }
-    told = shots.Ending(texts[ending], ending != RobotEnd.ARRIVED)
+    told = ShotEnding(texts[ending], ending != RobotEnd.ARRIVED)
     return Shot(pictures, FASTER * POLICY_HZ, notes, world, told)
 
 

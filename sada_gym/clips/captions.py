@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from PIL import Image, ImageDraw
 
 from sada_gym import frames
-from sada_gym.envs.episodes.sheet import stacked
+from sada_gym.clips.shots import Shot
 from sada_gym.frames import Colour, Frame, rgb
 from sada_gym.plots.drawing import font
-from sada_gym.replay.shots import Shot
+from sada_gym.plots.panels import stacked
 
 WIDTH = 480
 """The width of a film in pixels."""
@@ -30,7 +30,7 @@ _LEFT, _FIRST, _SECOND = 10, 16, 38
 _MARK = 7
 
 
-def lettered(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
+def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
     """Give each frame of a shot with its time in seconds; the last one tells the ending.
 
     Args:

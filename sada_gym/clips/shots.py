@@ -1,0 +1,130 @@
+"""What a clip is made of: shots, each a part of an episode with the words below it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from PIL import Image
+
+from sada_gym.application import Application
+from sada_gym.evaluations import fools
+from sada_gym.files import shown
+from sada_gym.parameters import Mu
+
+MORPH_STEPS, MORPH_FPS = 32, 8
+"""A world of one image is reached from the nominal one in so many pictures."""
+MIN_SHARE_S = 4.0
+"""Several failures share a sample's time only as long as each gets this much."""
+MAX_FPS = 20
+SHORTEST_S = 2.0
+"""A shorter episode is shown in slow motion."""
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class ShotEnding:
+    """How a shot ends.
+
+    Attributes:
+        text: The reason in a few words, such as `hit the frame of gate 4`.
+        failed: Whether the agent failed.
+    """
+
+    text: str
+    failed: bool
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A part of an episode, or of the way to a world.
+
+    Attributes:
+        pictures: Its pictures, all of one size.
+        fps: Pictures a second.
+        notes: A line below each picture.
+        world: What the adversary chose, in a line.
+        ending: How it ends.
+    """
+
+    pictures: Sequence[Image.Image]
+    fps: float
+    notes: Sequence[str]
+    world: str
+    ending: ShotEnding
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A sample, played again.
+
+    Attributes:
+        shots: Its shots.
+        score: Its Q.
+    """
+
+    shots: Sequence[Shot]
+    score: float
+
+
+def path_to(mu: Mu, seconds: float) -> Mu:
+    """Return the way from mu = 0 to mu, (n, d), slow at both ends; the last row is mu itself."""
+    count = max(2, min(MORPH_STEPS, round(seconds * MORPH_FPS)))
+    share = np.linspace(0.0, 1.0, count, dtype=np.float32)[:, None]
+    path = (share * share * (3.0 - 2.0 * share) * mu).astype(np.float32)
+    path[-1] = mu
+    return path
+
+
+def scored_ending(score: float, threshold: float, reason: object = None) -> ShotEnding:
+    """Return an ending in the application's own words, else by the score."""
+    fooled = fools(score, threshold)
+    text = shown(reason) if isinstance(reason, str) else None
+    return ShotEnding(text or f"Q = {score:.2f}: {'' if fooled else 'not '}fooled", fooled)
+
+
+def pace(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
+    """Choose the frames of an episode's end, and their pace.
+
+    Args:
+        count: The episode's frames.
+        fps: How many of them belong to a second.
+        seconds: The time to fill.
+
+    Returns:
+        The frames' indices, the last one included; frames a second; and a remark where the episode
+        is shown in slow motion.
+    """
+    stride = max(1, math.ceil(fps / MAX_FPS))
+    if count < fps * SHORTEST_S:
+        return range(count), min(fps / stride, count / SHORTEST_S), "  ·  slow motion"
+    kept = max(2, round(seconds * fps / stride))
+    return range(count - 1, -1, -stride)[:kept][::-1], fps / stride, ""
+
+
+def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], float]:
+    """Choose the failures to show, and the seconds that each gets.
+
+    Args:
+        failures: The episodes that failed. Where none failed, the first episode is shown.
+        seconds: The seconds of the sample.
+    """
+    chosen = (list(failures) or [0])[: max(1, int(seconds // MIN_SHARE_S))]
+    return chosen, seconds / len(chosen)
+
+
+def describe_world(application: Application, mu: Mu, count: int = 3) -> str:
+    """Name the parameters that are farthest from the middle of their ranges, with their values."""
+    parameters = application.parameters.parameters
+    values = application.parameters.physical(mu).tolist()
+    farthest = sorted(range(len(mu)), key=lambda i: -abs(float(mu[i])))[:count]
+    return ", ".join(parameters[i].text(values[i]) for i in sorted(farthest))
+
+
+def steps_before(last: int, count: float) -> range:
+    """Return the steps that end at `last`, and at most so many before it."""
+    return range(max(0, last - max(1, round(count))), last + 1)
