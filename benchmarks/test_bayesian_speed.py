@@ -72,7 +72,7 @@ def test_bayesian(benchmark, steps):
         adversary.train(Oracle(score, dimension=DIMENSION, threshold=0.1, budget=steps, seed=0))
 
     benchmark.pedantic(train, rounds=1)
-    benchmark.extra_info["lowest score"] = float(adversary.omega.score.min())
+    benchmark.extra_info["lowest score"] = float(adversary.queries.score.min())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     benchmark.extra_info["peak memory of the process, GiB"] = peak / 2**20
     record(benchmark, "ours", steps)

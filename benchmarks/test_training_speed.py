@@ -76,8 +76,8 @@ def test_training(benchmark, name):
     benchmark.extra_info |= vars(COSTS[name])
 
 
-def solver_seconds(most_factorised):
-    exact_gp._MOST_FACTORISED = most_factorised  # the process is its own
+def solver_seconds(max_factorised):
+    exact_gp._MOST_FACTORISED = max_factorised  # the process is its own
     rng = np.random.default_rng(0)
     x = rng.uniform(-1.0, 1.0, (N, DIMENSION))
     kernel = exact_gp.Kernel(np.full(DIMENSION, 0.8), 1.0, exact_gp._NOISE_BOUNDS[0])

@@ -15,9 +15,9 @@ import numpy as np
 import optuna
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.gaussian_mixture import MixtureLearner
+from sada_gym.adversaries.gaussian_mixture import MixtureAdversary
 from sada_gym.adversaries.models.mixture import fit_best_mixture
-from sada_gym.adversaries.omega import evaluate
+from sada_gym.adversaries.query_pool import evaluate
 from sada_gym.attack import attack
 from sada_gym.evaluations import Evaluations
 
@@ -26,11 +26,11 @@ SIZES = (1, 2, 4, 8, 16, 32)  # of the mixtures to try, as `bayesian` does
 SEEDS = 3
 
 
-class Optimiser(MixtureLearner):
+class Optimiser(MixtureAdversary):
     """Minimises Q, and fits a mixture to the 100 lowest points that fooled."""
 
-    def _fit(self, omega: Evaluations) -> None:
-        chosen = self._induce(omega, 100).chosen
+    def _fit(self, queries: Evaluations) -> None:
+        chosen = self._select_fooling(queries, 100).chosen
         self._mixture = fit_best_mixture(chosen, SIZES, self.rng)
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 import sada_gym
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import reflect
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.oracle import Oracle
@@ -33,7 +33,7 @@ class NeighbourhoodOptions(Options):
     least: int = option(10, 1, 1_000)
 
 
-class Neighbourhood(Learner):
+class Neighbourhood(FittedAdversary):
     """A normal distribution around each query that fooled the agent."""
 
     name = "neighbourhood"
@@ -43,16 +43,16 @@ class Neighbourhood(Learner):
     def _query(self, oracle: Query) -> Evaluations:
         """Spend half of the budget on uniform mu, the rest on samples around what they found."""
         half = max(1, oracle.remaining // 2)
-        omega = evaluate_uniform(half, self.dimension, oracle, self.rng)
-        self._fit(omega)
+        queries = evaluate_uniform(half, self.dimension, oracle, self.rng)
+        self._fit(queries)
         closer = self._draw(oracle.remaining).astype(np.float32)
-        return omega + evaluate(closer, oracle)
+        return queries + evaluate(closer, oracle)
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Learn from all queries: keep those that fooled."""
-        fooled = int(omega.fooled(self.threshold).sum())
-        lowest = np.argsort(omega.score, kind="stable")
-        self.kept = omega.mu[lowest[: max(fooled, self.options.least)]]
+        fooled = int(queries.fooled(self.threshold).sum())
+        lowest = np.argsort(queries.score, kind="stable")
+        self.kept = queries.mu[lowest[: max(fooled, self.options.least)]]
 
     def _draw(self, n: int) -> np.ndarray:
         """Draw n mu, (n, d)."""

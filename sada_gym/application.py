@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import real_scores
-from sada_gym.determinism import generators_kept, refuse_random, single_threaded
+from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
@@ -191,7 +191,7 @@ class Application(ABC):
                 for _ in range(2)
             )
             name = self.agent_name or type(self.agent).__name__
-            refuse_random(name, first, second, seeds, self._other_cause)
+            check_deterministic(name, first, second, seeds, self._other_cause)
             self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
 
     @property

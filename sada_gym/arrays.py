@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sada_gym.errors import UserError, UserTypeError
 
 
-def refuse_masked(given: Any, what: str) -> None:
+def check_unmasked(given: Any, what: str) -> None:
     """Refuse a masked array, or a list of rows with one among them.
 
     Args:
@@ -34,7 +34,7 @@ def as_array(given: Any, what: str) -> npt.NDArray[Any]:
     Raises:
         UserTypeError: If it has a mask, or its rows differ in length.
     """
-    refuse_masked(given, what)
+    check_unmasked(given, what)
     try:
         return np.asarray(given)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged rows; a tensor with a gradient

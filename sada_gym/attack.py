@@ -11,7 +11,7 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import UserTypeError, refuse_number
+from sada_gym.errors import UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
@@ -111,10 +111,10 @@ def attack(
         TypeError, ValueError: If an argument is bad, or `out` holds another run.
     """
     folder = as_path(out, "the folder for the results")
-    refuse_number("budget", budget, 0, MAX_QUERIES)
-    refuse_number("seed", seed, 0)
+    check_integer("budget", budget, 0, MAX_QUERIES)
+    check_integer("seed", seed, 0)
     if samples is not None:
-        refuse_number("samples", samples, 1, MAX_QUERIES)
+        check_integer("samples", samples, 1, MAX_QUERIES)
     # before anything heavy is imported
     refuse_misspelt(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
@@ -137,11 +137,11 @@ def attack(
                     "an agent to name."
                 )
             count = application.sample_size if samples is None else samples
-            refuse_number("samples", count, 1, MAX_QUERIES)
+            check_integer("samples", count, 1, MAX_QUERIES)
             target = find_target(environment, env_kwargs or {}, application)
             chosen: dict[str, Any] = {"preset": preset, "options": options or {}}
             solver = make_adversary(
-                adversary, target.dimension, seed=seed, ideal_set=target.halves[1], **chosen
+                adversary, target.dimension, seed=seed, ideal_set=target.split[1], **chosen
             )
             settings = make_settings(
                 target, adversary, type(solver), budget=budget, samples=count, seed=seed, **chosen
@@ -156,8 +156,8 @@ def attack(
                         settings,
                         solver,
                         evaluator,
-                        fooling_set=target.halves[0],
-                        ideal_set=target.halves[1],
+                        fooling_set=target.split[0],
+                        ideal_set=target.split[1],
                         on_progress=report_progress,
                     )
                     report = _finish(run, folder)

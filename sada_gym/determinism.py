@@ -86,7 +86,7 @@ def _thread_pools(modules: int) -> ThreadpoolController:  # noqa: ARG001
     return ThreadpoolController()
 
 
-def refuse_random(
+def check_deterministic(
     agent: str,
     first: Sequence[Mapping[str, Any]],
     second: Sequence[Mapping[str, Any]],

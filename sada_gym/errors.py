@@ -55,7 +55,7 @@ class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
 
 
-def refuse_number(name: str, value: object, least: int, most: int | None = None) -> None:
+def check_integer(name: str, value: object, least: int, most: int | None = None) -> None:
     """Raise `UserError` for anything but a whole number in a range.
 
     Args:
@@ -76,7 +76,7 @@ def refuse_number(name: str, value: object, least: int, most: int | None = None)
         raise UserError(f"Expected {name} of at most {most:,}, got {number:,}.")
 
 
-def refuse_unknown(what: str, given: Iterable[object], known: Sequence[str]) -> None:
+def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> None:
     """Raise UserError for the first of the given names that is not known, with close matches."""
     for name in given:
         if name not in known:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sada_gym.errors import MissingExtra, UserError, refuse_unknown
+from sada_gym.errors import MissingExtra, UserError, check_known
 from sada_gym.lazy import load
 
 
@@ -21,7 +21,7 @@ def find_part(kind: str, name: str, table: Mapping[str, str]) -> Any:
         UserError: If there is no such part, or its module cannot be imported.
     """
     if ":" not in name:
-        refuse_unknown(kind, [name], list(table))
+        check_known(kind, [name], list(table))
     path = table.get(name, name)
     try:
         return load(path)

@@ -93,7 +93,7 @@ class _Count:
 
     done: int = 0
     total: int = 0
-    known: int = 0
+    cached: int = 0
     spent_s: float = 0.0
     first: int = 0
     first_s: float | None = None
@@ -132,7 +132,7 @@ class AttackProgress(Display):
     def __call__(self, progress: RunProgress) -> None:
         """Show how far the run is."""
         stage, done, total = progress.stage, progress.done, progress.total
-        known = progress.known
+        cached = progress.cached
         if stage != self._current:
             self._leave()
             self._counts.setdefault(stage, _Count())
@@ -140,12 +140,12 @@ class AttackProgress(Display):
         count = self._counts[stage]
         if done < count.done and stage in _STEPS:
             count.first, count.first_s = done, self._spent(stage)
-        count.done, count.total, count.known = done, total, known
-        if count.first_s is None and done > known:
-            count.first, count.first_s = done - known, self._spent(stage)
+        count.done, count.total, count.cached = done, total, cached
+        if count.first_s is None and done > cached:
+            count.first, count.first_s = done - cached, self._spent(stage)
         if stage in _STEPS:
             return
-        if done > known and not self._started:
+        if done > cached and not self._started:
             self._started, self._compiling = True, False
         elif total and not self._started and not self._compiling and will_compile():
             self._compiling = True
@@ -165,7 +165,7 @@ class AttackProgress(Display):
     def _rate(self, stage: Stage) -> float | None:
         """Count evaluations a second, without the first chunk and those that the store knew."""
         count = self._counts[stage]
-        made = count.done - count.known - count.first
+        made = count.done - count.cached - count.first
         took = self._spent(stage) - (count.first_s or 0.0)
         return made / took if made > 0 and took > 0 else None
 
@@ -183,8 +183,8 @@ class AttackProgress(Display):
             parts.append(f"{count.done:,}/{count.total:,}")
         if (rate := self._rate(stage)) is not None:
             parts.append(f"{rate:,.0f}/s" if rate >= 10 else f"{rate:.2g}/s")
-        if count.known:
-            parts.append(f"{count.known:,} known")
+        if count.cached:
+            parts.append(f"{count.cached:,} cached")
         parts.append(clock(self._spent(stage)))
         if (left := self._left_s(stage)) is not None:
             parts.append(f"{clock(left)} left")

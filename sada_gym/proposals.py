@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
-from sada_gym.errors import UserError, refuse_number
+from sada_gym.errors import UserError, check_integer
 
 Observation = npt.NDArray[np.float32]
 
@@ -47,7 +47,7 @@ class Proposals:
     def __init__(self, dimension: int, horizon: int, count: int) -> None:
         if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
             raise UserError(f"Expected horizon to be an int of at least 1, got {horizon!r}.")
-        refuse_number("horizon", horizon, 1, MAX_HORIZON)
+        check_integer("horizon", horizon, 1, MAX_HORIZON)
         self.observation: Observation = np.zeros((count, dimension + 2), dtype=np.float32)
         self._horizon = horizon
         self._steps_left = np.zeros(count, dtype=np.int64)

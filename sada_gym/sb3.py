@@ -12,7 +12,7 @@ from stable_baselines3.common.logger import TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
 from sada_gym.determinism import generators_kept
-from sada_gym.errors import UserError, refuse_number
+from sada_gym.errors import UserError, check_integer
 from sada_gym.evaluations import fools
 from sada_gym.proposals import proposal_spaces
 
@@ -43,7 +43,7 @@ class AttackCallback(BaseCallback):
     """
 
     def __init__(self, oracle: Oracle, every: int = 100) -> None:
-        refuse_number("every", every, 1)
+        check_integer("every", every, 1)
         super().__init__()
         self.oracle = oracle
         self.every = every
@@ -124,8 +124,8 @@ def sample_policy(
         ValueError: If the model's spaces are not those of such an environment, or n or the seed
             is negative.
     """
-    refuse_number("n", n, 0)
-    refuse_number("seed", seed, 0, 2**32 - 1)
+    check_integer("n", n, 0)
+    check_integer("seed", seed, 0, 2**32 - 1)
     action, observation = proposal_spaces(dimension)
     for what, space, own in (
         ("observation", observation, model.observation_space),

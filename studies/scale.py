@@ -65,7 +65,7 @@ class Judge:
         reference = load_reference(TRACK, application)
         if reference is None:
             raise ValueError(f"Expected a reference set of {TRACK}; run studies/reference_sets.py.")
-        self._points, draws = reference.halves()
+        self._points, draws = reference.split()
         self.ideal = 1.0
         rows = [np.random.default_rng(i).choice(len(draws), SAMPLES, replace=False) for i in (0, 1)]
         figures = [self(draws[chosen], seed) for seed, chosen in enumerate(rows)]

@@ -162,7 +162,7 @@ def test_what_the_store_knew_is_shown_and_is_no_speed():
     bars(RunProgress("train", 0, 100, 0))
     bars(RunProgress("train", 60, 100, 60))
     assert bars._rate("train") is None
-    assert "60 known" in bars._detail("train")
+    assert "60 cached" in bars._detail("train")
 
 
 def test_without_a_terminal_a_line_comes_every_while(monkeypatch):
@@ -203,7 +203,7 @@ def test_no_line_is_wider_than_the_terminal(width):
     lines = Text.from_ansi(capture.get()).plain.splitlines()
     assert all(len(line.rstrip()) <= width for line in lines)
     words = " ".join(lines).split()
-    assert {"Querying", "5,500/20,000", "2,000", "known"} <= set(words)
+    assert {"Querying", "5,500/20,000", "2,000", "cached"} <= set(words)
 
 
 def test_compiling_is_said_before_the_first_evaluation_and_only_then(monkeypatch):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.adversaries.options import Options, choose_options
-from sada_gym.errors import refuse_number
+from sada_gym.errors import check_integer
 from sada_gym.parameters import Mu
 
 MOST_DIMENSIONS = 1_000
@@ -81,9 +81,9 @@ class Adversary(ABC):
         preset: str = "default",
         **options: Any,
     ) -> None:
-        refuse_number("dimension", dimension, 1, MOST_DIMENSIONS)
+        check_integer("dimension", dimension, 1, MOST_DIMENSIONS)
         if seed is not None:
-            refuse_number("seed", seed, 0)
+            check_integer("seed", seed, 0)
         name = getattr(self, "name", type(self).__name__)
         self.options = choose_options(name, self.options_class(), self.presets, preset, options)
         self.dimension = int(dimension)

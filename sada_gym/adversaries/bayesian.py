@@ -10,11 +10,11 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.gaussian_mixture import MixtureLearner
+from sada_gym.adversaries.gaussian_mixture import MixtureAdversary
 from sada_gym.adversaries.models.expected_improvement import LEAST_CANDIDATES, Search
 from sada_gym.adversaries.models.mixture import fit_best_mixture
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform, induce
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform, select_fooling
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 
@@ -52,7 +52,7 @@ class BayesianOptions(Options):
             )
 
 
-class Bayesian(MixtureLearner):
+class Bayesian(MixtureAdversary):
     """Minimises Q by expected improvement, and fits a Gaussian mixture to the lowest late points.
 
     This is the Bayesian baseline of the paper (section "Baselines"), which takes 10^4 steps; here
@@ -69,13 +69,13 @@ class Bayesian(MixtureLearner):
     def _query(self, oracle: Query) -> Evaluations:
         o, budget = self.options, oracle.remaining
         initial = o.initial or min(10 * self.dimension, max(budget // 4, 1))
-        omega = evaluate_uniform(min(initial, budget), self.dimension, oracle, self.rng)
-        return minimise(oracle, omega, self.rng, candidates=o.candidates, batch=o.batch)
+        queries = evaluate_uniform(min(initial, budget), self.dimension, oracle, self.rng)
+        return minimise(oracle, queries, self.rng, candidates=o.candidates, batch=o.batch)
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         o = self.options
-        late = omega[-o.last :]
-        induced = induce(late, self.threshold, self.rng, size=o.induced_size or None)
+        late = queries[-o.last :]
+        induced = select_fooling(late, self.threshold, self.rng, size=o.induced_size or None)
         if induced.fallback:
             self.flags.append(
                 f"none of the last {len(late)} points fooled: learnt from the lowest scores instead"
@@ -85,7 +85,7 @@ class Bayesian(MixtureLearner):
 
 def minimise(
     oracle: Query,
-    omega: Evaluations,
+    queries: Evaluations,
     rng: np.random.Generator,
     *,
     candidates: int = 16_384,
@@ -102,7 +102,7 @@ def minimise(
 
     Args:
         oracle: Answers the queries.
-        omega: What was evaluated before, at least one point.
+        queries: What was evaluated before, at least one point.
         rng: All randomness.
         candidates: Number of candidates, a power of two.
         batch: Number of points in one query. Within a batch, each point counts as if it scored its
@@ -110,7 +110,7 @@ def minimise(
             Carraro 2010, "Kriging is well-suited to parallelize optimization").
 
     Returns:
-        All evaluations, those of `omega` first, in order.
+        All evaluations, those of `queries` first, in order.
 
     Raises:
         ValueError: If a score is not finite.
@@ -118,21 +118,21 @@ def minimise(
     # one thread: the last bits of a product, and so the search, depend on their number
     one_thread = partial(ThreadpoolController().limit, limits=1, user_api="blas")
     kernel = None
-    for stop in stages(len(omega), len(omega) + oracle.remaining):
+    for stop in stages(len(queries), len(queries) + oracle.remaining):
         with one_thread():
             search = Search(
-                omega.mu, omega.score, kernel, rng, candidates=candidates, capacity=stop
+                queries.mu, queries.score, kernel, rng, candidates=candidates, capacity=stop
             )
-        while len(omega) < stop:
+        while len(queries) < stop:
             with one_thread():
-                chosen = [search.choose() for _ in range(min(batch, stop - len(omega)))]
+                chosen = [search.choose() for _ in range(min(batch, stop - len(queries)))]
             found = evaluate(np.array(chosen), oracle)
             with one_thread():
                 search.observe(found.score)
-            omega += found
+            queries += found
         kernel = search.kernel
         del search  # the next one needs as much memory again
-    return omega
+    return queries
 
 
 def stages(start: int, stop: int) -> list[int]:

@@ -14,9 +14,9 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.bbgan_training import train_gan
-from sada_gym.adversaries.learner import Arrays, Learner, part, take
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
+from sada_gym.adversaries.fitted import Arrays, FittedAdversary, part, take
 from sada_gym.adversaries.options import option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.determinism import one_thread
 from sada_gym.evaluations import Evaluations
@@ -25,7 +25,7 @@ from sada_gym.parameters import Mu
 _CALIBRATION_DRAWS = 4096
 
 
-class BBGAN(Learner):
+class BBGAN(FittedAdversary):
     """A GAN that learns the fooling distribution from the points of a uniform pool that fool.
 
     It is the adversary of Hamdi, Mueller & Ghanem 2020. All of the budget goes into Omega. The
@@ -69,7 +69,7 @@ class BBGAN(Learner):
         self._ceiling: Tensor
 
     def train(self, oracle: Query) -> None:
-        """Evaluate Omega with all of the budget, induce S, and train the GAN on it.
+        """Evaluate Omega with all of the budget, select_fooling S, and train the GAN on it.
 
         Raises:
             TrainingDiverged: If the networks' weights stop being finite.
@@ -81,14 +81,14 @@ class BBGAN(Learner):
             if self._log:
                 self._log.close()
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         self._generator.manual_seed(int(self.rng.integers(2**62)))
-        self._train_networks(omega)
+        self._train_networks(queries)
 
-    def _train_networks(self, omega: Evaluations) -> None:
-        """Train G and D afresh on the set induced from omega."""
+    def _train_networks(self, queries: Evaluations) -> None:
+        """Train G and D afresh on the set induced from queries."""
         self.flags = []
-        induced = self._induce(omega, self.options.induced_size)
+        induced = self._select_fooling(queries, self.options.induced_size)
         with one_thread():
             self._g, self._d = train_gan(
                 induced, self.options, self._generator, self._log, self.on_step
@@ -171,18 +171,18 @@ class BoostedBBGAN(BBGAN):
     def _train(self, oracle: Query) -> Evaluations:
         """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
-        omega = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
-        self._fit(omega)
+        queries = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        self._fit(queries)
         for stage in range(self.options.stages if share else 0):
-            self._know(omega)
+            self._know(queries)
             sampled = evaluate(self._fresh(share), oracle)
-            omega += sampled
+            queries += sampled
             for _ in range(self.options.copies):
                 boosted += sampled
             if self._log:
                 self._log.start(f"stage{stage + 1}")
             self._train_networks(boosted)
-        return omega
+        return queries
 
 
 def split_budget(budget: int, o: BoostOptions) -> tuple[int, int]:

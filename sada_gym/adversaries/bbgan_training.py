@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import BBGANOptions
-from sada_gym.adversaries.omega import Induced
+from sada_gym.adversaries.query_pool import InducedSet
 from sada_gym.adversaries.training_log import TrainingLog
 from sada_gym.errors import TrainingDiverged
 
@@ -19,7 +19,7 @@ _LOG_EVERY = 25
 
 
 def train_gan(
-    induced: Induced,
+    induced: InducedSet,
     o: BBGANOptions,
     generator: torch.Generator,
     log: TrainingLog | None,

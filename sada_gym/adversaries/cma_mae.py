@@ -11,10 +11,10 @@ from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Arrays, Learner, take
+from sada_gym.adversaries.fitted import Arrays, FittedAdversary, take
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.errors import MissingExtra
 from sada_gym.evaluations import Evaluations
 
@@ -44,7 +44,7 @@ class CMAMAEOptions(Options):
     sigma: float = option(0.2, 0, 1, inside=True)
 
 
-class CMAMAE(Learner):
+class CMAMAE(FittedAdversary):
     """Evolution strategies that fill an archive of cells all over the box with low scores.
 
     CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing"): several
@@ -79,19 +79,19 @@ class CMAMAE(Learner):
                 "pip install 'sada-gym[qd]'"
             ) from error
         uniform = math.ceil(self.options.uniform_share * oracle.remaining)
-        omega = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        queries = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         halton = qmc.Halton(self.dimension, rng=self.rng)
         self._centroids = 2.0 * halton.random(self.options.cells) - 1.0
-        scheduler = self._scheduler(omega)
+        scheduler = self._scheduler(queries)
         while oracle.remaining:
             proposed = reflect(scheduler.ask()).astype(np.float32)
             part = evaluate(proposed[: oracle.remaining], oracle)
-            omega += part
+            queries += part
             if len(part) == len(proposed):
                 scheduler.tell(1.0 - part.score, part.mu)
-        return omega
+        return queries
 
-    def _scheduler(self, omega: Evaluations) -> Scheduler:
+    def _scheduler(self, queries: Evaluations) -> Scheduler:
         """Make archive and strategies; the uniform points are in the archive already."""
         from ribs.archives import CVTArchive
         from ribs.emitters import EvolutionStrategyEmitter
@@ -105,7 +105,7 @@ class CMAMAE(Learner):
             threshold_min=_THRESHOLD_MIN,
             seed=self._seed(),
         )
-        archive.add(omega.mu, 1.0 - omega.score, omega.mu)
+        archive.add(queries.mu, 1.0 - queries.score, queries.mu)
         elites = archive.data(["solution", "objective"])
         fools = elites["objective"] >= 1.0 - self.threshold
         starts = elites["solution"][fools] if fools.any() else elites["solution"]
@@ -124,12 +124,12 @@ class CMAMAE(Learner):
         ]
         return Scheduler(archive, emitters)
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Weigh the points that fooled by their cells, and find the steps' deviations."""
-        chosen = self._induce(omega).chosen
+        chosen = self._select_fooling(queries).chosen
         cells, count = KDTree(self._centroids), len(self._centroids)
         cell = cells.query(chosen)[1]
-        tried = np.bincount(cells.query(omega.mu)[1], minlength=count)
+        tried = np.bincount(cells.query(queries.mu)[1], minlength=count)
         fooled = np.bincount(cell, minlength=count)
         rate = fooled / (tried + 1.0)  # one more, so that a cell hit once is no sure thing
         weight = rate[cell] ** 2 / fooled[cell]
@@ -148,7 +148,7 @@ class CMAMAE(Learner):
 
     def _restore(self, arrays: Arrays) -> None:
         self._centroids = take(arrays, "centroids", self.options.cells, self.dimension)
-        self._fit(self.omega)
+        self._fit(self.queries)
 
     def _seed(self) -> int:
         return int(self.rng.integers(2**31))

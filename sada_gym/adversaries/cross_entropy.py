@@ -10,10 +10,10 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Arrays, Learner, take
+from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, take
 from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
-from sada_gym.adversaries.omega import FALLBACK_SIZE, evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import FALLBACK_SIZE, evaluate, evaluate_uniform
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluations import Evaluations
 
@@ -44,7 +44,7 @@ _Stage = tuple[int, Mixture | None, float]
 """How many points were drawn, from which mixture (None is uniform), its mass in the box."""
 
 
-class CrossEntropy(Learner):
+class CrossEntropy(FittedAdversary):
     """Mixtures fitted in stages to the points that fool, each drawing the next stage's points.
 
     The cross-entropy method (Rubinstein & Kroese 2004) for the target density 1{Q <= epsilon}, with
@@ -73,35 +73,35 @@ class CrossEntropy(Learner):
 
     def _query(self, oracle: Query) -> Evaluations:
         first, *later = self._split(oracle.remaining)
-        newest = omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
+        newest = queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         self._stages: list[_Stage] = [(first, None, 1.0)]
         level = math.inf
         for count in later:
             quantile = float(np.quantile(newest.score, self.options.elite, method="lower"))
             level = max(min(level, quantile), self.threshold)
-            mixture = self._fit_mixture(omega, level)
+            mixture = self._fit_mixture(queries, level)
             self._stages.append((count, mixture, mixture.mass_in_box(self.rng)))
             points = mixture.sample(count, self.rng)
             uniform = self.rng.random(count) < self.options.defensive
             points[uniform] = self.rng.uniform(-1.0, 1.0, (int(uniform.sum()), self.dimension))
             newest = evaluate(points.astype(np.float32), oracle)
-            omega += newest
-        return omega
+            queries += newest
+        return queries
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         level = self.threshold
-        if omega.score.min() > level:
+        if queries.score.min() > level:
             self.flags.append(NONE_FOOLED)
-            level = float(np.sort(omega.score)[:FALLBACK_SIZE][-1])
-        self._mixture = self._fit_mixture(omega, level)
+            level = float(np.sort(queries.score)[:FALLBACK_SIZE][-1])
+        self._mixture = self._fit_mixture(queries, level)
         # mixtures of the points at or below the level and above it, which thin the samples
-        fooled = omega.score <= level
+        fooled = queries.score <= level
         self._classes: list[Mixture] = []
         self._log_odds = self._ceiling = 0.0
         if fooled.all():
             return
         self._classes = [
-            fit_best_mixture(omega.mu[chosen], self._sizes, self.rng)
+            fit_best_mixture(queries.mu[chosen], self._sizes, self.rng)
             for chosen in (fooled, ~fooled)
         ]
         self._log_odds = math.log(fooled.sum() / (~fooled).sum())
@@ -114,9 +114,9 @@ class CrossEntropy(Learner):
         ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
         return [uniform, *(int(count) for count in np.diff(ends) if count)]
 
-    def _fit_mixture(self, omega: Evaluations, level: float) -> Mixture:
+    def _fit_mixture(self, queries: Evaluations, level: float) -> Mixture:
         """Fit the uniform density over the points at or below the level."""
-        elite = omega.mu[omega.score <= level].astype(np.float64)
+        elite = queries.mu[queries.score <= level].astype(np.float64)
         log_density = logsumexp(
             [self._log_density(elite, *stage) for stage in self._stages], axis=0
         )

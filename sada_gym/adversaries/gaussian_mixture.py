@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import Array, Mixture, fit_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.evaluations import Evaluations
@@ -22,7 +22,7 @@ class GaussianOptions(Options):
     induced_size: int = option(100, 0, 10**9)
 
 
-class MixtureLearner(Learner):
+class MixtureAdversary(FittedAdversary):
     """A learner whose distribution is a mixture, `_mixture`, which `_fit` sets."""
 
     packages = ("scikit-learn",)
@@ -33,7 +33,7 @@ class MixtureLearner(Learner):
         return self._mixture.sample(n, self.rng)
 
 
-class Gaussian(MixtureLearner):
+class Gaussian(MixtureAdversary):
     """A Gaussian with full covariance, fitted on the induced set of a uniform pool.
 
     All of the budget goes into Omega (Hamdi, Mueller, Ghanem 2020, "Baselines", Gaussian Mixture
@@ -49,8 +49,8 @@ class Gaussian(MixtureLearner):
 
     options: GaussianOptions
 
-    def _fit(self, omega: Evaluations) -> None:
-        chosen = self._induce(omega, self.options.induced_size).chosen
+    def _fit(self, queries: Evaluations) -> None:
+        chosen = self._select_fooling(queries, self.options.induced_size).chosen
         components = max(1, round(self.components_share * len(chosen)))
         self._mixture = fit_mixture(chosen, components, self.rng)
 

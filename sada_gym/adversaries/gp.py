@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sada_gym.adversaries.learner import Arrays, Floats, take
+from sada_gym.adversaries.fitted import Arrays, Floats, take
 from sada_gym.adversaries.models.exact_gp import (
     Array,
     Kernel,
@@ -36,12 +36,12 @@ class GP(Selection):
     name: ClassVar[str] = "gp"
     packages = ()
 
-    def _fit(self, omega: Evaluations) -> None:
-        if len(omega) > MOST_POINTS:
-            self.flags.append(f"fitted to the first {MOST_POINTS} points of Omega's {len(omega)}")
+    def _fit(self, queries: Evaluations) -> None:
+        if len(queries) > MOST_POINTS:
+            self.flags.append(f"fitted to the first {MOST_POINTS} points of Omega's {len(queries)}")
         # Omega is in random order: its first points are a random subset
-        x = omega.mu[:MOST_POINTS].astype(np.float64)
-        score = omega.score[:MOST_POINTS]
+        x = queries.mu[:MOST_POINTS].astype(np.float64)
+        score = queries.score[:MOST_POINTS]
         self._mean, scale = float(score.mean()), float(score.std())
         if np.ptp(score) == 0.0:  # rounding may leave their deviation above 0
             self.flags.append(CONSTANT)
@@ -53,7 +53,7 @@ class GP(Selection):
         self._weights = scale * fit_weights(self._kernel, x, y)
 
     def _predict(self, mu: Array) -> Floats:
-        x = self.omega.mu[: len(self._weights)].astype(np.float64)
+        x = self.queries.mu[: len(self._weights)].astype(np.float64)
         return self._mean + predict_mean(self._kernel, x, self._weights, mu)
 
     def _arrays(self) -> Arrays:
@@ -66,7 +66,7 @@ class GP(Selection):
         }
 
     def _restore(self, arrays: Arrays) -> None:
-        points = min(len(self.omega), MOST_POINTS)
+        points = min(len(self.queries), MOST_POINTS)
         self._mean = float(take(arrays, "mean"))
         self._weights = take(arrays, "weights", points)
         scales = take(arrays, "length_scales", self.dimension)

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
+from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary, Floats
 from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import density_and_coverage
@@ -52,7 +52,7 @@ class LevelSetOptions(Options):
     models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), most=len(MODELS))
 
 
-class LevelSet(Learner):
+class LevelSet(FittedAdversary):
     """Learns the probability of fooling from all queries; samples evenly where it is high.
 
     1. A part of the budget is uniform (Omega); the rest is spent in rounds. Each fits a
@@ -92,17 +92,17 @@ class LevelSet(Learner):
             )
         rounds = self.options.rounds
         first = max(int(self.options.uniform * budget), LEAST_BUDGET) if rounds else budget
-        omega = evaluate_uniform(first, self.dimension, oracle, self.rng)
+        queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for i in range(1, rounds + 1):
-            part = first + (budget - first) * i // rounds - len(omega)
+            part = first + (budget - first) * i // rounds - len(queries)
             if part:
-                surrogate = self._fit_surrogate(omega, self.rng)
+                surrogate = self._fit_surrogate(queries, self.rng)
                 pool = self._uniform(max(_pool_size(budget), 4 * part))
-                omega += evaluate(self._choose(surrogate, pool, part), oracle)
-        return omega
+                queries += evaluate(self._choose(surrogate, pool, part), oracle)
+        return queries
 
-    def _fit_surrogate(self, omega: Evaluations, rng: np.random.Generator) -> Surrogate:
-        return Surrogate(omega.mu, omega.score, self.threshold, rng, self.options.models)
+    def _fit_surrogate(self, queries: Evaluations, rng: np.random.Generator) -> Surrogate:
+        return Surrogate(queries.mu, queries.score, self.threshold, rng, self.options.models)
 
     def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
         """Choose the next queries from the pool: (count, d)."""
@@ -116,13 +116,13 @@ class LevelSet(Learner):
         """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
         return p * (1.0 - p)
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Fit the last surrogate, choose the level, and keep points for the walk to start from."""
-        if not omega.fooled(self.threshold).any():
+        if not queries.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
-        self._surrogate = self._fit_surrogate(omega, rng)
-        pool, p = self._predict_pool(_pool_size(len(omega)))
+        self._surrogate = self._fit_surrogate(queries, rng)
+        pool, p = self._predict_pool(_pool_size(len(queries)))
         rows = np.flatnonzero(p >= 0.5)
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")

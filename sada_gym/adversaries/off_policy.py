@@ -34,11 +34,11 @@ class OffPolicyAdversary(SB3Adversary):
 
     options: OffPolicyOptions
 
-    def _settings(self, queries: int) -> dict[str, Any]:
-        return {"buffer_size": queries}
+    def _settings(self, budget: int) -> dict[str, Any]:
+        return {"buffer_size": budget}
 
-    def _learn_uniform(self, omega: Evaluations, rewards: Array) -> None:
-        mu = omega.mu.astype(np.float64)
+    def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
+        mu = queries.mu.astype(np.float64)
         start = np.zeros_like(mu)
         if self.options.starts == "uniform":  # an action reaches no further than 1
             start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
@@ -85,8 +85,8 @@ class SAC(OffPolicyAdversary):
     }
     options: SACOptions
 
-    def _settings(self, queries: int) -> dict[str, Any]:
-        return {**super()._settings(queries), "ent_coef": self.options.entropy}
+    def _settings(self, budget: int) -> dict[str, Any]:
+        return {**super()._settings(budget), "ent_coef": self.options.entropy}
 
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)

@@ -8,7 +8,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
-from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.errors import UserError, check_known
 
 T = TypeVar("T")
 Chosen = TypeVar("Chosen", bound="Options")
@@ -146,9 +146,9 @@ def choose_options(
     if not presets and preset != "default":
         raise UserError(f"Expected no preset with {adversary}, which has none; drop it.")
     if presets:
-        refuse_unknown("preset", [preset], list(presets))
+        check_known("preset", [preset], list(presets))
         default = presets[preset]
-    refuse_unknown(f"option of {adversary}", given, [field.name for field in fields(default)])
+    check_known(f"option of {adversary}", given, [field.name for field in fields(default)])
     return replace(default, **given)
 
 

@@ -49,7 +49,7 @@ class PPO(SB3Adversary):
     }
     options: PPOOptions
 
-    def _settings(self, queries: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
+    def _settings(self, budget: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
         o = self.options
         return {
             "policy_kwargs": {"net_arch": list(o.hidden), "log_std_init": o.log_deviation},

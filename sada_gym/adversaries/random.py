@@ -7,12 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 
-class Random(Learner):
+class Random(FittedAdversary):
     """Samples mu uniformly and learns nothing: its AFR is the share of the box that fools.
 
     Training spends no query, because none would change a sample.
@@ -24,7 +24,7 @@ class Random(Learner):
     def _query(self, oracle: Query) -> Evaluations:  # noqa: ARG002 - there is nothing to ask
         return Evaluations.unseeded(self._uniform(0), np.zeros(0))
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Learn nothing."""
 
     def _draw(self, n: int) -> Mu:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from sada_gym.adversaries.base import Adversary
-from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.errors import UserError, check_known
 from sada_gym.parts import find_part
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",
-    "archive": "sada_gym.adversaries.archive:Archive",
+    "archive": "sada_gym.adversaries.memorise:Memorise",
     "gaussian": "sada_gym.adversaries.gaussian_mixture:Gaussian",
     "gmm10": "sada_gym.adversaries.gaussian_mixture:GMM10",
     "gmm50": "sada_gym.adversaries.gaussian_mixture:GMM50",
@@ -71,7 +71,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
     kind = find(name)
     if "preset" in options and not kind.presets:
         raise UserError(f"Expected no preset with {name}, which has none; drop it.")
-    refuse_unknown(f"option of {name}", options, list(_options(kind)))
+    check_known(f"option of {name}", options, list(_options(kind)))
     return kind(dimension, seed=seed, **options)
 
 
@@ -88,7 +88,7 @@ def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     kind = find(name)
     chosen = options.get("preset", "default")
     if kind.presets:
-        refuse_unknown("preset", [chosen], list(kind.presets))
+        check_known("preset", [chosen], list(kind.presets))
     return {**_options(kind, chosen), **options}
 
 

@@ -12,7 +12,7 @@ import torch
 from scipy.special import softmax
 from torch import Tensor
 
-from sada_gym.adversaries.learner import Arrays, take
+from sada_gym.adversaries.fitted import Arrays, take
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
@@ -55,7 +55,7 @@ class Reinforce(RLAdversary):
     }
     options: ReinforceOptions
 
-    def _begin(self, queries: int) -> None:  # noqa: ARG002 - it keeps none
+    def _begin(self, budget: int) -> None:  # noqa: ARG002 - it keeps none
         o, shape = self.options, (self.options.components, self.dimension)
         means = self.rng.uniform(-1.0, 1.0, shape) if o.components > 1 else np.zeros(shape)
         start = {

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import NONE_FOOLED, Learner
+from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.errors import BudgetTooSmall, TrainingDiverged
 from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
@@ -60,7 +60,7 @@ class Proposals:
         return reflect(self.start + self.action).astype(np.float32)
 
 
-class RLAdversary(Learner):
+class RLAdversary(FittedAdversary):
     """An adversary whose policy proposes mu, rollout after rollout, and is rewarded for failures.
 
     An episode is one proposal, so the policy at the first observation is the learnt distribution.
@@ -72,7 +72,7 @@ class RLAdversary(Learner):
     options: RLOptions
 
     @abstractmethod
-    def _begin(self, queries: int) -> None:
+    def _begin(self, budget: int) -> None:
         """Make a new policy with room for so many queries."""
 
     @abstractmethod
@@ -83,7 +83,7 @@ class RLAdversary(Learner):
     def _learn(self, proposals: Proposals, rewards: Array) -> bool:
         """Improve the policy by its last rollout; return whether all weights are finite."""
 
-    def _learn_uniform(self, omega: Evaluations, rewards: Array) -> None:
+    def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
         """Learn from the uniform queries, if the algorithm can learn from such actions."""
 
     def _train(self, oracle: Query) -> Evaluations:
@@ -95,23 +95,23 @@ class RLAdversary(Learner):
                 f"{budget}: it needs some uniform queries and a whole rollout of {size}. Raise the "
                 "budget, or lower the option rollout."
             )
-        omega = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
+        queries = evaluate_uniform(budget - rollouts * size, self.dimension, oracle, self.rng)
         self._begin(budget)
-        self._learn_uniform(omega, self._rewards(omega, omega[:0]))
+        self._learn_uniform(queries, self._rewards(queries, queries[:0]))
         for done in range(rollouts):
             proposals = self._act(size)
             if not np.isfinite(proposals.action).all():
                 raise self._diverged(done)
             asked = evaluate(proposals.mu, oracle)
-            if not self._learn(proposals, self._rewards(asked, omega)):
+            if not self._learn(proposals, self._rewards(asked, queries)):
                 raise self._diverged(done + 1)
-            omega += asked
-        self._fit(omega)
-        return omega
+            queries += asked
+        self._fit(queries)
+        return queries
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Flag a training without failures; the policy has already learnt from its rollouts."""
-        self.flags = [] if omega.fooled(self.threshold).any() else [NONE_FOOLED]
+        self.flags = [] if queries.fooled(self.threshold).any() else [NONE_FOOLED]
 
     @property
     def least_budget(self) -> int:
@@ -164,8 +164,8 @@ def failure_rewards(
         dissimilarity: The weight of the bonus.
     """
     fooled = asked.fooled(threshold)
-    queries = seen + asked
-    misses = np.sort(queries.score[~queries.fooled(threshold)])
+    known = seen + asked
+    misses = np.sort(known.score[~known.fooled(threshold)])
     places = sum(np.searchsorted(misses, asked.score, side=side) for side in ("left", "right"))
     above = 1.0 - 0.5 * np.asarray(places, np.float64) / max(len(misses), 1)
     rewards: Array = np.where(fooled, 1.0, rank * above)

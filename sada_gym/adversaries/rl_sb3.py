@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sada_gym.adversaries.learner import Arrays, part
+from sada_gym.adversaries.fitted import Arrays, part
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
@@ -57,7 +57,7 @@ class SB3Adversary(RLAdversary):
     options: SB3Options
 
     @abstractmethod
-    def _settings(self, queries: int) -> dict[str, Any]:
+    def _settings(self, budget: int) -> dict[str, Any]:
         """Give the model's keywords beside those that all share, for so many queries."""
 
     @abstractmethod
@@ -68,7 +68,7 @@ class SB3Adversary(RLAdversary):
         """Turn draws of the Gaussian, (n, d), into actions."""
         return drawn
 
-    def _begin(self, queries: int) -> None:
+    def _begin(self, budget: int) -> None:
         import stable_baselines3
         from stable_baselines3.common.logger import configure
 
@@ -77,7 +77,7 @@ class SB3Adversary(RLAdversary):
         settings = {
             "learning_rate": self.options.learning_rate,
             "policy_kwargs": {"net_arch": list(self.options.hidden)},
-            **self._settings(queries),
+            **self._settings(budget),
         }
         model = getattr(stable_baselines3, self.algorithm)
         with self._seeded():
@@ -120,6 +120,6 @@ class SB3Adversary(RLAdversary):
         return {f"policy.{name}": tensor.numpy() for name, tensor in weights.items()}
 
     def _restore(self, arrays: Arrays) -> None:
-        self._begin(queries=1)
+        self._begin(budget=1)
         weights = part(arrays, "policy.")
         self._model.policy.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})

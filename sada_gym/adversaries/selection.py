@@ -11,7 +11,7 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Floats, Learner
+from sada_gym.adversaries.fitted import FittedAdversary, Floats
 from sada_gym.adversaries.options import Options, option
 from sada_gym.evaluations import Evaluations
 
@@ -34,7 +34,7 @@ class SelectionOptions(Options):
     subset: int = option(2_000, 10, 10_000)
 
 
-class Selection(Learner):
+class Selection(FittedAdversary):
     """Learns to predict Q from all of Omega; samples are the lowest of a fresh random pool.
 
     The paper draws random mu, sorts them by their predicted score and picks the M lowest, but does
@@ -53,16 +53,16 @@ class Selection(Learner):
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
     def _train(self, oracle: Query) -> Evaluations:
-        omega = self._query(oracle)
-        if not omega.fooled(self.threshold).any():
+        queries = self._query(oracle)
+        if not queries.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED_BUT_ALL_LEARNT)
         # more threads would give other last bits
         with threadpool_limits(1):
-            self._fit(omega)
-        return omega
+            self._fit(queries)
+        return queries
 
     def _draw(self, n: int) -> Floats:
-        size = max(self.options.pool or len(self.omega), _LEAST_POOL * n)
+        size = max(self.options.pool or len(self.queries), _LEAST_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):
             predicted = self._predict(pool)

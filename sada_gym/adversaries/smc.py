@@ -11,10 +11,10 @@ from sklearn.neighbors import NearestNeighbors
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.models.mixture import Array, reflect
-from sada_gym.adversaries.omega import evaluate, evaluate_uniform
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.evaluations import Evaluations
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
@@ -42,7 +42,7 @@ class SMCOptions(Options):
     neighbours: int = option(20, 1, 1_000)
 
 
-class SMC(Learner):
+class SMC(FittedAdversary):
     """A population of points that moves down levels of Q and then about the fooling set.
 
     This is subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet
@@ -76,7 +76,7 @@ class SMC(Learner):
         o, budget = self.options, oracle.remaining
         uniform = math.ceil(budget * o.uniform_share)
         per_level = math.ceil(budget * o.level_share)
-        omega = population = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
+        queries = population = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         self._scale = 0.5
         level = math.inf
         while level > oracle.threshold and oracle.remaining:
@@ -84,13 +84,13 @@ class SMC(Learner):
             level = max(quantile, oracle.threshold)
             population = population[population.score <= level]
             n = oracle.remaining if level == oracle.threshold else min(per_level, oracle.remaining)
-            states, queries = self._walk(population, level, n, oracle)
+            states, asked = self._walk(population, level, n, oracle)
             population += states
-            omega += queries
-        return omega
+            queries += asked
+        return queries
 
-    def _fit(self, omega: Evaluations) -> None:
-        self._points = np.unique(self._induce(omega).chosen, axis=0).astype(np.float64)
+    def _fit(self, queries: Evaluations) -> None:
+        self._points = np.unique(self._select_fooling(queries).chosen, axis=0).astype(np.float64)
         self._nearest = np.zeros((1, 1), np.intp)
         if len(self._points) > 1:
             count = min(self.options.neighbours, len(self._points) - 1)
@@ -107,7 +107,7 @@ class SMC(Learner):
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
         mu, score = population.mu[start], population.score[start]
         spread = np.maximum(population.mu.std(axis=0), _LEAST_SPREAD)
-        states = queries = population[:0]
+        states = proposals = population[:0]
         for taken in range(0, n, chains):
             mu, score = mu[: n - taken], score[: n - taken]
             step = self._scale * spread * self.rng.normal(size=mu.shape)
@@ -116,10 +116,10 @@ class SMC(Learner):
             mu = np.where(accepted[:, None], asked.mu, mu)
             score = np.where(accepted, asked.score, score)
             states += Evaluations.unseeded(mu, score)
-            queries += asked
+            proposals += asked
             growth = math.exp(accepted.mean() - self.options.acceptance)
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
-        return states, queries
+        return states, proposals
 
     def _draw(self, n: int) -> Array:
         first = self.rng.integers(len(self._points), size=n)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.learner import Arrays, Floats, take
+from sada_gym.adversaries.fitted import Arrays, Floats, take
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
@@ -46,8 +46,11 @@ class SVM(Selection):
     name: ClassVar[str] = "svm"
     packages = ("scikit-learn",)
 
-    def _fit(self, omega: Evaluations) -> None:
-        x, label = _UNIT_VARIANCE * omega.mu.astype(np.float64), np.digitize(omega.score, _EDGES)
+    def _fit(self, queries: Evaluations) -> None:
+        x, label = (
+            _UNIT_VARIANCE * queries.mu.astype(np.float64),
+            np.digitize(queries.score, _EDGES),
+        )
         self._classes = np.unique(label)
         self._gamma = 0.0
         self._vectors = np.zeros((0, self.dimension))

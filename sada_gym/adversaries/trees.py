@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sada_gym.adversaries.learner import NONE_FOOLED, Floats, Learner
+from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary, Floats
 from sada_gym.adversaries.options import Options, option
 from sada_gym.evaluations import Evaluations
 
@@ -28,7 +28,7 @@ class TreesOptions(Options):
     level: float = option(0.5, 0, 1)
 
 
-class Trees(Learner):
+class Trees(FittedAdversary):
     """Extremely randomised trees (Geurts et al. 2006) on uniform queries, sampled by rejection.
 
     The reference for every adversary that learns a surrogate: thirty lines around scikit-learn.
@@ -41,14 +41,14 @@ class Trees(Learner):
     options_class = TreesOptions
     options: TreesOptions
 
-    def _fit(self, omega: Evaluations) -> None:
-        fooled = omega.fooled(self.threshold)
+    def _fit(self, queries: Evaluations) -> None:
+        fooled = queries.fooled(self.threshold)
         if not fooled.any():
             self.flags.append(NONE_FOOLED)
-            fooled = omega.score <= np.sort(omega.score)[len(omega) // 100]
+            fooled = queries.score <= np.sort(queries.score)[len(queries) // 100]
         self._forest = ExtraTreesClassifier(
             self.options.trees, random_state=int(self.rng.integers(2**31))
-        ).fit(omega.mu, fooled)
+        ).fit(queries.mu, fooled)
 
     def _draw(self, n: int) -> Floats:
         pool, p = self._uniform(0), np.zeros(0)

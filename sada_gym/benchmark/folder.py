@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from sada_gym.errors import StoreInUse, UserError
 from sada_gym.evaluation.store import Context
-from sada_gym.evaluation.store_errors import explained, in_use, refuse_unusable
+from sada_gym.evaluation.store_errors import check_usable, explained, in_use
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.record import RunFailure, RunKey, RunReport
 from sada_gym.files import MAX_JSON_BYTES, Strict, file_errors, read_file, write_file
@@ -114,7 +114,7 @@ def sole_user(out: Path) -> Iterator[None]:
         StoreError: If the folder cannot be locked.
     """
     path = out / LOCK_FILE
-    refuse_unusable(path)
+    check_usable(path)
     with ExitStack() as stack:
         with explained(path):
             lock = stack.enter_context(

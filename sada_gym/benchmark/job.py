@@ -114,7 +114,7 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
             training_s=round(run.process_s - run.evaluation_s, 3),
             evaluation_s=round(run.evaluation_s, 3),
             evaluated=run.evaluated,
-            known=run.known,
+            known=run.cached,
             wall_s=round(time.monotonic() - started, 3),
             core_s=round(time.process_time() - worked, 3),
             peak_memory_mib=_peak_memory_mib(),

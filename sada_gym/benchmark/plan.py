@@ -103,7 +103,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     groups = []
     for track in suite.tracks:
         for target, keywords, tables in _targets(suite, track, references):
-            to_cover, to_draw = target.halves
+            to_cover, to_draw = target.split
             if to_cover is None:
                 notes.append(_no_reference(target))
             # each is made once, so that what is wrong with one shows before anything runs
@@ -215,7 +215,7 @@ def _settings(
     rule = table.budget_of.get(application.name, table.budget)
     ideal = contender.adversary == IDEAL
     samples = table.samples or application.sample_size
-    if target.halves[0] is not None and samples <= NEAREST:
+    if target.split[0] is not None and samples <= NEAREST:
         raise UserError(
             f"Expected at least {NEAREST + 1} test samples on {target.track}, which has a "
             f"reference set to measure coverage by, got {samples} (table {table.name}). "

@@ -19,7 +19,7 @@ from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Suite, Table, tables_of
 from sada_gym.benchmark.worlds import open_worlds, without_outdated
-from sada_gym.errors import UserError, refuse_number
+from sada_gym.errors import UserError, check_integer
 from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
@@ -82,7 +82,7 @@ def run_benchmark(
     folder, references = Path(out), Path(references)
     held = folder / ENTRIES if entries is None else Path(entries)
     called = callback or BenchmarkCallback()
-    refuse_number("workers", workers, 1, MAX_WORKERS)
+    check_integer("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
         claim(folder)

@@ -11,7 +11,7 @@ from pydantic import Field
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.cards import ApplicationCard, SuiteCard, cards
-from sada_gym.errors import UserError, refuse_number, refuse_unknown
+from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.files import Strict
@@ -284,7 +284,7 @@ def find_suite(name: str) -> Suite:
     Raises:
         ValueError: If there is none of that name.
     """
-    refuse_unknown("suite", [name], [suite.name for suite in SUITES])
+    check_known("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
 
 
@@ -310,7 +310,7 @@ def find_contender(text: str) -> Contender:
         return known[text]
     name, colon, rest = text.partition(":")
     if not colon:
-        refuse_unknown("adversary", [text], [*known, "module:Class"])
+        check_known("adversary", [text], [*known, "module:Class"])
     if name not in adversaries.names():
         return Contender(label=text, adversary=text)
     if rest == "default":
@@ -354,16 +354,16 @@ def choose(
         ("samples", samples, MAX_QUERIES),
     ):
         if value is not None:
-            refuse_number(name, value, 1, most)
+            check_integer(name, value, 1, most)
     if images is not None:
-        refuse_number("images", images, 0)
+        check_integer("images", images, 0)
     files = [*filter(names_file, tracks)]
     if files:
         raise UserError(
             f"Expected tracks that are ids of environments, got the file {files[0]}. Attack it by "
             "sada-gym attack."
         )
-    refuse_unknown("table", tables, [table.name for table in suite.tables])
+    check_known("table", tables, [table.name for table in suite.tables])
     changes: dict[str, Any] = {
         "tracks": tuple(dict.fromkeys(tracks)) or suite.tracks,
         "tables": tuple(

@@ -17,7 +17,7 @@ from sada_gym.application import SEED_BOUND, Application, Outcomes, fold_seed, r
 from sada_gym.arrays import shaped
 from sada_gym.envs.checks import RenderModes, checked_render_mode, warn_without_render_mode
 from sada_gym.envs.vector import SeededVectorEnv
-from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.frames import Frame
 from sada_gym.lazy import load
 from sada_gym.proposals import Observation, Proposals, proposal_spaces
@@ -302,7 +302,7 @@ def _made(
     if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
         subject = f"{getattr(named, 'name', named.__name__)}-v{named.version}"
         known = [*accepted, "horizon", "render_mode"]
-        refuse_unknown(f"keyword of {subject}", keywords, known)
+        check_known(f"keyword of {subject}", keywords, known)
     made = named(**keywords)
     refuse_undeclared(made)
     return made

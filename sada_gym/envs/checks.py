@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.arrays import shaped
-from sada_gym.errors import UserError, refuse_number
+from sada_gym.errors import UserError, check_integer
 from sada_gym.proposals import MAX_ENVS
 
 MAX_TILE = 1_024
@@ -97,7 +97,7 @@ def checked_num_envs(num_envs: int) -> int:
     whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
     if not whole or num_envs < 1:
         raise UserError(f"Expected at least one environment, got num_envs={num_envs!r}.")
-    refuse_number("num_envs", num_envs, 1, MAX_ENVS)
+    check_integer("num_envs", num_envs, 1, MAX_ENVS)
     return num_envs
 
 

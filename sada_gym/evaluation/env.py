@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from sada_gym.arrays import shaped
-from sada_gym.errors import BudgetExhausted, refuse_number
+from sada_gym.errors import BudgetExhausted, check_integer
 from sada_gym.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
 from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
 
@@ -116,7 +116,7 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
     }
 
     def __init__(self, oracle: Oracle, num_envs: int, horizon: int = 1) -> None:
-        refuse_number("num_envs", num_envs, 1, MAX_ENVS)
+        check_integer("num_envs", num_envs, 1, MAX_ENVS)
         self.num_envs = num_envs
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self.oracle = oracle

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, refuse_undeclared
-from sada_gym.errors import StoreError, UserError, UserTypeError, refuse_number
+from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.problems import BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import Context, EvaluationStore
@@ -56,9 +56,9 @@ class Evaluator:
         chunk_size: int | None = None,
         executor: Executor | None = None,
     ) -> None:
-        refuse_number("workers", workers, 1, None if executor is not None else MAX_WORKERS)
+        check_integer("workers", workers, 1, None if executor is not None else MAX_WORKERS)
         if chunk_size is not None:
-            refuse_number("chunk_size", chunk_size, 1)
+            check_integer("chunk_size", chunk_size, 1)
         if executor is not None and not callable(getattr(executor, "submit", None)):
             raise UserTypeError(
                 "Expected an executor of concurrent.futures, loky or Dask, such as "
@@ -152,7 +152,7 @@ class Evaluator:
         if self.store is not None:
             scores = self.store.lookup(self._context, mu, seeds)
         missing = np.flatnonzero(np.isnan(scores))
-        known = done = len(mu) - len(missing)
+        cached = done = len(mu) - len(missing)
 
         def settle(chunk: Chunk, values: npt.NDArray[np.float64]) -> None:
             nonlocal done
@@ -160,17 +160,17 @@ class Evaluator:
                 self.store.commit(self._context, chunk.mu, chunk.seeds, values)
             scores[chunk.rows] = values
             done += len(values)
-            report(done, known)
+            report(done, cached)
 
-        if known:
-            report(done, known)
+        if cached:
+            report(done, cached)
         chunks = self._split(mu, seeds, missing)
         if self._dispatcher is not None:
             self._dispatcher.run(chunks, settle)
         else:
             for chunk in chunks:
                 settle(chunk, score(self._scorer, chunk.mu, chunk.seeds))
-        return scores, known
+        return scores, cached
 
     def _split(self, mu: Mu, seeds: Sequence[int], missing: npt.NDArray[np.intp]) -> list[Chunk]:
         workers = 1 if self._dispatcher is None else self._dispatcher.workers
@@ -220,7 +220,7 @@ def _described(
             "Expected dimension= and threshold= with a function, got "
             f"dimension={dimension}, threshold={threshold}. Say what mu's d and epsilon are."
         )
-    refuse_number("dimension", dimension, 1)
+    check_integer("dimension", dimension, 1)
     if not isinstance(threshold, int | float | np.number) or not np.isfinite(threshold):
         raise UserError(f"Expected threshold to be a finite number, got {threshold!r}.")
     return int(dimension), float(threshold)

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from sada_gym.environment_variables import set_environment_variables
-from sada_gym.errors import MissingExtra, UserError, refuse_number
+from sada_gym.errors import MissingExtra, UserError, check_integer
 from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.evaluation.workers import inherited_settings
 
@@ -73,7 +73,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
         >>> with open_executor("dask", workers=2) as cluster:
         ...     oracle = Oracle(env_id, budget=100, executor=cluster.executor, workers=2)
     """
-    refuse_number("workers", workers, 1)
+    check_integer("workers", workers, 1)
     kind, _, address = spec.partition(":")
     if spec == "processes":
         return OpenExecutor(None, workers)

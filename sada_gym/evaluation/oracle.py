@@ -13,14 +13,14 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, refuse_number
+from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.problems import Problem
 from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
 from sada_gym.parameters import validate_mu
 
 Progress = Callable[[int, int, int], None]
-"""A function progress(done, total, known): queries answered, budget, answers by the store."""
+"""A function progress(done, total, cached): queries answered, budget, answers from the store."""
 
 MAX_QUERIES = 10_000_000
 """The largest budget. An oracle keeps its queries in memory; so many take a gigabyte."""
@@ -47,7 +47,7 @@ class Oracle:
         executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
             `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
             says how many workers it has, if it cannot say so itself.
-        progress: A function that is called as progress(done, total, known) after each committed
+        progress: A function that is called as progress(done, total, cached) after each committed
             chunk.
 
     Raises:
@@ -75,8 +75,8 @@ class Oracle:
         executor: Executor | None = None,
         progress: Progress | None = None,
     ) -> None:
-        refuse_number("budget", budget, 0, MAX_QUERIES)
-        refuse_number("seed", seed, 0)
+        check_integer("budget", budget, 0, MAX_QUERIES)
+        check_integer("seed", seed, 0)
         if progress is not None and not callable(progress):
             raise UserTypeError(f"Expected progress to be a function or None, got {progress!r}.")
         if stream not in get_args(Stream):
@@ -85,7 +85,7 @@ class Oracle:
         self.seed = int(seed)
         self.stream: Stream = stream
         self._progress = progress
-        self._used = self._known = 0
+        self._used = self._cached = 0
         self._process = os.getpid()
         settings: dict[str, Any] = {
             "env_kwargs": env_kwargs,
@@ -159,15 +159,15 @@ class Oracle:
                 "Ask for at most oracle.remaining, or raise the budget."
             )
         seeds = evaluation_seeds(self.seed, self.stream, self._used, count)
-        scores, known = self._evaluator.evaluate(batch, seeds, self._report)
+        scores, cached = self._evaluator.evaluate(batch, seeds, self._report)
         self._used += count
-        self._known += known
+        self._cached += cached
         self._record.append(Evaluations(batch.copy(), scores.copy(), np.array(seeds, np.int64)))
         return scores
 
-    def _report(self, done: int, known: int) -> None:
+    def _report(self, done: int, cached: int) -> None:
         if self._progress is not None:
-            self._progress(self._used + done, self.budget, self._known + known)
+            self._progress(self._used + done, self.budget, self._cached + cached)
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers and close the store; calling it twice is fine.

@@ -15,7 +15,7 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from sada_gym.application import Application
 from sada_gym.arrays import real_scores
 from sada_gym.determinism import single_threaded
-from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.errors import UserError, check_known
 from sada_gym.ids import find_spec, names_file
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu
@@ -87,7 +87,7 @@ def _check_keywords(spec: EnvSpec, env_kwargs: Mapping[str, Any]) -> None:
     ).parameters
     # an AdversaryEnv takes any keywords and checks them itself, by its application's
     if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in accepted.values()):
-        refuse_unknown(f"keyword of {spec.id}", env_kwargs, list(accepted))
+        check_known(f"keyword of {spec.id}", env_kwargs, list(accepted))
 
 
 @dataclass(frozen=True)

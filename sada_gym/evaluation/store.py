@@ -20,7 +20,7 @@ from typing_extensions import Self
 
 from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError
-from sada_gym.evaluation.store_errors import corrupt, explained, refuse_unusable
+from sada_gym.evaluation.store_errors import check_usable, corrupt, explained
 from sada_gym.files import as_path
 from sada_gym.parameters import Mu
 
@@ -139,7 +139,7 @@ class EvaluationStore:
     def __init__(self, path: str | Path) -> None:
         self.path = as_path(path, "an evaluation store")
         self._process = os.getpid()
-        refuse_unusable(self.path)
+        check_usable(self.path)
         with explained(self.path):
             # absolute: SQLite would take the name ":memory:" for no file at all
             self._own = sqlite3.connect(self.path.absolute(), timeout=0.0, isolation_level=None)

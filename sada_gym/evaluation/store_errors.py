@@ -69,7 +69,7 @@ _BY_TYPE: dict[type[sqlite3.Error], str] = {
 }
 
 
-def refuse_unusable(path: Path) -> None:
+def check_usable(path: Path) -> None:
     """Refuse a path that cannot hold a store, before SQLite opens it.
 
     SQLite would wait for a FIFO's other end, and names no reason where a folder is read-only.

@@ -49,11 +49,11 @@ class RunTarget:
         return None if self.reference is None else ReferenceSummary.of(self.reference)
 
     @cached_property
-    def halves(self) -> tuple[Mu, Mu] | tuple[None, None]:
+    def split(self) -> tuple[Mu, Mu] | tuple[None, None]:
         """Fooling points to measure by and others to draw from; None where there are too few."""
         if self.reference is None or self.summary is None or not self.summary.usable:
             return None, None
-        return self.reference.halves()
+        return self.reference.split()
 
 
 def make_settings(

@@ -7,7 +7,7 @@ from typing import Any
 
 from sada_gym import adversaries, agents
 from sada_gym.cards import ApplicationCard, cards
-from sada_gym.errors import refuse_unknown
+from sada_gym.errors import check_known
 from sada_gym.ids import find_spec, names_file
 
 IDEAL = "ideal"
@@ -33,7 +33,7 @@ def refuse_misspelt(environment: object, adversary: object, env_kwargs: Mapping[
         if card is not None and card.agent_loader and isinstance(agent, str):
             agents.refuse_missing(agent, card.name)
     if isinstance(adversary, str) and adversary != IDEAL and ":" not in adversary:
-        refuse_unknown("adversary", [adversary], adversaries.names())
+        check_known("adversary", [adversary], adversaries.names())
 
 
 def card_of(env_id: str) -> ApplicationCard | None:

@@ -21,8 +21,8 @@ from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.files import OneLine, Strict, read_arrays, read_model, write_file, write_model
 from sada_gym.measures.coverage import NEAREST
+from sada_gym.measures.failure_regions import FailureRegions, failure_regions
 from sada_gym.measures.reference import Reference
-from sada_gym.measures.where import Where, where
 
 SETTINGS_FILE = "attack.json"
 RESULT_FILE = "result.json"
@@ -143,7 +143,7 @@ class RunReport(Measures):
     search: Search
     seeds: dict[str, str | int]
     flags: tuple[OneLine, ...]
-    where: Where | None = None
+    where: FailureRegions | None = None
 
     def measures(self) -> Measures:
         """Give the measures alone."""
@@ -324,7 +324,9 @@ def read_finished(
         mu, score = known
     if report.where is None:
         failures = samples.mu[samples.fooled(report.fooling_threshold)]
-        report = report.model_copy(update={"where": where(application.parameters, failures)})
+        report = report.model_copy(
+            update={"where": failure_regions(application.parameters, failures)}
+        )
     return report, samples, Evaluations(mu, score, np.array(seeds, np.int64))
 
 

@@ -28,8 +28,8 @@ from sada_gym.experiment.measure import (
 )
 from sada_gym.experiment.record import RunReport, RunSettings
 from sada_gym.measures.collapse import collapse_flag
+from sada_gym.measures.failure_regions import failure_regions
 from sada_gym.measures.novelty import Neighbours, image_neighbours
-from sada_gym.measures.where import where
 from sada_gym.parameters import Mu
 
 _STEP_EVERY_S = 0.1
@@ -48,7 +48,7 @@ class RunProgress:
             pictures are drawn.
         total: The most of these that this stage makes; 0 where it makes none, or their number is
             not known.
-        known: The evaluations among `done` that the store knew.
+        cached: The evaluations among `done` that came from the store.
         evaluated: The evaluations made for training and testing since the run began. What the
             store knew doesn't count.
     """
@@ -56,7 +56,7 @@ class RunProgress:
     stage: Stage
     done: int = 0
     total: int = 0
-    known: int = 0
+    cached: int = 0
     evaluated: int = 0
 
 
@@ -118,20 +118,20 @@ class Run:
         self._threshold = float(self.application.fooling_threshold)
         self.process_s = 0.0
         self._reported = 0.0
-        self._counts: dict[Stage, tuple[int, int]] = {}  # evaluations done, and those known
+        self._counts: dict[Stage, tuple[int, int]] = {}  # done, cached
         self._train = self._oracle("train", settings.budget)
         self._train.on_answer = lambda: self._report("learn")
         self._test = self._oracle("test", settings.samples)
 
     @property
-    def known(self) -> int:
-        """The number of evaluations for training and testing that the store knew."""
-        return sum(known for _, known in self._counts.values())
+    def cached(self) -> int:
+        """The number of evaluations for training and testing that came from the store."""
+        return sum(cached for _, cached in self._counts.values())
 
     @property
     def evaluated(self) -> int:
         """The number of evaluations made for training and testing."""
-        return sum(done - known for done, known in self._counts.values())
+        return sum(done - cached for done, cached in self._counts.values())
 
     @property
     def queries(self) -> Evaluations:
@@ -211,7 +211,9 @@ class Run:
                 "test_stream": "test",
             },
             flags=tuple(flag for flag in flags if flag is not None),
-            where=where(self.application.parameters, samples.mu[samples.fooled(self._threshold)]),
+            where=failure_regions(
+                self.application.parameters, samples.mu[samples.fooled(self._threshold)]
+            ),
         )
 
     @cached_property
@@ -268,9 +270,9 @@ class Run:
             self.process_s += time.process_time() - start
 
     def _oracle(self, stream: Literal["train", "test"], budget: int) -> _RunOracle:
-        def progress(done: int, total: int, known: int) -> None:
-            self._counts[stream] = done, known
-            self._report(stream, done, total, known)
+        def progress(done: int, total: int, cached: int) -> None:
+            self._counts[stream] = done, cached
+            self._report(stream, done, total, cached)
 
         return _RunOracle(
             self._evaluator,
@@ -287,5 +289,5 @@ class Run:
             self._reported = now
             self._report("learn", done, total)
 
-    def _report(self, stage: Stage, done: int = 0, total: int = 0, known: int = 0) -> None:
-        self._on_progress(RunProgress(stage, done, total, known, self.evaluated))
+    def _report(self, stage: Stage, done: int = 0, total: int = 0, cached: int = 0) -> None:
+        self._on_progress(RunProgress(stage, done, total, cached, self.evaluated))

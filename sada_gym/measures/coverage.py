@@ -67,7 +67,7 @@ def density_and_coverage(
     Raises:
         ValueError: If the shapes do not fit, or there are too few reference points.
     """
-    reference, samples = checked_points(real, fake, k)
+    reference, samples = validate_points(real, fake, k)
     radii = neighbourhood_radii(reference, k)
     inside = covered = 0
     for rows, distances in _distances(reference, samples):
@@ -108,7 +108,7 @@ def fooling_coverage(
     Raises:
         ValueError: If the shapes do not fit, there are no samples, or too few points.
     """
-    reference, mu = checked_points(fooling_set, samples, k)
+    reference, mu = validate_points(fooling_set, samples, k)
     mask = as_array(fooled, "fooled")
     if mask.shape != (len(mu),) or mask.dtype != np.bool_ or not len(mu):
         raise UserError(
@@ -188,7 +188,7 @@ def nearest_distances(points: Points, others: Points) -> Points:
     return np.concatenate(parts)
 
 
-def checked_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Points, Points]:
+def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Points, Points]:
     """Check reference points (n, d), n > k, and samples (m, d), and give them as float64.
 
     Raises:

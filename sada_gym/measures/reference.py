@@ -105,7 +105,7 @@ class Reference:
         """Give the share of all evaluations that fooled: the AFR of uniform samples."""
         return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
 
-    def halves(self) -> tuple[Mu, Mu]:
+    def split(self) -> tuple[Mu, Mu]:
         """Split the fooling set at random, always alike: points to measure on, points to draw.
 
         Ideal samples that were among the points to be covered would cover all of them.

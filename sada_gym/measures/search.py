@@ -13,9 +13,9 @@ from sada_gym.evaluations import fools
 from sada_gym.files import Strict
 from sada_gym.measures.coverage import (
     NEAREST,
-    checked_points,
     nearest_distances,
     neighbourhood_radii,
+    validate_points,
 )
 
 
@@ -97,7 +97,7 @@ def _coverage(
     k: int,
 ) -> list[float]:
     """Cover the fooling set with the first `counts` of what was found."""
-    reference, fooling = checked_points(fooling_set, found, k)
+    reference, fooling = validate_points(fooling_set, found, k)
     radii = neighbourhood_radii(reference, k)
     nearest = np.full(len(reference), np.inf)
     coverage, start = [], 0

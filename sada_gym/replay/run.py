@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.application import Application
-from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
 from sada_gym.evaluations import Evaluations
@@ -62,10 +62,10 @@ def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> li
     if worst is not None and sample is not None:
         raise UserError("Expected the number of worst samples or one sample, got both.")
     if sample is not None:
-        refuse_number("sample", sample, 0, len(samples) - 1)
+        check_integer("sample", sample, 0, len(samples) - 1)
         return [int(sample)]
     count = 1 if worst is None else worst
-    refuse_number("worst", count, 1, len(samples))
+    check_integer("worst", count, 1, len(samples))
     rows: list[int] = np.argsort(samples.score, kind="stable")[:count].tolist()
     return rows
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
-from sada_gym.errors import UserError, UserTypeError, refuse_number
+from sada_gym.errors import UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.experiment.assemble import RunTarget, make_settings
 from sada_gym.experiment.record import json_compatible
@@ -152,7 +152,7 @@ def submit_samples(
             f"Expected the samples of 1 to {MAX_SEEDS} seeds, got {len(given)} arrays. Give one "
             "array for each seed."
         )
-    refuse_number("queries", queries, 0)
+    check_integer("queries", queries, 0)
     chosen = json_compatible(options or {})
     if agent is None:
         agent = default_agent(track)

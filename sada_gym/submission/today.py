@@ -12,7 +12,7 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.adversaries.random import Random
 from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.cards import cards
-from sada_gym.errors import MissingExtra, UserError, refuse_unknown
+from sada_gym.errors import MissingExtra, UserError, check_known
 from sada_gym.evaluation.problems import make_application
 from sada_gym.experiment.assemble import RunTarget, make_adversary, make_settings, resolved_options
 from sada_gym.experiment.ideal import IDEAL
@@ -61,7 +61,7 @@ def application_of(track: str) -> str:
     Raises:
         UserError: If there is no such track.
     """
-    refuse_unknown("track", [track], board_tracks())
+    check_known("track", [track], board_tracks())
     return next(card.name for card in cards() if track in (card.track_ids or (card.id,)))
 
 
@@ -87,7 +87,7 @@ def find_target(track: str, agent: str) -> Target:
     """
     shipped = agents.names(application_of(track))
     if shipped:
-        refuse_unknown(f"agent on {track}", [agent], shipped)
+        check_known(f"agent on {track}", [agent], shipped)
     elif agent:
         raise UserError(f"Expected no agent's name on {track}, which has none; got {agent!r}.")
     application = make_application(track, **({"agent": agent} if agent in shipped[1:] else {}))
@@ -101,7 +101,7 @@ def find_target(track: str, agent: str) -> Target:
             application.sample_size,
             float(application.fooling_threshold),
             settings,
-            *target.halves,
+            *target.split,
         )
     finally:
         application.close()
@@ -113,7 +113,7 @@ def find_rule(rule: str) -> Table:
     Raises:
         UserError: If there is no such rule.
     """
-    refuse_unknown("rule", [rule], RULES)
+    check_known("rule", [rule], RULES)
     return TABLES[rule]
 
 

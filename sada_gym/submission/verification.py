@@ -211,8 +211,8 @@ class Verifier:
             )
             again = _score(evaluator, samples.mu, fresh)
             ideal = uniform = None
-            if target.halves[1] is not None:
-                drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.halves[1])
+            if target.split[1] is not None:
+                drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.split[1])
                 ideal = _score(evaluator, drawn.sample(len(samples)), fresh)
             if target.reference is None:
                 mu = _uniform(json.dumps([*rng_text, claimed.seed]), samples.mu.shape)
@@ -223,7 +223,7 @@ class Verifier:
                 again,
                 Evaluations.empty(target.dimension),
                 identity.fooling_threshold,
-                fooling_set=target.halves[0],
+                fooling_set=target.split[0],
                 ideal=ideal,
                 images=None,
                 seed=claimed.seed,

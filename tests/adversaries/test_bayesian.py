@@ -5,7 +5,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from sada_gym.adversaries import make
 from sada_gym.adversaries.bayesian import Bayesian, minimise, stages
-from sada_gym.adversaries.omega import evaluate_uniform
+from sada_gym.adversaries.query_pool import evaluate_uniform
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.testing import AdversaryContract, RecordingOracle
 from studies.landscapes import FunctionOracle, Landscape
@@ -144,49 +144,49 @@ def bowl(mu):
 
 def search(score, budget, *, dimension=2, initial=10, seed=0, **options):
     oracle, rng = FunctionOracle(score, budget), np.random.default_rng(seed)
-    omega = evaluate_uniform(initial, dimension, oracle, rng)
-    return minimise(oracle, omega, rng, candidates=512, **options), oracle
+    queries = evaluate_uniform(initial, dimension, oracle, rng)
+    return minimise(oracle, queries, rng, candidates=512, **options), oracle
 
 
 def test_finds_the_minimum_and_spends_all():
-    omega, oracle = search(bowl, 60)
+    queries, oracle = search(bowl, 60)
     assert oracle.remaining == 0
-    assert_array_equal(omega.mu, np.concatenate(oracle.queries))
-    assert omega.score.min() < 5e-4
-    assert omega.score[10:].mean() < 0.2 * omega.score[:10].mean()
+    assert_array_equal(queries.mu, np.concatenate(oracle.queries))
+    assert queries.score.min() < 5e-4
+    assert queries.score[10:].mean() < 0.2 * queries.score[:10].mean()
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 64])
 def test_never_asks_twice_and_stays_in_the_box(dimension):
-    omega, _ = search(bowl, 300 if dimension == 1 else 100, dimension=dimension)
-    assert len(np.unique(omega.mu, axis=0)) == len(omega)
-    assert (np.abs(omega.mu) <= 1).all()
+    queries, _ = search(bowl, 300 if dimension == 1 else 100, dimension=dimension)
+    assert len(np.unique(queries.mu, axis=0)) == len(queries)
+    assert (np.abs(queries.mu) <= 1).all()
 
 
 def test_more_steps_than_candidates():
-    omega, _ = search(lambda mu: np.abs(mu[:, 0]), 700, dimension=1)
-    assert len(np.unique(omega.mu)) == 700
+    queries, _ = search(lambda mu: np.abs(mu[:, 0]), 700, dimension=1)
+    assert len(np.unique(queries.mu)) == 700
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_a_search_over_constant_scores_spreads(value):
-    omega, _ = search(lambda mu: np.full(len(mu), value), 50)
-    assert omega.mu.std(axis=0).min() > 0.3
+    queries, _ = search(lambda mu: np.full(len(mu), value), 50)
+    assert queries.mu.std(axis=0).min() > 0.3
 
 
 def test_noise_does_not_hold_it_at_a_lucky_point():
     rng = np.random.default_rng(5)
-    omega, _ = search(lambda mu: bowl(mu) + 0.2 * rng.normal(size=len(mu)), 150)
-    assert np.sqrt(bowl(omega.mu[100:]).mean()) < 0.35
+    queries, _ = search(lambda mu: bowl(mu) + 0.2 * rng.normal(size=len(mu)), 150)
+    assert np.sqrt(bowl(queries.mu[100:]).mean()) < 0.35
 
 
 @pytest.mark.parametrize("batch", [1, 7, 100])
 def test_batches(batch):
-    omega, oracle = search(bowl, 60, batch=batch)
+    queries, oracle = search(bowl, 60, batch=batch)
     sizes = [len(query) for query in oracle.queries[1:]]
     assert max(sizes) == min(batch, 30)
-    assert len(np.unique(omega.mu, axis=0)) == 60
-    assert omega.score.min() < 2e-3
+    assert len(np.unique(queries.mu, axis=0)) == 60
+    assert queries.score.min() < 2e-3
 
 
 def test_a_batch_spreads():

@@ -89,8 +89,8 @@ def test_omega_holds_unique_points_and_the_paper_preset_copies():
         adversary = BoostedBBGAN(2, seed=0, preset=preset, steps=5)
         oracle = RecordingOracle(AnalyticApplication(), budget=120)
         adversary.train(oracle)
-        assert len(adversary.omega) == 120
-        assert (adversary.omega.mu == oracle.queries).all()
+        assert len(adversary.queries) == 120
+        assert (adversary.queries.mu == oracle.queries).all()
 
 
 @pytest.mark.parametrize("fooling", [0, 1, 5, 60])
@@ -181,7 +181,7 @@ def test_flags_and_omega_survive_saving(tmp_path):
     assert loaded.flags == adversary.flags
     assert "no point of Omega fooled" in loaded.flags[0]
     assert loaded.options == adversary.options
-    assert (loaded.omega.mu == adversary.omega.mu).all()
+    assert (loaded.queries.mu == adversary.queries.mu).all()
 
 
 def test_broken_files_are_refused(tmp_path):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.cma_mae import CMAMAE
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.evaluations import Evaluations
 from sada_gym.testing import AdversaryContract, RecordingOracle
@@ -21,11 +21,11 @@ class TestCMAMAE(AdversaryContract):
     def test_spends_the_budget_and_starts_with_uniform_points(self):
         adversary, oracle = self.train()
         assert oracle.remaining == 0
-        assert (adversary.omega.mu == oracle.queries).all()
+        assert (adversary.queries.mu == oracle.queries).all()
         uniform = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 2)).astype(np.float32)
         assert (oracle.queries[:40] == uniform).all()
-        later = adversary.omega.score[40:].mean()
-        assert later < adversary.omega.score[:40].mean() - 0.1
+        later = adversary.queries.score[40:].mean()
+        assert later < adversary.queries.score[:40].mean() - 0.1
 
 
 def trained(score, budget=200, dimension=2, **options):
@@ -89,7 +89,7 @@ def test_a_single_fooling_point_is_left_for_its_surroundings(budget):
     assert adversary.flags == []
     samples = adversary.sample(200)
     assert len(np.unique(samples, axis=0)) == 200
-    assert 0.01 < np.abs(samples - adversary.omega.mu[0]).max() < 1.5
+    assert 0.01 < np.abs(samples - adversary.queries.mu[0]).max() < 1.5
 
 
 def test_nan_is_refused():

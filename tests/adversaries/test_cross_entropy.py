@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.cross_entropy import CrossEntropy
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle
@@ -52,7 +52,7 @@ def test_levels_lead_to_a_rare_fooling_set():
     adversary = CrossEntropy(2, seed=0, components=8)
     adversary.train(RecordingOracle(application, budget=2000))
     assert adversary.flags == []
-    assert (adversary.omega.score[:600] <= 0.3).sum() <= 2
+    assert (adversary.queries.score[:600] <= 0.3).sum() <= 2
     samples, lead = lead_over_uniform(adversary, application)
     assert lead > 0.5
     assert regions(application, samples).min() > 0.05
@@ -99,7 +99,7 @@ def test_spends_all_of_the_budget_and_shares_omega(budget):
     adversary = CrossEntropy(2, seed=5, **QUICK)
     adversary.train(oracle)
     assert oracle.remaining == 0
-    assert (adversary.omega.mu == oracle.queries).all()
+    assert (adversary.queries.mu == oracle.queries).all()
     first = int(np.ceil(0.3 * budget))
     expected = np.random.default_rng(5).uniform(-1.0, 1.0, (first, 2)).astype(np.float32)
     assert (oracle.queries[:first] == expected).all()

@@ -6,7 +6,7 @@ from sada_gym.adversaries.rl import failure_rewards, novelties
 from sada_gym.evaluations import Evaluations
 
 
-def omega(scores, mu=None):
+def queries(scores, mu=None):
     mu = np.zeros((len(scores), 2)) if mu is None else np.asarray(mu)
     return Evaluations.unseeded(mu.astype(np.float32), np.asarray(scores, float))
 
@@ -16,13 +16,13 @@ def rewards(asked, seen, rank=0.5, dissimilarity=0.0):
 
 
 def test_failures_are_paid_one_and_others_by_their_rank_among_all_misses():
-    asked, seen = omega([0.1, 0.3, 0.4, 0.9]), omega([0.5, 0.6, 0.0])
+    asked, seen = queries([0.1, 0.3, 0.4, 0.9]), queries([0.5, 0.6, 0.0])
     # misses: 0.4, 0.5, 0.6, 0.9; each counts itself as half above
     assert_allclose(rewards(asked, seen), [1.0, 1.0, 0.5 * 3.5 / 4, 0.5 * 0.5 / 4])
 
 
 def test_equal_scores_are_paid_the_same():
-    assert_allclose(rewards(omega([0.8] * 5), omega([])), 0.25)
+    assert_allclose(rewards(queries([0.8] * 5), queries([])), 0.25)
 
 
 @pytest.mark.parametrize("transform", [lambda q: q**4, np.log, lambda q: q - 1e6])
@@ -31,7 +31,7 @@ def test_scores_count_by_their_order(transform):
     scores, mu = rng.uniform(0.1, 1.0, 60), rng.uniform(-1.0, 1.0, (60, 2))
 
     def paid(change):
-        asked, seen = omega(change(scores[40:]), mu[40:]), omega(change(scores[:40]), mu[:40])
+        asked, seen = queries(change(scores[40:]), mu[40:]), queries(change(scores[:40]), mu[:40])
         return failure_rewards(
             asked, seen, float(change(np.array(0.3))), rank=0.5, dissimilarity=0.5
         )
@@ -40,8 +40,8 @@ def test_scores_count_by_their_order(transform):
 
 
 def test_only_failures_are_paid_for_being_new():
-    seen = omega([0.0] * 3 + [0.9], [[0, 0], [0.1, 0], [0.2, 0], [1, 1]])
-    asked = omega([0.0, 0.0, 0.9], [[0.1, 0.001], [-1, -1], [-1, -1]])
+    seen = queries([0.0] * 3 + [0.9], [[0, 0], [0.1, 0], [0.2, 0], [1, 1]])
+    asked = queries([0.0, 0.0, 0.9], [[0.1, 0.001], [-1, -1], [-1, -1]])
     known, new, missed = rewards(asked, seen, dissimilarity=2.0)
     assert (known, new) == (1.0, 3.0)
     assert missed == rewards(asked, seen)[2]

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.gaussian_mixture import GMM10, GMM50, Gaussian
-from sada_gym.adversaries.learner import NONE_FOOLED
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate, lead_interval
 from sada_gym.testing import AdversaryContract, RecordingOracle

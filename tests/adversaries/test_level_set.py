@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.level_set import LEAST_BUDGET, LevelSet
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.envs.digits.application import DigitsApplication
@@ -75,7 +75,7 @@ def test_its_queries_and_samples_are_the_same_on_every_scale():
     ]
     samples = first.sample(50)
     for other in others:
-        assert (other.omega.mu == first.omega.mu).all()
+        assert (other.queries.mu == first.queries.mu).all()
         assert (other.sample(50) == samples).all()
 
 
@@ -106,7 +106,7 @@ def test_queries_gather_where_the_boundary_is():
     def near_boundary(mu):
         return (np.abs(boxes.evaluate(mu, range(len(mu))).score - 0.3) < 0.1).mean()
 
-    first, chosen = adversary.omega.mu[:90], adversary.omega.mu[90:]
+    first, chosen = adversary.queries.mu[:90], adversary.queries.mu[90:]
     assert near_boundary(chosen) > 3 * near_boundary(first)
 
 

@@ -8,7 +8,7 @@ import torch
 from numpy.testing import assert_array_equal
 
 from sada_gym import adversaries
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.off_policy import SAC, TD3
 from sada_gym.adversaries.ppo import PPO
 from sada_gym.adversaries.reinforce import Reinforce
@@ -85,7 +85,7 @@ def test_the_whole_budget_is_spent_and_learnt_from(name, budget):
     expected = np.random.default_rng(0).uniform(-1.0, 1.0, (len(uniform), 2)).astype(np.float32)
     assert_array_equal(uniform, expected)
     assert_array_equal(others, learnt)
-    assert len(adversary.omega) == budget
+    assert len(adversary.queries) == budget
 
 
 @pytest.mark.parametrize("name", NAMES)

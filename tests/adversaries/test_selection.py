@@ -11,7 +11,7 @@ class First(Selection):
     name = "first"
     steps = 10**9
 
-    def _fit(self, omega):
+    def _fit(self, queries):
         self.pools = []
 
     def _predict(self, mu):

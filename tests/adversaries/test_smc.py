@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.smc import SMC
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.evaluations import Evaluations
@@ -85,7 +85,7 @@ def test_spends_all_of_the_budget_and_shares_omega(budget):
     adversary = SMC(2, seed=5)
     adversary.train(oracle)
     assert oracle.remaining == 0
-    assert (adversary.omega.mu == oracle.queries).all()
+    assert (adversary.queries.mu == oracle.queries).all()
     first = int(np.ceil(0.3 * budget))
     expected = np.random.default_rng(5).uniform(-1.0, 1.0, (first, 2)).astype(np.float32)
     assert (oracle.queries[:first] == expected).all()

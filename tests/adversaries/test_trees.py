@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sada_gym.adversaries.learner import NONE_FOOLED
+from sada_gym.adversaries.fitted import NONE_FOOLED
 from sada_gym.adversaries.trees import Trees
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.measures.rates import attack_fooling_rate

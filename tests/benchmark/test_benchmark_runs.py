@@ -107,13 +107,13 @@ def test_the_figures_are_those_of_the_samples(done, references):
     assert measures.afr_interval_95[0] < measures.afr < measures.afr_interval_95[1]
     assert measures.mean_score == samples.score.mean()
     assert measures.mu_std == mu_std(samples.mu)
-    known, _ = load_reference(ANALYTIC, application, references).halves()
+    known, _ = load_reference(ANALYTIC, application, references).split()
     expected = fooling_coverage(samples.mu, replayed.fooled, known, seed=0)
     assert (measures.density, measures.coverage) == (expected.density, expected.coverage)
-    omega = np.random.default_rng(0).uniform(-1, 1, (120, 2)).astype(np.float32)
-    assert measures.novelty.median == novelty(samples.mu, omega).median
+    queries = np.random.default_rng(0).uniform(-1, 1, (120, 2)).astype(np.float32)
+    assert measures.novelty.median == novelty(samples.mu, queries).median
     search = seed.search
-    fooled = application.evaluate(omega, evaluation_seeds(0, "train", 0, 120)).fooled
+    fooled = application.evaluate(queries, evaluation_seeds(0, "train", 0, 120)).fooled
     assert (search.queries, search.fooled) == (120, fooled.sum())
     assert [mark.queries for mark in search.curve] == [100, 120]
     assert [mark.found for mark in search.curve] == [fooled[:100].sum(), fooled.sum()]
@@ -124,7 +124,7 @@ def test_others_are_read_by_the_ideal(done, references):
     seed, samples = run_of(done, "ideal")
     ideal = seed.measures
     application = make_application(ANALYTIC)
-    measured_by, known = load_reference(ANALYTIC, application, references).halves()
+    measured_by, known = load_reference(ANALYTIC, application, references).split()
     drawn = {row.tobytes() for row in samples.mu}
     assert drawn <= {row.tobytes() for row in known}
     assert not drawn & {row.tobytes() for row in measured_by}

@@ -130,7 +130,7 @@ class Killer:
     def __init__(self, find_worker, after=2):
         self.find_worker, self.left = find_worker, after
 
-    def __call__(self, done, total, known):
+    def __call__(self, done, total, cached):
         self.left -= 1
         if self.left == 0:
             os.kill(self.find_worker(), signal.SIGKILL)

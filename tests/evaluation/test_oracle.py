@@ -208,7 +208,7 @@ class Interrupting:
     def __init__(self, chunks):
         self.left = chunks
 
-    def __call__(self, done, total, known):
+    def __call__(self, done, total, cached):
         self.left -= 1
         if self.left == 0:
             raise KeyboardInterrupt

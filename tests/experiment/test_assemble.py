@@ -37,7 +37,7 @@ def test_other_settings_have_no_reference_set():
     assert target_of("SADA-Detection-Car-v0", image_size=160).reference is None
     analytic = target_of("SADA-Analytic-v0")
     assert analytic.reference is None
-    assert analytic.halves == (None, None)
+    assert analytic.split == (None, None)
 
 
 def test_an_application_has_the_reference_set_of_its_track():

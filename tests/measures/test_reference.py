@@ -67,7 +67,7 @@ def test_what_was_written_is_read(analytic, tmp_path):
 def test_halves_share_no_point_and_leave_none_out(analytic, tmp_path):
     write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
     reference = load_reference(TRACK, analytic, tmp_path)
-    one, other = ({row.tobytes() for row in half} for half in reference.halves())
+    one, other = ({row.tobytes() for row in half} for half in reference.split())
     assert not one & other
     assert one | other == {row.tobytes() for row in reference.fooling_set}
     assert abs(len(one) - len(other)) <= 1

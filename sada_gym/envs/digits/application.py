@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
-from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 NAMES = ("rotation_deg", "scale", "shear", "shift_px", "contrast", "stroke")
@@ -147,7 +147,7 @@ def _checked_parameters(parameters: Any) -> tuple[str, ...]:
             f"Expected parameters to be a list of names among {', '.join(NAMES)}, got "
             f"{parameters!r}."
         )
-    refuse_unknown("parameters", parameters, NAMES)
+    check_known("parameters", parameters, NAMES)
     if len(set(parameters)) < len(parameters):
         raise UserError(
             f"Expected each parameter once, got {', '.join(parameters)}. Drop the doubles."

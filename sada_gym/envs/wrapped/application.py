@@ -27,7 +27,7 @@ from sada_gym.envs.wrapped.maker import EnvLike, Maker, layers, own_limit
 from sada_gym.envs.wrapped.places import Function, Place, found_place, plain
 from sada_gym.envs.wrapped.plain import PlainAgent
 from sada_gym.envs.wrapped.scores import Own, ScoreLike, as_score
-from sada_gym.errors import FileError, UserError, UserTypeError, refuse_number
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
@@ -108,10 +108,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         trust: bool = False,
         statistics: str | Path | VecNormalize | None = None,
     ) -> None:
-        refuse_number("episodes", episodes, 1)
-        refuse_number("sample_size", sample_size, 1)
+        check_integer("episodes", episodes, 1)
+        check_integer("sample_size", sample_size, 1)
         if max_steps is not None:
-            refuse_number("max_steps", max_steps, 1)
+            check_integer("max_steps", max_steps, 1)
         check_agent_id(agent_id)
         maker = Maker(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size

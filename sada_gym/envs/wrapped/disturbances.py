@@ -19,7 +19,7 @@ from gymnasium import spaces
 
 from sada_gym.envs.wrapped.maker import Maker
 from sada_gym.envs.wrapped.places import Place, Setup
-from sada_gym.errors import UserError, refuse_number, refuse_unknown
+from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.parameters import Parameter
 
 Space = spaces.Space[Any]
@@ -100,13 +100,13 @@ class ObservationNoise(Disturbance):
         for part in parts.values():
             size = int(np.prod(part.shape))
             for entry in self.entries or ():
-                refuse_number(f"the entries of {name!r}", entry, 0, size - 1)
+                check_integer(f"the entries of {name!r}", entry, 0, size - 1)
 
     def _parts(self, name: str, maker: Maker, seen: Space) -> dict[str | None, spaces.Box[Any]]:
         found: dict[str | None, Space] = {None: seen}
         if isinstance(seen, spaces.Dict):
             if self.key is not None:
-                refuse_unknown(f"key of the observations of {maker.name}", [self.key], [*seen])
+                check_known(f"key of the observations of {maker.name}", [self.key], [*seen])
                 found = {self.key: seen[self.key]}
             else:
                 found = {key: one for key, one in seen.items() if _is_float(one)}

@@ -13,7 +13,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.ids import find_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
@@ -53,7 +53,7 @@ class Maker:
                 "Expected env_kwargs without render_mode, which is chosen where pictures are drawn."
             )
         if not self.takes_any_keyword:
-            refuse_unknown(f"keyword of {self.name}", self.env_kwargs, self.keywords)
+            check_known(f"keyword of {self.name}", self.env_kwargs, self.keywords)
 
     @property
     def name(self) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.maker import Maker, code_name
 from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
-from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.parameters import Parameter
 
 Act = Callable[[gym.Env[Any, Any]], None]
@@ -179,7 +179,7 @@ class Keyword(Place):
         """Check that the constructor takes the keyword, and that nobody else sets it."""
         keyword = self.name or name
         if not maker.takes_any_keyword:
-            refuse_unknown(f"keyword of {maker.name}", [keyword], maker.keywords)
+            check_known(f"keyword of {maker.name}", [keyword], maker.keywords)
         if keyword in maker.env_kwargs:
             raise UserError(
                 f"Expected {keyword!r} either among the parameters or in env_kwargs, got it in "
@@ -284,9 +284,9 @@ class Config(Place):
             )
         *above, last = (self.name or name).split(".")
         for key in above:
-            refuse_unknown(f"entry of the configuration of {maker.name}", [key], [*config])
+            check_known(f"entry of the configuration of {maker.name}", [key], [*config])
             config = config[key]
-        refuse_unknown(f"entry of the configuration of {maker.name}", [last], [*config])
+        check_known(f"entry of the configuration of {maker.name}", [last], [*config])
 
     def prepare(self, name: str, value: Any, setup: Setup) -> None:
         """Write the value into a copy of the configuration."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from sada_gym.envs.wrapped import disturbances, places
 from sada_gym.envs.wrapped.application import GymnasiumApplication
-from sada_gym.errors import UserError, UserTypeError, refuse_unknown
+from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.files import as_path, read_toml
 
 KINDS: Mapping[str, type[places.Place]] = {
@@ -99,7 +99,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
     """
     path = as_path(path, "a TOML file")
     table = read_toml(path)
-    refuse_unknown(f"key in {path}", table, [*_KEYS])
+    check_known(f"key in {path}", table, [*_KEYS])
     missing = [key for key in _REQUIRED if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
@@ -153,10 +153,10 @@ def _place(name: str, value: Any, path: Path) -> Any:
         )
     of = f" of parameter {name!r}"
     kind = value.get("kind")
-    refuse_unknown(f"kind{of} in {path}", [kind], [*KINDS])
+    check_known(f"kind{of} in {path}", [kind], [*KINDS])
     place = KINDS[str(kind)]
     rest = {key: one for key, one in value.items() if key != "kind"}
-    refuse_unknown(f"key{of} in {path}", rest, ["kind", *_fields(place)])
+    check_known(f"key{of} in {path}", rest, ["kind", *_fields(place)])
     _check_types(rest, _PLACE_KEYS, path, of)
     return place(**{key: _frozen(one) for key, one in rest.items()})
 

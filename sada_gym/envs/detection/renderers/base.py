@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import refuse_masked
+from sada_gym.arrays import check_unmasked
 from sada_gym.envs.detection.scene import Scene
 from sada_gym.errors import UserError
 
@@ -119,7 +119,7 @@ def validate_renderings(
             ("image", rendering.image, (*square, 3), np.dtype(np.uint8)),
             ("mask", rendering.mask, square, np.dtype(np.bool_)),
         ):
-            refuse_masked(array, what)
+            check_unmasked(array, what)
             if np.shape(array) != shape or getattr(array, "dtype", None) != dtype:
                 raise UserError(
                     f"Expected an {what} of shape {shape} and dtype {dtype} from {name}, got shape "

@@ -16,7 +16,7 @@ FALLBACK_SIZE = 100
 
 
 @dataclass(frozen=True)
-class Induced:
+class InducedSet:
     """The induced set S and the rest of Omega.
 
     Attributes:
@@ -63,20 +63,20 @@ def evaluate_uniform(
     return evaluate(draw_uniform(n, dimension, rng), oracle)
 
 
-def induce(
-    omega: Evaluations, threshold: float, rng: np.random.Generator, *, size: int | None = None
-) -> Induced:
+def select_fooling(
+    queries: Evaluations, threshold: float, rng: np.random.Generator, *, size: int | None = None
+) -> InducedSet:
     """Pick the lowest-scoring points of Omega with Q <= threshold (the paper's inducer).
 
     Args:
-        omega: The evaluated pool.
+        queries: The evaluated pool.
         threshold: The fooling threshold epsilon.
         rng: Breaks the ties among equal scores.
         size: s, the most points to pick; None picks all that fool.
     """
-    shuffled = rng.permutation(len(omega))
-    order = shuffled[np.argsort(omega.score[shuffled], kind="stable")]
-    fooling = int(omega.fooled(threshold).sum())
-    count = fooling or min(size or FALLBACK_SIZE, len(omega))
+    shuffled = rng.permutation(len(queries))
+    order = shuffled[np.argsort(queries.score[shuffled], kind="stable")]
+    fooling = int(queries.fooled(threshold).sum())
+    count = fooling or min(size or FALLBACK_SIZE, len(queries))
     chosen = order[: min(size or count, count)]
-    return Induced(omega.mu[chosen], omega.mu[order[count:]], fallback=fooling == 0)
+    return InducedSet(queries.mu[chosen], queries.mu[order[count:]], fallback=fooling == 0)

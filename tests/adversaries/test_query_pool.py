@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sada_gym.adversaries.omega import FALLBACK_SIZE, evaluate_uniform, induce
+from sada_gym.adversaries.query_pool import FALLBACK_SIZE, evaluate_uniform, select_fooling
 from sada_gym.evaluations import Evaluations
 from studies.landscapes import FunctionOracle
 
@@ -14,23 +14,26 @@ def pool(scores):
 
 
 def test_the_lowest_that_fool_are_induced_and_the_rest_does_not_fool():
-    omega = pool([0.9, 0.1, 0.3, 0.31, 0.0])
-    induced = induce(omega, 0.3, np.random.default_rng(0))
+    queries = pool([0.9, 0.1, 0.3, 0.31, 0.0])
+    induced = select_fooling(queries, 0.3, np.random.default_rng(0))
     assert sorted(induced.chosen[:, 0] * 5) == pytest.approx([1, 2, 4])
     assert sorted(induced.rest[:, 0] * 5) == pytest.approx([0, 3])
     assert not induced.fallback
 
 
 def test_a_size_limits_the_set_but_no_fooling_point_joins_the_rest():
-    induced = induce(pool([0.9, 0.1, 0.3, 0.31, 0.0]), 0.3, np.random.default_rng(0), size=2)
+    induced = select_fooling(
+        pool([0.9, 0.1, 0.3, 0.31, 0.0]), 0.3, np.random.default_rng(0), size=2
+    )
     assert sorted(induced.chosen[:, 0] * 5) == pytest.approx([1, 4])
     assert sorted(induced.rest[:, 0] * 5) == pytest.approx([0, 3])
 
 
 def test_the_seed_breaks_ties():
-    omega = pool(np.zeros(1000))
+    queries = pool(np.zeros(1000))
     first, again, other = (
-        induce(omega, 0.3, np.random.default_rng(seed), size=100).chosen for seed in (0, 0, 1)
+        select_fooling(queries, 0.3, np.random.default_rng(seed), size=100).chosen
+        for seed in (0, 0, 1)
     )
     assert (first == again).all()
     assert (first != other).any()
@@ -38,7 +41,7 @@ def test_the_seed_breaks_ties():
 
 
 def test_where_none_fools_the_lowest_are_taken_and_flagged():
-    induced = induce(pool(np.linspace(0.4, 1.0, 500)), 0.3, np.random.default_rng(0))
+    induced = select_fooling(pool(np.linspace(0.4, 1.0, 500)), 0.3, np.random.default_rng(0))
     assert induced.fallback
     assert len(induced.chosen) == FALLBACK_SIZE
     assert induced.chosen.max() < induced.rest.min()

@@ -9,10 +9,10 @@ from quick import QUICK
 from safetensors.numpy import load_file, save_file
 
 from sada_gym import adversaries
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.fresh import fresh_rows, row_keys
-from sada_gym.adversaries.learner import Learner
-from sada_gym.adversaries.omega import induce
 from sada_gym.adversaries.options import Options, option
+from sada_gym.adversaries.query_pool import select_fooling
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle
@@ -23,15 +23,15 @@ class BoxOptions(Options):
     margin: float = option(0.0, 0, 1)
 
 
-class Box(Learner):
+class Box(FittedAdversary):
     """Uniform in the smallest box around the queries that fooled: all that one has to write."""
 
     name = "box"
     options_class = BoxOptions
     presets = {"default": BoxOptions(), "wide": BoxOptions(margin=0.1)}  # noqa: RUF012
 
-    def _fit(self, omega):
-        chosen = induce(omega, self.threshold, self.rng, size=20).chosen
+    def _fit(self, queries):
+        chosen = select_fooling(queries, self.threshold, self.rng, size=20).chosen
         self.low = np.maximum(chosen.min(axis=0) - self.options.margin, -1.0)
         self.high = np.minimum(chosen.max(axis=0) + self.options.margin, 1.0)
 

@@ -1,4 +1,4 @@
-"""Says where an agent fails: the few parameter ranges in which its failures crowd."""
+"""Failure regions: the few parameter ranges in which an agent's failures crowd."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Condition(Strict):
     text: OneLine
 
 
-class Where(Strict):
+class FailureRegions(Strict):
     """Where the agent fails.
 
     Attributes:
@@ -66,7 +66,7 @@ class Where(Strict):
     uniform: float | None = None
 
 
-def where(space: ParameterSpace, failures: Mu) -> Where:
+def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     """Find the ranges of one to three parameters in which failures crowd, against uniform worlds.
 
     One parameter after another is chosen, each among those failures for which the conditions so
@@ -88,7 +88,7 @@ def where(space: ParameterSpace, failures: Mu) -> Where:
     mu = space.validate(failures)
     different = np.unique(mu + np.float32(0.0), axis=0)
     if len(different) < LEAST_FAILURES:
-        return Where(sentence=_too_few(len(mu), len(different)))
+        return FailureRegions(sentence=_too_few(len(mu), len(different)))
     values, among = space.physical(different), np.ones(len(different), dtype=np.bool_)
     found: dict[int, _Finding] = {}
     uniform = 1.0
@@ -99,7 +99,7 @@ def where(space: ParameterSpace, failures: Mu) -> Where:
         index, finding, inside = best
         among, uniform, found[index] = inside, uniform * finding.uniform, finding
     if not found:
-        return Where(
+        return FailureRegions(
             sentence="Nowhere in particular: no range of a parameter holds clearly more of the "
             f"{len(different):,} failures than of uniform worlds."
         )
@@ -109,7 +109,7 @@ def where(space: ParameterSpace, failures: Mu) -> Where:
     share = float(among.mean())
     mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
     listed = " and ".join(condition.text for condition in conditions)
-    return Where(
+    return FailureRegions(
         sentence=f"Fails {mostly} where {listed}: {_percent(share)} of the {len(different):,} "
         f"failures, against {_percent(uniform)} of uniform worlds.",
         conditions=conditions,

@@ -6,14 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from sada_gym.adversaries.learner import Learner
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
 MEMORISED = "samples are queries of the training: a control, never ranked"
 
 
-class Archive(Learner):
+class Memorise(FittedAdversary):
     """Replays the points of a uniform pool that fooled: a control, never ranked.
 
     It learns no distribution. Its AFR is what memorising would score: 1 where Q depends on mu
@@ -26,9 +26,9 @@ class Archive(Learner):
     packages = ()
     uniform_queries: ClassVar[bool] = True
 
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         self.flags = [MEMORISED]
-        self._points = self._induce(omega).chosen
+        self._points = self._select_fooling(queries).chosen
 
     def _draw(self, n: int) -> Mu:
         rounds = -(-n // len(self._points))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sada_gym import Parameter, ParameterSpace, make_application
-from sada_gym.measures.where import ALPHA, LEAST_FAILURES, where
+from sada_gym.measures.failure_regions import ALPHA, LEAST_FAILURES, failure_regions
 
 AROUND = ("in front", "on the left", "behind", "on the right")
 WEATHERS = ("sun", "rain", "fog", "snow", "hail")
@@ -52,7 +52,7 @@ def worlds(n=200, seed=0, **within):
     ],
 )
 def test_one_range_is_named_in_physical_units(within, text):
-    found = where(SPACE, worlds(**within))
+    found = failure_regions(SPACE, worlds(**within))
     assert [one.text for one in found.conditions] == [text]
     assert found.share == 1.0
     assert found.sentence.startswith(
@@ -62,16 +62,18 @@ def test_one_range_is_named_in_physical_units(within, text):
 
 def test_both_sides_of_a_ring_and_both_ends_of_a_range_are_found():
     sides = np.concatenate([worlds(camera_azimuth_deg=(a - 45, a + 45)) for a in (90, 270)])
-    assert where(SPACE, sides).conditions[0].text == "camera is on the left or on the right"
+    assert (
+        failure_regions(SPACE, sides).conditions[0].text == "camera is on the left or on the right"
+    )
     ends = np.concatenate([worlds(payload_kg=(0, 0.5)), worlds(payload_kg=(4.5, 5), seed=1)])
-    [both] = where(SPACE, ends).conditions
+    [both] = failure_regions(SPACE, ends).conditions
     assert both.text == "payload is below 0.5 kg or above 4.5 kg"
     assert both.ranges == ((0.0, 0.5), (4.5, 5.0))
 
 
 def test_conditions_are_joined_with_their_shares_counted():
     inside = worlds(300, camera_pitch_deg=(35, 51.6), camera_azimuth_deg=(135, 225))
-    found = where(SPACE, np.concatenate([inside, worlds(60, seed=1)]))
+    found = failure_regions(SPACE, np.concatenate([inside, worlds(60, seed=1)]))
     assert {one.parameter for one in found.conditions} == {"camera_pitch_deg", "camera_azimuth_deg"}
     values = SPACE.physical(np.concatenate([inside, worlds(60, seed=1)]))
     share = np.mean((values[:, 1] >= 35) & (np.abs(values[:, 0]) >= 135))
@@ -85,10 +87,10 @@ def test_conditions_are_joined_with_their_shares_counted():
 
 def test_a_range_is_named_only_if_it_holds_more_by_a_clear_margin():
     weak = np.concatenate([worlds(3_000), worlds(300, seed=1, payload_kg=(0, 2.5))])
-    assert where(SPACE, weak).conditions == ()
-    assert "Nowhere in particular" in where(SPACE, weak).sentence
+    assert failure_regions(SPACE, weak).conditions == ()
+    assert "Nowhere in particular" in failure_regions(SPACE, weak).sentence
     stronger = np.concatenate([worlds(300), worlds(200, seed=1, payload_kg=(0, 1.5))])
-    found = where(SPACE, stronger)
+    found = failure_regions(SPACE, stronger)
     assert found.sentence.startswith("Fails more often where payload is below 1.5 kg: 5")
     assert found.uniform == pytest.approx(0.3)
 
@@ -102,32 +104,33 @@ def test_uniform_failures_stand_out_nowhere(n, dimension):
     rng = np.random.default_rng([n, dimension])
     tries = 40 if dimension == 60 else 150
     claims = sum(
-        bool(where(space, rng.uniform(-1, 1, (n, len(space)))).conditions) for _ in range(tries)
+        bool(failure_regions(space, rng.uniform(-1, 1, (n, len(space)))).conditions)
+        for _ in range(tries)
     )
     assert claims <= 1 + ALPHA * tries
 
 
 def test_few_failures_are_enough_where_they_crowd_and_too_few_else():
     crowd = worlds(LEAST_FAILURES, camera_pitch_deg=(40, 45), payload_kg=(0, 0.5))
-    assert where(SPACE, crowd).conditions
+    assert failure_regions(SPACE, crowd).conditions
     expected = "Only 4 samples fooled the agent, too few to say where it fails."
-    assert where(SPACE, worlds(4)).sentence == expected
-    assert where(SPACE, worlds(1)).sentence.startswith("Only one sample fooled")
-    assert where(SPACE, worlds(0)).sentence == "No sample fooled the agent."
+    assert failure_regions(SPACE, worlds(4)).sentence == expected
+    assert failure_regions(SPACE, worlds(1)).sentence.startswith("Only one sample fooled")
+    assert failure_regions(SPACE, worlds(0)).sentence == "No sample fooled the agent."
 
 
 def test_repeated_worlds_count_once():
-    found = where(SPACE, np.repeat(worlds(3), 80, axis=0))
+    found = failure_regions(SPACE, np.repeat(worlds(3), 80, axis=0))
     assert found.sentence == (
         "The 240 failures are 3 different worlds, too few to say where the agent fails."
     )
     assert found.conditions == ()
-    assert "are one world" in where(SPACE, np.repeat(worlds(1), 50, axis=0)).sentence
+    assert "are one world" in failure_regions(SPACE, np.repeat(worlds(1), 50, axis=0)).sentence
 
 
 def test_samples_on_the_border_count():
     border = worlds(camera_pitch_deg=(51.6, 51.6), camera_azimuth_deg=(180, 180))
-    found = where(SPACE, border)
+    found = failure_regions(SPACE, border)
     assert [one.text for one in found.conditions[:2]] == [
         "camera pitch is above 50°",
         "camera is behind",
@@ -136,7 +139,7 @@ def test_samples_on_the_border_count():
 
 
 def test_a_small_share_of_uniform_worlds_is_not_zero():
-    found = where(
+    found = failure_regions(
         SPACE, worlds(camera_pitch_deg=(50, 51.6), payload_kg=(0, 0.5), friction=(0.05, 0.07))
     )
     assert found.sentence.endswith("against under 0.1 % of uniform worlds.")
@@ -146,14 +149,14 @@ def test_a_small_share_of_uniform_worlds_is_not_zero():
 def test_units_and_signs_are_written_as_people_write_them():
     space = ParameterSpace(Parameter("rotation_deg", -35.0, 35.0, "deg"))
     mu = space.normalised(np.linspace(-35, -20, 50)[:, None])
-    assert where(space, mu).conditions[0].text == "rotation is below \N{MINUS SIGN}20°"
+    assert failure_regions(space, mu).conditions[0].text == "rotation is below \N{MINUS SIGN}20°"
 
 
 @pytest.mark.parametrize("low_high", [(0.0, 1e-9), (-1e12, 1e12), (3.0, 3.1), (-7.0, 0.013)])
 def test_any_range_has_round_ends(low_high):
     space = ParameterSpace(Parameter("x", *low_high))
     rng = np.random.default_rng(0)
-    found = where(space, rng.uniform(-1, -0.5, (50, 1)))
+    found = failure_regions(space, rng.uniform(-1, -0.5, (50, 1)))
     assert found.share == 1.0
     assert 0.2 < found.uniform < 0.4
     digits = found.conditions[0].text.split("below ")[1].lstrip("\N{MINUS SIGN}")
@@ -163,31 +166,31 @@ def test_any_range_has_round_ends(low_high):
 def test_a_narrow_range_far_from_zero_keeps_its_digits():
     space = ParameterSpace(Parameter("x", 1e8, 1e8 + 100))
     mu = space.normalised(np.linspace(1e8, 1e8 + 29, 50)[:, None])
-    assert where(space, mu).conditions[0].text == "x is below 100000030"
+    assert failure_regions(space, mu).conditions[0].text == "x is below 100000030"
 
 
 def test_a_single_choice_is_no_condition():
     space = ParameterSpace(Parameter("only", 0.0, 1.0, choices=("this",)), Parameter("x", 0.0, 1.0))
     mu = np.random.default_rng(0).uniform(-1, [1, -0.5], (50, 2))
-    assert [one.parameter for one in where(space, mu).conditions] == ["x"]
+    assert [one.parameter for one in failure_regions(space, mu).conditions] == ["x"]
 
 
 def test_a_thousand_choices_in_order_are_ranges():
     space = ParameterSpace(Parameter("n", 0.0, 1000.0, choices=tuple(map(str, range(1000)))))
     for low, high, text in ((0, 240, "at most 239"), (760, 1000, "at least 760")):
         mu = space.normalised(np.linspace(low + 0.5, high - 0.5, 200)[:, None])
-        assert where(space, mu).conditions[0].text == f"n is {text}"
+        assert failure_regions(space, mu).conditions[0].text == f"n is {text}"
 
 
 def test_a_name_of_several_lines_becomes_one():
     space = ParameterSpace(Parameter("wind\nspeed_m_s", 0.0, 1.0, "m/s"))
     mu = np.random.default_rng(0).uniform(-1, -0.5, (50, 1))
-    assert where(space, mu).conditions[0].text == "wind speed is below 0.3 m/s"
+    assert failure_regions(space, mu).conditions[0].text == "wind speed is below 0.3 m/s"
 
 
 def test_the_order_of_failures_does_not_matter():
     mu = np.concatenate([worlds(90, weather=(0, 1)), worlds(30, seed=1)])
-    assert where(SPACE, mu) == where(SPACE, mu[::-1])
+    assert failure_regions(SPACE, mu) == failure_regions(SPACE, mu[::-1])
 
 
 def test_detection_says_where_camera_and_light_are():

@@ -16,9 +16,14 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.adversaries.fresh import fresh_rows, row_keys
-from sada_gym.adversaries.omega import Induced, draw_uniform, evaluate_uniform, induce
 from sada_gym.adversaries.options import choose_options
-from sada_gym.errors import UserError, refuse_unknown
+from sada_gym.adversaries.query_pool import (
+    InducedSet,
+    draw_uniform,
+    evaluate_uniform,
+    select_fooling,
+)
+from sada_gym.errors import UserError, check_known
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import OneLine, Strict, write_file, write_model
 from sada_gym.parameters import Mu
@@ -53,7 +58,7 @@ class Record(Strict):
     generator: Mapping[str, Any]
 
 
-class Learner(Adversary):
+class FittedAdversary(Adversary):
     """An adversary that evaluates points, fits a model to them, and draws from the model.
 
     A subclass implements `_fit` and `_draw`, and `_query` where its queries are not all uniform.
@@ -63,11 +68,11 @@ class Learner(Adversary):
     The arguments and other attributes are those of `Adversary`.
 
     Attributes:
-        omega: All points evaluated in training; no sample repeats one.
+        queries: All points evaluated in training; no sample repeats one.
         threshold: The fooling threshold of the training.
     """
 
-    omega: Evaluations
+    queries: Evaluations
     threshold: float
     _trained = False
     _known: set[bytes]
@@ -78,7 +83,7 @@ class Learner(Adversary):
         return evaluate_uniform(oracle.remaining, self.dimension, oracle, self.rng)
 
     @abstractmethod
-    def _fit(self, omega: Evaluations) -> None:
+    def _fit(self, queries: Evaluations) -> None:
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
@@ -90,8 +95,8 @@ class Learner(Adversary):
         return {}
 
     def _restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
-        """Restore what `_arrays` gave; `omega` is known. Here it fits again."""
-        self._fit(self.omega)
+        """Restore what `_arrays` gave; `queries` is known. Here it fits again."""
+        self._fit(self.queries)
 
     def _propose(self, n: int, noise: float) -> Floats:
         """Draw some candidates, (m, d), and add noise of a standard deviation."""
@@ -102,9 +107,9 @@ class Learner(Adversary):
         """Draw n uniform mu, (n, d)."""
         return draw_uniform(n, self.dimension, self.rng)
 
-    def _induce(self, omega: Evaluations, size: int = 0) -> Induced:
+    def _select_fooling(self, queries: Evaluations, size: int = 0) -> InducedSet:
         """Pick the induced set, at most `size` points or all that fool; flag it if none does."""
-        induced = induce(omega, self.threshold, self.rng, size=size or None)
+        induced = select_fooling(queries, self.threshold, self.rng, size=size or None)
         if induced.fallback:
             self.flags.append(NONE_FOOLED)
         return induced
@@ -122,10 +127,10 @@ class Learner(Adversary):
 
     def _train(self, oracle: Query) -> Evaluations:
         """Query and fit. A subclass that alternates between the two overrides this method."""
-        omega = self._query(oracle)
+        queries = self._query(oracle)
         self._before_fit = self.rng.bit_generator.state
-        self._fit(omega)
-        return omega
+        self._fit(queries)
+        return queries
 
     def sample(self, n: int) -> Mu:
         """Draw n fresh mu: (n, d) float32 in [-1, 1], no two equal and none a query.
@@ -140,8 +145,8 @@ class Learner(Adversary):
     def _fresh(self, n: int) -> Mu:
         return fresh_rows(self._propose, (n, self.dimension), self._known)
 
-    def _know(self, omega: Evaluations) -> None:
-        self.omega, self._known = omega, row_keys(omega.mu)
+    def _know(self, queries: Evaluations) -> None:
+        self.queries, self._known = queries, row_keys(queries.mu)
 
     def _refuse_untrained(self, what: str) -> None:
         if not self._trained:
@@ -156,7 +161,7 @@ class Learner(Adversary):
         self._refuse_untrained("save")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        arrays = {**self._arrays(), "omega.mu": self.omega.mu, "omega.score": self.omega.score}
+        arrays = {**self._arrays(), "omega.mu": self.queries.mu, "omega.score": self.queries.score}
         # safetensors writes the memory as it lies, whatever the strides
         content = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
         write_file(folder / _ARRAYS, content)
@@ -189,7 +194,7 @@ class Learner(Adversary):
     @classmethod
     def _loaded(cls, folder: Path) -> Self:
         record = Record.model_validate_json((folder / _RECORD).read_bytes())
-        refuse_unknown("saved adversary", [record.adversary], [cls.name])
+        check_known("saved adversary", [record.adversary], [cls.name])
         # options alone: a file must not choose other arguments, such as a path to write to
         options = choose_options(cls.name, cls.options_class(), {}, "default", record.options)
         adversary = cls(record.dimension, seed=0, **options.as_dict())
