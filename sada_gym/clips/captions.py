@@ -8,8 +8,8 @@ from PIL import Image, ImageDraw
 
 from sada_gym import frames
 from sada_gym.clips.shots import Shot
+from sada_gym.drawing import font
 from sada_gym.frames import Colour, Frame, rgb
-from sada_gym.plots.drawing import font
 from sada_gym.plots.panels import stacked
 
 WIDTH = 480

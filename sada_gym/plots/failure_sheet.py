@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import font, swatch, wrapped
 from sada_gym.frames import GRID, INK, MUTED, Frame, LegendEntry, rgb
-from sada_gym.plots.drawing import font, swatch, wrapped
 
 WIDTH = 1400
 """The width of a sheet in pixels. It can be read at half of that."""

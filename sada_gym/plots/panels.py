@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import font
 from sada_gym.frames import Frame
-from sada_gym.plots.drawing import font
 
 INK = (31, 41, 51)
 _SIZE = 15

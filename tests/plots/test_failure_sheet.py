@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import dashed, font, swatch, wrapped
 from sada_gym.frames import LegendEntry, Mark
-from sada_gym.plots.drawing import dashed, font, swatch, wrapped
 from sada_gym.plots.failure_sheet import WIDTH, FrameGroup, columns_for, failure_sheet
 
 FRAME = np.full((40, 60, 3), (10, 200, 30), np.uint8)

@@ -11,11 +11,11 @@ from PIL import Image, ImageDraw
 
 from sada_gym.clips.captions import DONE, FAILED, INK, PAPER, SOFT, WIDTH
 from sada_gym.clips.shots import MORPH_FPS, Clip, Shot, ShotEnding, path_to
+from sada_gym.drawing import dashed_box, font
 from sada_gym.envs.detection.frame import FLOOR
 from sada_gym.evaluations import fools
 from sada_gym.frames import ORANGE, SKY, Colour, rgb
 from sada_gym.parameters import Mu
-from sada_gym.plots.drawing import dashed_box, font
 
 if TYPE_CHECKING:
     from sada_gym.envs.detection.application import DetectionApplication

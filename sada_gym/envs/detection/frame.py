@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import dashed, dashed_box, font
 from sada_gym.envs.detection.renderers import Rendering
 from sada_gym.frames import ORANGE, SKY, LegendEntry, rgb
-from sada_gym.plots.drawing import dashed, dashed_box, font
 
 SIDE = 384
 """Pixels a side of the annotated frame, at least."""

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import dashed, font
 from sada_gym.frames import GREEN, VERMILLION, LegendEntry, rgb
-from sada_gym.plots.drawing import dashed, font
 
 SIDE = 160
 """Pixels a side of an enlarged image, at least."""

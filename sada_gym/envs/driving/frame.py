@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import dashed, font
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
@@ -19,7 +20,6 @@ from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
-from sada_gym.plots.drawing import dashed, font
 from sada_gym.plots.panels import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)

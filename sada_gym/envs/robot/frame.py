@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import font
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
 from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
-from sada_gym.plots.drawing import font
 from sada_gym.plots.panels import INK, beside, caption, stacked
 
 WIDTH = 700

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sada_gym.clips.captions import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
+from sada_gym.drawing import font
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import TILT_DEG, DroneCamera, camera
 from sada_gym.envs.uav.episodes import GATE_LIMIT_S, POLICY_HZ, RacingStart
@@ -22,7 +23,6 @@ from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import SKY, YELLOW, rgb
 from sada_gym.parameters import Mu
-from sada_gym.plots.drawing import font
 
 if TYPE_CHECKING:
     from sada_gym.envs.uav.application import UAVApplication

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.drawing import dashed, font
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
@@ -18,7 +19,6 @@ from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
 from sada_gym.frames import INK as INK_HEX
-from sada_gym.plots.drawing import dashed, font
 from sada_gym.plots.panels import INK, beside, caption, stacked
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512

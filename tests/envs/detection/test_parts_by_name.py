@@ -10,9 +10,9 @@ from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.renderers.registry import RENDERERS
 from sada_gym.envs.detection.shapes.registry import SHAPES
+from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
 from sada_gym.oracle import Oracle
-from sada_gym.registration import make_application
 from sada_gym.replay import detection as detection_clip
 
 ID = "SADA-Detection-v0"
