@@ -10,7 +10,7 @@ from sada_gym import frames
 from sada_gym.clips.shots import Shot
 from sada_gym.drawing import font
 from sada_gym.frames import Colour, Frame, rgb
-from sada_gym.plots.panels import stacked
+from sada_gym.panels import stacked
 
 WIDTH = 480
 """The width of a film in pixels."""

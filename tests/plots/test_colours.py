@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sada_gym import frames
-from sada_gym.envs.detection import picture as detection
-from sada_gym.envs.digits import picture as digits
+from sada_gym.envs.detection import frame as detection
+from sada_gym.envs.digits import frame as digits
 from sada_gym.envs.driving import frame as driving
 from sada_gym.envs.robot import frame as robot
 from sada_gym.envs.uav import frame as racing

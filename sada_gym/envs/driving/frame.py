@@ -20,7 +20,7 @@ from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
-from sada_gym.plots.panels import INK, beside, caption, stacked
+from sada_gym.panels import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2

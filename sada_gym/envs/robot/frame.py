@@ -16,7 +16,7 @@ from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
 from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
-from sada_gym.plots.panels import INK, beside, caption, stacked
+from sada_gym.panels import INK, beside, caption, stacked
 
 WIDTH = 700
 """The width of a map in pixels."""

@@ -19,7 +19,7 @@ from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
 from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
 from sada_gym.frames import INK as INK_HEX
-from sada_gym.plots.panels import INK, beside, caption, stacked
+from sada_gym.panels import INK, beside, caption, stacked
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0

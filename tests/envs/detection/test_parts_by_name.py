@@ -7,13 +7,13 @@ from PIL import Image
 from toy_parts import Flat
 
 from sada_gym.envs.detection import DetectionApplication
+from sada_gym.envs.detection import clip as detection_clip
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.renderers.registry import RENDERERS
 from sada_gym.envs.detection.shapes.registry import SHAPES
 from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluation.store import Context
 from sada_gym.oracle import Oracle
-from sada_gym.replay import detection as detection_clip
 
 ID = "SADA-Detection-v0"
 MU = np.random.default_rng(0).uniform(-1, 1, (6, 8)).astype(np.float32)
