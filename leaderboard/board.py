@@ -18,11 +18,12 @@ from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.cards import ApplicationCard, cards
+from sada_gym.experiment.record import slug
+from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import Sheet
-from sada_gym.submission.checks import is_outdated
-from sada_gym.submission.entry import Entry, EntryResult
-from sada_gym.submission.models import Tier, slug
+from sada_gym.submission.checks import find_outdated
 
 TIERS: tuple[Tier, ...] = ("verified", "claimed")
 """The tiers in the order of the pages. Figures of one are never ranked with those of another."""
@@ -152,25 +153,25 @@ def make_board(
     groups = [TrackGroup.of(card) for card in (cards() if applications is None else applications)]
     of_track = {track: group for group in groups for track in group.tracks}
     reasons = {
-        (entry.about.name, stem): is_outdated(result.claimed.identity)
+        (entry.metadata.name, place): find_outdated(result.claimed.experiment)
         for entry in entries
-        for stem, result in entry.results.items()
+        for place, result in entry.results.items()
     }
 
     def outdated(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
         return tuple(
             OutdatedResult(entry, result, reason)
             for entry in entries
-            for stem, result in entry.results.items()
-            if of_track.get(result.claimed.identity.track) == group
-            and (reason := reasons[entry.about.name, stem]) is not None
+            for place, result in entry.results.items()
+            if of_track.get(result.claimed.experiment.target.track) == group
+            and (reason := reasons[entry.metadata.name, place]) is not None
         )
 
     def chosen(entry: Entry, group: TrackGroup) -> Entry:
         def is_wanted(result: EntryResult) -> bool:
-            identity = result.claimed.identity
-            reason = reasons[entry.about.name, identity.stem]
-            return of_track.get(identity.track) == group and reason is None
+            track = result.claimed.experiment.target.track
+            reason = reasons[entry.metadata.name, result.place]
+            return of_track.get(track) == group and reason is None
 
         return entry.keeping(is_wanted)
 
@@ -178,7 +179,11 @@ def make_board(
     boards = []
     for group in groups:
         held = tuple(chosen(entry, group) for entry in entries)
-        rules = {one.claimed.identity.rule for entry in held for one in entry.results.values()}
+        rules = {
+            result.claimed.experiment.protocol.rule
+            for entry in held
+            for result in entry.results.values()
+        }
         # every entry goes in, so that two of one title are told apart on every page
         results = {tier: results_of(held, tables_of(rules), tier=tier) for tier in TIERS}
         there = tuple(entry for entry in held if entry.results)

@@ -11,7 +11,10 @@ import numpy as np
 
 from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
 from sada_gym.benchmark.suite import TABLES, Table
+from sada_gym.experiment.record import slug
 from sada_gym.results import paper
+from sada_gym.results.entry import Entry
+from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row, RunSummary
 from sada_gym.results.sheet import (
     Cell,
@@ -24,9 +27,7 @@ from sada_gym.results.sheet import (
     rate_cell,
     text_cell,
 )
-from sada_gym.submission.entry import Entry
-from sada_gym.submission.models import Tier, slug
-from sada_gym.submission.today import find_target
+from sada_gym.submission.current import current_target
 
 PAPER_RULE = "paper-budgets"
 """The rule under which the paper's numbers were made."""
@@ -107,7 +108,7 @@ class Attacks:
 def attack_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> Attacks:
     """Put entries, controls, the paper's numbers and the reference set's rates in order."""
     results, group = board.results[tier], board.group
-    entries = {entry.about.name: entry for entry in board.entries}
+    entries = {entry.metadata.name: entry for entry in board.entries}
     runs = [run for run in results.runs if (run.table, run.agent) == (table.name, agent)]
     there = {run.track for run in runs}
     tracks = tuple(track for track in group.tracks if track in there)
@@ -214,11 +215,10 @@ def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> Iterator[tuple
 
 def _of(entry: Entry, runs: Iterable[RunSummary]) -> list[str]:
     """Name the results that runs are of."""
-    wanted = {(run.track, run.agent, run.rule) for run in runs}
     return [
-        stem
-        for stem, result in entry.results.items()
-        if (one := result.claimed.identity) and (one.track, one.agent, one.rule) in wanted
+        place
+        for place in dict.fromkeys(run.experiment.place for run in runs)
+        if place in entry.results
     ]
 
 
@@ -264,7 +264,7 @@ def flags_cell(runs: Sequence[RunSummary], entry: Entry) -> Cell:
     return Cell(
         text=text,
         value="; ".join((*names, *((text,) if text else ()))),
-        href=f"entries/{entry.about.name}.html#flags",
+        href=f"entries/{entry.metadata.name}.html#flags",
         marks=tuple(names),
     )
 
@@ -325,7 +325,7 @@ def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[Attack]:
 
 def uniform_rate(track: str, agent: str) -> float | None:
     """Give the share of uniform worlds that fool an agent; None where there is no reference set."""
-    reference = find_target(track, agent).settings.reference
+    reference = current_target(track, agent).target.reference
     return None if reference is None else reference.uniform_rate
 
 
@@ -382,17 +382,18 @@ def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
     """Give the ranked verified entry without flags of the verifier whose interval is highest."""
     results = board.results["verified"]
     flagged = {
-        (entry.about.name, result.claimed.identity.rule)
+        (entry.metadata.name, experiment.protocol.rule)
         for entry in board.entries
         for result in entry.results.values()
+        for experiment in [result.claimed.experiment]
         if result.verified is not None and result.verified.flags
-        if (result.claimed.identity.track, result.claimed.identity.agent) == (track, agent)
+        if (experiment.target.track, experiment.target.agent) == (track, agent)
     }
     bounds = {
         (row.table, row.entry): (row.afr.interval_95[0], row)
         for table in results.tables
         for row in results.rows_of(table.name, agent, track)
-        if (row.entry, table.rule) not in flagged
+        if (row.entry, table.name) not in flagged
         if row.afr is not None and row.afr.rank is not None and row.afr.interval_95 is not None
     }
     if not bounds:
@@ -415,13 +416,13 @@ def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:
     """List results that no longer compare with others."""
     lines = []
     for one in outdated:
-        identity, about = one.result.claimed.identity, one.entry.about
+        experiment, metadata = one.result.claimed.experiment, one.entry.metadata
         rates = [seed.measures.afr for seed in one.result.claimed.seeds if seed.measures]
         cells = {
-            "entry": text_cell(about.title, href=f"entries/{about.name}.html"),
-            "track": text_cell(identity.track),
-            "agent": text_cell(identity.agent),
-            "rule": text_cell(identity.rule),
+            "entry": text_cell(metadata.title, href=f"entries/{metadata.name}.html"),
+            "track": text_cell(experiment.target.track),
+            "agent": text_cell(experiment.target.agent),
+            "rule": text_cell(experiment.protocol.rule),
             "afr": rate_cell(float(np.mean(rates)) if rates else None),
             "reason": text_cell(one.reason),
         }

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Picture, Pictures
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.record import slug
+from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.models import EntryMetadata, Tier
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
-from sada_gym.submission.entry import Entry, EntryResult
-from sada_gym.submission.models import About, Tier, slug
 
 _COLUMNS = (
     Column("track", "Track", numeric=False),
@@ -77,7 +80,8 @@ class EntryPage:
         failures: The runs that ended with an error.
     """
 
-    about: About
+    metadata: EntryMetadata
+    adversary: AdversarySpec | None
     tiers: tuple[Tier, ...]
     options: str
     links: Mapping[str, str]
@@ -89,24 +93,25 @@ class EntryPage:
     @property
     def path(self) -> str:
         """The page's place in the site."""
-        return f"entries/{self.about.name}.html"
+        return f"entries/{self.metadata.name}.html"
 
 
 def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
     """Put an entry's page together."""
-    about = entry.about
-    outdated = [one for one in board.outdated if one.entry.about.name == about.name]
-    links = {"Paper": about.paper, "Repository": about.repository}
+    metadata, adversary = entry.metadata, entry.adversary
+    outdated = [late for late in board.outdated if late.entry.metadata.name == metadata.name]
+    links = {"Paper": metadata.paper, "Repository": metadata.repository}
     return EntryPage(
-        about=about,
+        metadata=metadata,
+        adversary=adversary,
         tiers=tuple(t for t in TIERS if any(one.tier == t for one in entry.results.values())),
-        options=_options(about.options),
+        options=_options(adversary.options if adversary is not None else {}),
         links={name: url for name, url in links.items() if is_web(url)},
         sections=tuple(
             section for group in board.groups for section in _sections(group, entry, pictures)
         ),
         flags=tuple(_flags(entry)),
-        outdated=outdated_sheet(f"entries/{about.name}", outdated) if outdated else None,
+        outdated=outdated_sheet(f"entries/{metadata.name}", outdated) if outdated else None,
         failures=_failures(entry),
     )
 
@@ -116,16 +121,12 @@ def is_web(url: str) -> bool:
     return url.startswith(("https://", "http://"))
 
 
-def _options(text: str) -> str:
-    try:
-        options = json.loads(text)
-    except ValueError:
-        return text
-    return "" if options == {} else json.dumps(options, indent=2, ensure_ascii=False)
+def _options(options: Mapping[str, Any]) -> str:
+    return json.dumps(options, indent=2, ensure_ascii=False) if options else ""
 
 
 def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[Section]:
-    own = next((one for one in board.entries if one.about.name == entry.about.name), None)
+    own = next((one for one in board.entries if one.metadata.name == entry.metadata.name), None)
     if own is None:
         return
     for comparison in board.comparisons:
@@ -135,19 +136,20 @@ def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[S
                 row.track: row
                 for track in board.group.tracks
                 for row in board.results[tier].rows_of(table.name, agent, track)
-                if row.entry == entry.about.name
+                if row.entry == entry.metadata.name
             }
             for tier in TIERS
         }
         held = {
-            one.claimed.identity.track: one
-            for one in own.results.values()
-            if (one.claimed.identity.agent, one.claimed.identity.rule) == (agent, table.rule)
+            attacked.target.track: result
+            for result in own.results.values()
+            for attacked in [result.claimed.experiment]
+            if (attacked.target.agent, attacked.protocol.rule) == (agent, table.name)
         }
         results = {track: held[track] for track in board.group.tracks if track in held}
         if not rows["claimed"]:
             continue
-        name = f"entries/{entry.about.name}.{slug(board.group.name)}.{comparison.anchor}"
+        name = f"entries/{entry.metadata.name}.{slug(board.group.name)}.{comparison.anchor}"
         against = f" · {agent}" if agent else ""
         yield Section(
             f"{board.group.title} · {table.title}{against}",
@@ -212,6 +214,5 @@ def _failures(entry: Entry) -> Flag:
 
 
 def _where(result: EntryResult) -> str:
-    identity = result.claimed.identity
-    agent = f" against {identity.agent}" if identity.agent else ""
-    return f"{identity.track}{agent}, {identity.rule}"
+    experiment = result.claimed.experiment
+    return f"{experiment.target}, {experiment.protocol.rule}"

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from sada_gym.benchmark.results import Results
 from sada_gym.cards import ApplicationCard
-from sada_gym.submission.entry import Entry, EntryResult
-from sada_gym.submission.models import Tier, slug
+from sada_gym.experiment.record import slug
+from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.models import Tier
 
 
 @dataclass(frozen=True)

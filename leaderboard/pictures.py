@@ -14,14 +14,12 @@ import numpy as np
 from leaderboard.groups import TrackGroup
 from sada_gym import __version__
 from sada_gym.application import Application
-from sada_gym.evaluation.problems import make_application
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_file
 from sada_gym.plots.attack import contact_sheet, marginals
 from sada_gym.plots.style import png
-from sada_gym.submission.entry import EntryResult
-from sada_gym.submission.samples import samples_sha256
-from sada_gym.submission.today import default_agent
+from sada_gym.results.entry import EntryResult
+from sada_gym.results.samples import samples_sha256
 
 MAX_FRAMES = 12
 MAX_BYTES = 2**24
@@ -71,8 +69,9 @@ class Pictures:
         """
         if not self.drawing:
             return ()
-        held = [track for track, result in results.items() if result.samples]
-        applications = {track: _application(track, agent) for track in held}
+        held = {track: result for track, result in results.items() if result.samples}
+        opened = {track: result.claimed.experiment.target.open() for track, result in held.items()}
+        applications = {track: target.application for track, target in opened.items()}
         pictures = []
         for tracks in _alike(applications):
             names = ", ".join(group.short(track) for track in tracks)
@@ -95,17 +94,13 @@ class Pictures:
                 if content:
                     self.files[path] = content
                     pictures.append(Picture(path, text))
-        for application in applications.values():
-            application.close()
+        for target in opened.values():
+            target.close()
         return tuple(pictures)
 
     def _earlier(self, path: str) -> bytes | None:
         file = self.earlier / path
         return read_file(file, MAX_BYTES) if file.is_file() else None
-
-
-def _application(track: str, agent: str) -> Application:
-    return make_application(track, **({} if agent == default_agent(track) else {"agent": agent}))
 
 
 def _alike(applications: Mapping[str, Application]) -> Iterator[list[str]]:

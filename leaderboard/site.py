@@ -21,9 +21,9 @@ from sada_gym import __version__
 from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
+from sada_gym.results.entry import read_entries
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
-from sada_gym.submission.entry import read_entries
 
 HERE = Path(__file__).parent
 STATIC = ("board.css", "board.js")
@@ -153,29 +153,29 @@ def entries_sheet(board: Board) -> Sheet:
     """List all entries."""
     lines = []
     for entry in board.entries:
-        about, name = entry.about, entry.about.name
-        late = sum(one.entry.about.name == name for one in board.outdated)
+        metadata, name = entry.metadata, entry.metadata.name
+        late = sum(one.entry.metadata.name == name for one in board.outdated)
         tiers = [
             result.tier
             for group in board.groups
             for one in group.entries
-            if one.about.name == name
+            if one.metadata.name == name
             for result in one.results.values()
         ]
         groups = [
             group.group.title
             for group in board.groups
-            if any(one.about.name == name for one in group.entries)
+            if any(one.metadata.name == name for one in group.entries)
         ]
         cells = {
-            "entry": text_cell(about.title, href=f"entries/{name}.html"),
-            "authors": text_cell(", ".join(about.authors)),
-            "adversary": text_cell(about.adversary),
+            "entry": text_cell(metadata.title, href=f"entries/{name}.html"),
+            "authors": text_cell(", ".join(metadata.authors)),
+            "adversary": text_cell(entry.adversary.name if entry.adversary else ""),
             "groups": text_cell(", ".join(groups)),
             "verified": number_cell(tiers.count("verified")),
             "claimed": number_cell(tiers.count("claimed")),
             "outdated": number_cell(late) if late else BLANK,
-            "licence": text_cell(about.licence),
+            "licence": text_cell(metadata.licence),
         }
         lines.append(Line("ranked", cells))
     return Sheet("entries", "All entries", _ENTRIES, tuple(lines))

@@ -26,13 +26,13 @@ from sada_gym.benchmark.report.tables import (
     write_tables,
 )
 from sada_gym.benchmark.results import Results, results_of
-from sada_gym.benchmark.suite import CONTENDERS, TABLES, find_suite
+from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import cards
+from sada_gym.results.entry import Entry, read_entries
 from sada_gym.results.figures import Figure
+from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
-from sada_gym.submission.entry import Entry, read_entries
-from sada_gym.submission.models import Tier
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
@@ -109,7 +109,8 @@ def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed
 def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
     """Keep the results on some tracks."""
     held = (
-        entry.keeping(lambda result: result.claimed.identity.track in tracks) for entry in entries
+        entry.keeping(lambda result: result.claimed.experiment.target.track in tracks)
+        for entry in entries
     )
     return [entry for entry in held if entry.results]
 
@@ -136,7 +137,7 @@ def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iter
     """
     found = [_by_label(one.rows(entries)) for one in COMPARISONS.values()]
     yield from table_head(("adversary", *(one.title for one in COMPARISONS.values())))
-    for label in labels or [contender.label for contender in CONTENDERS]:
+    for label in labels or list(ADVERSARIES):
         cells = (_pair(rows.get(label)) for rows in found)
         yield table_line(label, *cells)
 

@@ -78,7 +78,7 @@ def verify(
 
 
 def _show(finding: Finding) -> None:
-    where = " ".join(part for part in (finding.entry, finding.stem) if part)
+    where = " ".join(part for part in (finding.entry, finding.place) if part)
     verified = finding.verified
     says = {
         "verified": "verified",

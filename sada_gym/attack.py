@@ -11,26 +11,27 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import UserTypeError, check_integer
-from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.errors import check_integer
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.assemble import find_target, make_adversary, make_settings
-from sada_gym.experiment.names import refuse_misspelt
-from sada_gym.experiment.pictures import draw_missing
-from sada_gym.experiment.record import (
+from sada_gym.experiment.adversary import AdversarySpec, name_and_class
+from sada_gym.experiment.folder import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
     SAMPLES_FILE,
     STORE_FILE,
-    RunReport,
     claim_folder,
     read_finished,
     refuse_taken,
     write_samples,
 )
+from sada_gym.experiment.names import refuse_misspelt
+from sada_gym.experiment.packages import packages
+from sada_gym.experiment.pictures import draw_missing
+from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSettings
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
+from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import as_path, file_errors, write_folder, write_model
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
@@ -119,63 +120,54 @@ def attack(
     refuse_misspelt(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
         refuse_taken(folder, resume=resume)
-    with _progress(progress, on_progress) as report_progress:
-        evaluator = Evaluator(
-            environment,
-            env_kwargs=env_kwargs,
-            workers=workers,
-            chunk_size=chunk_size,
-            executor=executor,
+    with (
+        _progress(progress, on_progress) as report_progress,
+        OpenTarget.of(
+            environment, env_kwargs, workers=workers, chunk_size=chunk_size, executor=executor
+        ) as opened,
+    ):
+        count = opened.sample_size if samples is None else samples
+        check_integer("samples", count, 1, MAX_QUERIES)
+        name, kind = name_and_class(adversary)
+        spec = AdversarySpec(name=name, preset=preset, options=dict(options or {}))
+        solver = spec.make(opened.dimension, seed=seed, ideal_set=opened.ideal_set, kind=kind)
+        settings = RunSettings(
+            experiment=Experiment(
+                target=opened.target,
+                adversary=spec.resolve(kind=kind),
+                protocol=Protocol(budget=budget, samples=count),
+                seed=seed,
+            ),
+            label=name,
+            packages=packages(opened.application, type(solver)),
         )
-        now = True
-        try:
-            application = evaluator.application
-            if application is None:
-                raise UserTypeError(
-                    "Expected an environment id or an Application to attack, got "
-                    f"{environment!r}. Wrap a function in an Application: it has parameters and "
-                    "an agent to name."
+        with file_errors("make the folder", folder):
+            claimed = claim_folder(folder, settings, resume=resume)
+        finished = read_finished(folder, settings, opened.dimension) if resume else None
+        if finished is None:
+            try:
+                opened.evaluator.attach(folder / STORE_FILE)
+                run = Run(
+                    settings,
+                    solver,
+                    opened.evaluator,
+                    fooling_set=opened.fooling_set,
+                    ideal_set=opened.ideal_set,
+                    on_progress=report_progress,
                 )
-            count = application.sample_size if samples is None else samples
-            check_integer("samples", count, 1, MAX_QUERIES)
-            target = find_target(environment, env_kwargs or {}, application)
-            chosen: dict[str, Any] = {"preset": preset, "options": options or {}}
-            solver = make_adversary(
-                adversary, target.dimension, seed=seed, ideal_set=target.split[1], **chosen
+                report = _finish(run, folder)
+                found = report, run.samples, run.queries
+            except BaseException:
+                opened.close(now=True)
+                claimed.release()
+                raise
+        else:
+            found = finished
+        drawn: tuple[Path, ...] = ()
+        if pictures:
+            drawn = draw_missing(
+                opened.application, *found, folder, report_progress, anew=finished is None
             )
-            settings = make_settings(
-                target, adversary, type(solver), budget=budget, samples=count, seed=seed, **chosen
-            )
-            with file_errors("make the folder", folder):
-                claim = claim_folder(folder, settings, resume=resume)
-            finished = read_finished(folder, settings, application) if resume else None
-            if finished is None:
-                try:
-                    evaluator.attach(folder / STORE_FILE)
-                    run = Run(
-                        settings,
-                        solver,
-                        evaluator,
-                        fooling_set=target.split[0],
-                        ideal_set=target.split[1],
-                        on_progress=report_progress,
-                    )
-                    report = _finish(run, folder)
-                    found = report, run.samples, run.queries
-                except BaseException:
-                    evaluator.close(now=True)
-                    claim.release()
-                    raise
-            else:
-                found = finished
-            drawn: tuple[Path, ...] = ()
-            if pictures:
-                drawn = draw_missing(
-                    application, *found, folder, report_progress, anew=finished is None
-                )
-            now = False
-        finally:
-            evaluator.close(now=now)
     return AttackResult(*found, folder, drawn, was_finished=finished is not None)
 
 

@@ -267,22 +267,55 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
     Raises:
         FileError: If the file cannot be read, or does not hold exactly such arrays.
     """
+    with _npz(path, f"the arrays {_listed(kinds)}") as (archive, names):
+        if names != sorted(kinds):
+            raise _UnfitError(f"arrays named {', '.join(names) or 'nothing'}")
+        return {name: _read_array(archive, name, *kind) for name, kind in kinds.items()}
+
+
+def read_array_groups(
+    path: Path, kinds: Mapping[str, tuple[str, int]]
+) -> dict[str, dict[str, npt.NDArray[Any]]]:
+    """Read groups of arrays, named GROUP.KIND, of an NPZ file; nothing in it is ever unpickled.
+
+    Args:
+        path: The file.
+        kinds: The dtype and the number of dimensions of each array of a group, by its kind.
+
+    Raises:
+        FileError: If the file cannot be read, or does not hold exactly such groups.
+    """
+    with _npz(path, f"groups GROUP.KIND of the arrays {_listed(kinds)}") as (archive, names):
+        groups = sorted({name.rpartition(".")[0] for name in names})
+        if names != sorted(f"{group}.{kind}" for group in groups for kind in kinds):
+            raise _UnfitError(f"arrays named {', '.join(names)}")
+        return {
+            group: {
+                kind: _read_array(archive, f"{group}.{kind}", *form) for kind, form in kinds.items()
+            }
+            for group in groups
+        }
+
+
+def _listed(kinds: Mapping[str, tuple[str, int]]) -> str:
+    return ", ".join(f"{name} ({dtype}, {n}-d)" for name, (dtype, n) in kinds.items())
+
+
+@contextmanager
+def _npz(path: Path, wanted: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
+    """Open an NPZ file with the sorted names of its arrays; what is wrong becomes a sentence."""
     content = read_file(path, MAX_ARRAYS_BYTES)
     cause: Exception
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            found = sorted(archive.namelist())
-            if found != sorted(f"{name}.npy" for name in kinds):
-                names = ", ".join(name.removesuffix(".npy") for name in found)
-                raise _UnfitError(f"arrays named {names or 'nothing'}")
-            return {name: _read_array(archive, name, *kind) for name, kind in kinds.items()}
+            yield archive, sorted(name.removesuffix(".npy") for name in archive.namelist())
+            return
     except _UnfitError as error:
         reason, cause = shown(str(error)), error
     except _DAMAGE as error:
         reason, cause = "it is damaged", error
-    wanted = ", ".join(f"{name} ({dtype}, {n}-d)" for name, (dtype, n) in kinds.items())
     raise FileError(
-        f"Expected an NPZ file with the arrays {wanted} in {path}, got something else ({reason}). "
+        f"Expected an NPZ file with {wanted} in {path}, got something else ({reason}). "
         "Restore the file, or make it anew."
     ) from cause
 

@@ -23,8 +23,9 @@ import psutil
 
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.executors import OpenExecutor, open_executor
+from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Registered, make_application
-from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import PortableScorer, WorkerPool
 from sada_gym.oracle import Oracle
 
@@ -137,7 +138,7 @@ def commits() -> None:
     for size in CHUNKS:
         with tempfile.TemporaryDirectory() as folder:
             store = EvaluationStore(Path(folder) / "run.sqlite")
-            key = store.context(Context.of(make_application(ANALYTIC)))
+            key = store.context(ApplicationKey.of(make_application(ANALYTIC)))
             mu = rng.uniform(-1, 1, (1_000, size, DIMENSION)).astype(np.float32)
             start = time.perf_counter()
             for i, chunk in enumerate(mu):

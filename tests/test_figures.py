@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from prose import numbers, rows
+from sada_gym.submission.entry import CLAIMS, read_entries, read_result
+from sada_gym.submission.models import Result
 
 from leaderboard.tables import COMPARISONS, ENTRIES
 from sada_gym.benchmark.report.tables import with_interval
-from sada_gym.submission.entry import CLAIMS, read_entries, read_result
-from sada_gym.submission.models import Result
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -33,6 +34,9 @@ _TABLE: dict[str, str] = {
     "level-set": "sada_gym.adversaries.level_set:LevelSet",
 }
 
+_PACKAGES = {"cma-mae": "ribs"}
+"""The optional packages that adversaries need, by the adversary's name."""
+
 
 @dataclass(frozen=True)
 class Description:
@@ -54,6 +58,13 @@ class Description:
 def names() -> list[str]:
     """List the adversaries' names."""
     return list(_TABLE)
+
+
+def missing_package(name: str) -> str | None:
+    """Return the optional package that an adversary needs and that is not installed, if any."""
+    package = _PACKAGES.get(name)
+    missing = package is not None and importlib.util.find_spec(package) is None
+    return package if missing else None
 
 
 def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) -> Adversary:

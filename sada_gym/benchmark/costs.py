@@ -52,7 +52,7 @@ def estimate(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[Es
             took.setdefault(like(one), []).append(one.core_s or one.wall_s)
     by_place: dict[tuple[str, str], list[RunSettings]] = {}
     for run in runs:
-        by_place.setdefault((run.table, run.track), []).append(run)
+        by_place.setdefault((run.key.table, run.key.track), []).append(run)
     return [
         _of_place(table, track, chosen, took) for (table, track), chosen in sorted(by_place.items())
     ]
@@ -63,14 +63,16 @@ def _of_place(
 ) -> Estimate:
     seconds = []
     for run in runs:
-        known = next((took[like(run)] for like in _LIKE if like(run) in took), None)
+        known = next((took[like(run.key)] for like in _LIKE if like(run.key) in took), None)
         if known is not None:
             seconds.append(sum(known) / len(known))
     return Estimate(
         table=table,
         track=track,
         runs=len(runs),
-        evaluations=sum(run.budget + run.samples for run in runs),
+        evaluations=sum(
+            run.experiment.protocol.budget + run.experiment.protocol.samples for run in runs
+        ),
         core_hours=sum(seconds) / 3600,
         unknown=len(runs) - len(seconds),
     )

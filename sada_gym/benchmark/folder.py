@@ -11,20 +11,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from sada_gym.errors import StoreInUse, UserError
-from sada_gym.evaluation.store import Context
 from sada_gym.evaluation.store_errors import check_usable, explained, in_use
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import RunFailure, RunKey, RunReport
+from sada_gym.experiment.record import RunFailure, RunKey, RunReport, slug
+from sada_gym.experiment.target import Target
 from sada_gym.files import MAX_JSON_BYTES, Strict, file_errors, read_file, write_file
-from sada_gym.submission.models import entry_name, slug
-
-if TYPE_CHECKING:
-    from sada_gym.benchmark.plan import Group
+from sada_gym.results.models import entry_name
 
 ENTRIES, STORES, PICTURES = "entries", "stores", "pictures"
 TABLE_FILE, TIMINGS_FILE, LOCK_FILE = "table.md", "timings.jsonl", ".lock"
@@ -67,7 +63,6 @@ class RunDone:
         timing: The time and memory that it took.
         samples: Its test samples; None after a failure.
         picture: The comparison of images as a PNG, if there is one.
-        context: What its scores belong to.
         evaluations: The evaluations that the group's store still lacks; none where the worker had
             it open.
     """
@@ -76,14 +71,13 @@ class RunDone:
     timing: Timing
     samples: Evaluations | None
     picture: bytes | None
-    context: Context
     evaluations: tuple[Evaluations, ...]
 
 
-def store_file(out: Path, key: Group | RunKey) -> Path:
-    """Give the evaluation store that the runs of one track, agent and seed share."""
-    place = slug(f"{key.track}.{key.agent}" if key.agent else key.track)
-    return out / STORES / f"{place}.{key.seed}.sqlite"
+def store_file(out: Path, target: Target, seed: int) -> Path:
+    """Return the evaluation store that the runs of one target and seed share."""
+    place = slug(f"{target.track}.{target.agent}" if target.agent else target.track)
+    return out / STORES / f"{place}.{seed}.sqlite"
 
 
 def claim(out: Path) -> None:
@@ -138,15 +132,15 @@ def write_costs(out: Path, done: RunDone) -> None:
     Raises:
         FileError: If a file cannot be written.
     """
-    key = done.result.settings.model_dump(include=set(RunKey.model_fields))
-    line = json.dumps({**key, **done.timing.model_dump(mode="json")})
+    key = done.result.settings.key
+    line = json.dumps({**key.model_dump(), **done.timing.model_dump(mode="json")})
     path = out / TIMINGS_FILE
     with file_errors("write", path), path.open("ab+") as file:
         file.seek(max(file.tell() - 1, 0))
         torn = file.read(1) not in (b"", b"\n")  # a killed process left half a line
         file.write(f"{chr(10) if torn else ''}{line}\n".encode())
     if done.picture is not None:
-        picture = novelty_picture(out, done.result.settings)
+        picture = novelty_picture(out, key)
         with file_errors("make the folder", picture.parent):
             picture.parent.mkdir(parents=True, exist_ok=True)
         write_file(picture, done.picture)

@@ -16,11 +16,10 @@ from sada_gym.benchmark.plan import Group
 from sada_gym.benchmark.progress import Abandoned, ProgressFile, can_read
 from sada_gym.errors import AdversaryError, StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.evaluation.store import Context
-from sada_gym.experiment.assemble import make_adversary
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.record import RunFailure, RunReport, RunSettings
 from sada_gym.experiment.run import OnProgress, Run, ignore_progress
+from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.plots.novelty import novelty_sheet
 from sada_gym.plots.style import png
 
@@ -77,17 +76,10 @@ def do_run(job: RunJob) -> RunDone:
 
 
 def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: bool) -> RunDone:
-    settings, group = job.settings, job.group
+    settings, group, spec = job.settings, job.group, job.settings.experiment.adversary
     started, worked = time.monotonic(), time.process_time()
     _forget_peak_memory()
-    adversary = make_adversary(
-        settings.adversary,
-        evaluator.dimension,
-        seed=settings.seed,
-        preset=settings.preset,
-        options=settings.options,
-        ideal_set=group.ideal_set,
-    )
+    adversary = spec.make(evaluator.dimension, seed=settings.seed, ideal_set=group.ideal_set)
     run = Run(
         settings,
         adversary,
@@ -102,8 +94,7 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
         run.train()
         run.test()
     except AdversaryError as error:
-        threshold = float(run.application.fooling_threshold)
-        result = RunFailure(settings=settings, fooling_threshold=threshold, error=str(error))
+        result = RunFailure(settings=settings, error=str(error))
     else:
         result = run.measure()
         if run.images is not None:
@@ -121,44 +112,41 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
         ),
         samples=run.samples if isinstance(result, RunReport) else None,
         picture=picture,
-        context=Context.of(run.application),
         evaluations=run.evaluations if keep else (),
     )
 
 
 class _Kept(threading.local):
-    """The evaluator of this thread's last run: the next one is mostly on the same track."""
+    """The target of this thread's last run: the next one mostly attacks the same."""
 
     def __init__(self) -> None:
-        self.evaluators: dict[tuple[object, ...], Evaluator] = {}
+        self.opened: tuple[Target, int, OpenTarget] | None = None
 
 
 _kept = _Kept()
 
 
 def _evaluator(job: RunJob) -> Evaluator:
-    group = job.group
-    key = (group.track, tuple(sorted(group.keywords.items())), job.workers)
-    if key not in _kept.evaluators:
+    target = job.group.target
+    if _kept.opened is None or _kept.opened[:2] != (target, job.workers):
         _forget()
-        for name in {run.adversary for run in group.runs} - {IDEAL}:
+        for name in {run.experiment.adversary.name for run in job.group.runs} - {IDEAL}:
             adversaries.resolve(name, {})  # all modules are loaded now, not hours later
-        _kept.evaluators[key] = Evaluator(
-            group.track, env_kwargs=group.keywords, workers=job.workers
-        )
-    return _kept.evaluators[key]
+        _kept.opened = target, job.workers, target.open(workers=job.workers)
+    return _kept.opened[2].evaluator
 
 
 def _forget() -> None:
-    while _kept.evaluators:
-        _kept.evaluators.popitem()[1].close(now=True)
+    opened, _kept.opened = _kept.opened, None
+    if opened is not None:
+        opened[2].close(now=True)
 
 
 @contextmanager
 def _store(evaluator: Evaluator, job: RunJob, visible: bool) -> Iterator[None]:
     """Open the group's store, or a copy of it where the worker doesn't see the folder."""
     with TemporaryDirectory(prefix="sada-gym-") as copies:
-        path = store_file(job.out, job.settings)
+        path = store_file(job.out, job.group.target, job.group.seed)
         if not visible:
             path = Path(copies) / path.name
             if job.stored is not None:

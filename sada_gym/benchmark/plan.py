@@ -2,60 +2,49 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from sada_gym import agents
+from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.entries import about_of
-from sada_gym.benchmark.suite import Contender, Suite, Table
+from sada_gym.benchmark.metadata import metadata_of
+from sada_gym.benchmark.suite import Suite, Table
 from sada_gym.errors import UserError
-from sada_gym.evaluation.problems import make_application
-from sada_gym.experiment.assemble import RunTarget, make_adversary, make_settings
+from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.ideal import IDEAL
-from sada_gym.experiment.record import RunSettings
+from sada_gym.experiment.packages import packages
+from sada_gym.experiment.record import Experiment, RunSettings
+from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.files import first_error
 from sada_gym.measures.coverage import NEAREST
-from sada_gym.measures.reference import FOLDER, load_reference
+from sada_gym.measures.reference import FOLDER
 from sada_gym.parameters import Mu
-from sada_gym.submission.models import About, Identity
+from sada_gym.results.models import EntryMetadata, Result
 
-_MAX_STEM = 150
+_MAX_PLACE = 150
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The runs of one track, agent and seed: they share a store, so one follows the other.
+    """The runs of one target and seed: they share a store, so one follows the other.
 
     Attributes:
-        track: The environment's id.
-        keywords: The environment's keywords that name the agent; empty for the default agent.
-        agent: The agent's name.
+        target: What they attack.
         seed: The seed.
         runs: The runs, in the order in which they are done.
-        rules: The rule of each table, by the table's name.
-        fooling_threshold: The agent is fooled where Q <= this.
         fooling_set: The points that coverage is measured by, (R, d); None where none are known.
         ideal_set: Other points known to fool, (R, d), which ideal samples are drawn from.
     """
 
-    track: str
-    keywords: dict[str, str]
-    agent: str
+    target: Target
     seed: int
     runs: tuple[RunSettings, ...]
-    rules: Mapping[str, str]
-    fooling_threshold: float
     fooling_set: Mu | None = None
     ideal_set: Mu | None = None
-
-    def identity(self, run: RunSettings) -> Identity:
-        """Give the identity of the result that a run of this group belongs to."""
-        return Identity.of(run, self.rules[run.table], self.fooling_threshold)
 
 
 @dataclass(frozen=True)
@@ -65,13 +54,13 @@ class Plan:
     Attributes:
         suite: The suite that was asked for.
         groups: Its runs.
-        abouts: What each contender's entry says of it, by the contender's label.
+        metadata: What each adversary's entry says of itself, by the adversary's label.
         notes: What a reader must know, such as an adversary that was left out.
     """
 
     suite: Suite
     groups: tuple[Group, ...]
-    abouts: Mapping[str, About]
+    metadata: Mapping[str, EntryMetadata]
     notes: tuple[str, ...]
 
     @property
@@ -88,159 +77,141 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
         references: The folder of the reference sets.
 
     Raises:
-        TypeError, ValueError: If a track, an agent, a contender or a reference set does not fit.
+        TypeError, ValueError: If a track, an agent, an adversary or a reference set does not fit.
     """
-    contenders = tuple(c for c in suite.contenders if not c.missing)
+    missing = {
+        label: package
+        for label, spec in suite.adversaries.items()
+        if (package := adversaries.missing_package(spec.name)) is not None
+    }
     notes = [
-        f"{c.label} is left out: it needs the package {c.requires}, which is not installed."
-        for c in suite.contenders
-        if c.missing
+        f"{label} is left out: it needs the package {package}, which is not installed."
+        for label, package in missing.items()
     ]
-    for label, times in Counter(c.label for c in contenders).items():
-        if times > 1:
-            raise UserError(f"Expected distinct contenders, got {label!r} twice. Name it once.")
-    abouts = {contender.label: about_of(contender) for contender in contenders}
+    rows = {label: spec for label, spec in suite.adversaries.items() if label not in missing}
+    metadata = {label: metadata_of(label, spec) for label, spec in rows.items()}
     groups = []
     for track in suite.tracks:
-        for target, keywords, tables in _targets(suite, track, references):
-            to_cover, to_draw = target.split
-            if to_cover is None:
+        for target, tables in _targets(suite, track, references):
+            if target.fooling_set is None:
                 notes.append(_no_reference(target))
-            # each is made once, so that what is wrong with one shows before anything runs
-            solvers = [
-                (
-                    one,
-                    make_adversary(
-                        one.adversary,
-                        target.dimension,
-                        seed=0,
-                        preset=one.preset,
-                        options=one.options,
-                        ideal_set=to_draw,
-                    ),
-                )
-                for one in contenders
-                if one.adversary != IDEAL or to_draw is not None
+            runs = [
+                _settings(suite, table, target, label, spec.resolve(), solver)
+                # each is made once, so that what is wrong with one shows before anything runs
+                for label, spec, solver in _solvers(rows, target)
+                for table in tables
+                if table.includes(label)
             ]
-            for seed in suite.seeds_on(track):
-                runs = tuple(
-                    _settings(suite, table, target, contender, solver, seed)
-                    for table in tables
-                    for contender, solver in solvers
-                    if table.includes(contender)
+            order = {table.name: i for i, table in enumerate(tables)}
+            runs.sort(key=lambda run: order[run.experiment.protocol.rule])
+            groups += [
+                Group(
+                    target.target,
+                    seed,
+                    tuple(_at_seed(run, seed) for run in runs),
+                    target.fooling_set,
+                    target.ideal_set,
                 )
-                groups.append(
-                    Group(
-                        track,
-                        keywords,
-                        target.application.agent_name,
-                        seed,
-                        runs,
-                        {table.name: table.rule for table in tables},
-                        float(target.application.fooling_threshold),
-                        to_cover,
-                        to_draw,
-                    )
-                )
-            target.application.close()
+                for seed in suite.seeds_on(track)
+            ]
     if not any(group.runs for group in groups):
         raise UserError(" ".join(["Expected something to run, got nothing.", *notes]))
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
-    plan = Plan(suite, tuple(ordered), abouts, tuple(notes))
+    plan = Plan(suite, tuple(ordered), metadata, tuple(notes))
     _refuse_misplaced(plan)
     return plan
+
+
+def _solvers(
+    rows: Mapping[str, AdversarySpec], target: OpenTarget
+) -> Iterator[tuple[str, AdversarySpec, Adversary]]:
+    for label, spec in rows.items():
+        if spec.name != IDEAL or target.ideal_set is not None:
+            yield label, spec, spec.make(target.dimension, seed=0, ideal_set=target.ideal_set)
+
+
+def _at_seed(run: RunSettings, seed: int) -> RunSettings:
+    """Return a run with a seed; images are only compared on the first one."""
+    changes = {"experiment": run.experiment.at(seed), "images": 0 if seed else run.images}
+    return run.model_copy(update=changes)
 
 
 def _refuse_misplaced(plan: Plan) -> None:
     """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
     known: dict[tuple[str, str, int], RunSettings] = {}
-    for group in plan.groups:
-        for run in group.runs:
-            try:
-                # some file systems do not tell capitals from small letters
-                stem = group.identity(run).stem.lower()
-            except ValidationError as error:
-                raise UserError(
-                    f"Expected a run that an entry can describe, got {run} ({first_error(error)}). "
-                    "Give the track, the agent and the rule shorter names."
-                ) from error
-            if len(stem) > _MAX_STEM:
-                raise UserError(
-                    f"Expected names of the track, the agent and the rule of at most {_MAX_STEM} "
-                    f"characters in all, since files are called by them, got {len(stem)} ({run}). "
-                    "Give them shorter names."
-                )
-            twin = known.setdefault((plan.abouts[run.label].name, stem, run.seed), run)
-            if twin is not run:
-                raise UserError(
-                    f"Expected runs that have a place of their own in the entries, got {twin} and "
-                    f"{run}, which would share one. Choose one of the tables (--table) or "
-                    "adversaries (--adversary), or give them other labels or rules."
-                )
+    for run in plan.runs:
+        try:
+            Result.make(run.experiment, ())
+        except ValidationError as error:
+            raise UserError(
+                f"Expected a run that an entry can describe, got {run} ({first_error(error)}). "
+                "Give the track, the agent and the rule shorter names."
+            ) from error
+        # some file systems do not tell capitals from small letters
+        place = run.experiment.place.lower()
+        if len(place) > _MAX_PLACE:
+            raise UserError(
+                f"Expected names of the track, the agent and the rule of at most {_MAX_PLACE} "
+                f"characters in all, since results are called by them, got {len(place)} ({run}). "
+                "Give them shorter names."
+            )
+        twin = known.setdefault((plan.metadata[run.label].name, place, run.seed), run)
+        if twin is not run:
+            raise UserError(
+                f"Expected runs that have a place of their own in the entries, got {twin} and "
+                f"{run}, which would share one. Choose one of the tables (--table) or "
+                "adversaries (--adversary), or give them other labels or rules."
+            )
 
 
 def _targets(
     suite: Suite, track: str, references: Path
-) -> Iterator[tuple[RunTarget, dict[str, str], tuple[Table, ...]]]:
-    """Open each agent that is to be attacked on a track.
-
-    Yields:
-        The target, the environment's keywords that name its agent, and the tables it stands in.
-    """
-    first = make_application(track)
-    default, shipped = first.agent_name, agents.names(first.name)
-    chosen = dict[str, list[Table]]()
-    for table in suite.tables:
-        for agent in table.attacked(default, shipped):
-            chosen.setdefault(agent, []).append(table)
+) -> Iterator[tuple[OpenTarget, tuple[Table, ...]]]:
+    """Open each agent that is to be attacked on a track, with the tables that it stands in."""
+    with ExitStack() as stack:
+        first = stack.enter_context(OpenTarget.of(track, references=references))
+        default, shipped = first.target.agent, agents.names(first.target.application.name)
+        chosen = dict[str, list[Table]]()
+        for table in suite.tables:
+            for agent in table.attacked(default, shipped):
+                chosen.setdefault(agent, []).append(table)
+        if default in chosen:
+            yield first, tuple(chosen.pop(default))
     for agent, tables in chosen.items():
-        keywords = {} if agent == default else {"agent": agent}
-        application = make_application(track, **keywords) if keywords else first
-        reference = load_reference(track, application, references)
-        yield RunTarget(track, application, reference), keywords, tuple(tables)
-    if default not in chosen:
-        first.close()
+        with OpenTarget.of(track, agent=agent, references=references) as target:
+            yield target, tuple(tables)
 
 
 def _settings(
     suite: Suite,
     table: Table,
-    target: RunTarget,
-    contender: Contender,
+    target: OpenTarget,
+    label: str,
+    spec: AdversarySpec,
     solver: Adversary,
-    seed: int,
 ) -> RunSettings:
-    application = target.application
-    rule = table.budget_of.get(application.name, table.budget)
-    ideal = contender.adversary == IDEAL
-    samples = table.samples or application.sample_size
-    if target.split[0] is not None and samples <= NEAREST:
+    protocol = table.protocol(target, spec, solver)
+    if target.fooling_set is not None and protocol.samples <= NEAREST:
         raise UserError(
-            f"Expected at least {NEAREST + 1} test samples on {target.track}, which has a "
-            f"reference set to measure coverage by, got {samples} (table {table.name}). "
+            f"Expected at least {NEAREST + 1} test samples on {target.target.track}, which has a "
+            f"reference set to measure coverage by, got {protocol.samples} (table {table.name}). "
             "Raise the number of samples (--samples)."
         )
-    return make_settings(
-        target,
-        contender.adversary,
-        type(solver),
-        preset=contender.preset,
-        options=contender.options,
-        budget=0 if ideal else rule.of(contender.adversary, solver),
-        samples=samples,
-        seed=seed,
-        table=table.name,
-        label=contender.label,
-        images=0 if seed or ideal else suite.images,
+    return RunSettings(
+        experiment=Experiment(target=target.target, adversary=spec, protocol=protocol),
+        label=label,
+        images=0 if spec.name == IDEAL else suite.images,
+        packages=packages(target.application, type(solver)),
     )
 
 
-def _no_reference(target: RunTarget) -> str:
-    name = target.application.agent_name
+def _no_reference(target: OpenTarget) -> str:
+    name = target.target.agent
     agent = f" with the agent {name}" if name else ""
-    what = "no reference set" if target.reference is None else "hardly any fooling reference point"
+    reference = target.target.reference
+    what = "no reference set" if reference is None else "hardly any fooling reference point"
     return (
-        f"{target.track}{agent} has {what}: the row ideal, coverage, density and relative "
+        f"{target.target.track}{agent} has {what}: the row ideal, coverage, density and relative "
         "novelty stay blank there."
     )

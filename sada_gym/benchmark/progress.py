@@ -20,7 +20,7 @@ from pathlib import Path
 from sada_gym.benchmark.entries import Missing
 from sada_gym.benchmark.folder import Timing, store_file
 from sada_gym.benchmark.plan import Plan
-from sada_gym.experiment.record import RunKey, RunSettings
+from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.run import RunProgress
 
 _FOLDER = ".progress"
@@ -82,7 +82,7 @@ class ProgressFile:
         run: The run whose progress it writes.
     """
 
-    def __init__(self, out: Path, token: str, run: RunKey) -> None:
+    def __init__(self, out: Path, token: str, run: RunSettings) -> None:
         self._out, self._token, self._run = out, token, run
         self._stages: set[str] = set()
         self._written = 0.0
@@ -103,7 +103,7 @@ class ProgressFile:
         self._written = time.monotonic()
 
 
-def read_progress(out: Path, run: RunKey) -> RunProgress | None:
+def read_progress(out: Path, run: RunSettings) -> RunProgress | None:
     """Read the progress that a run's worker wrote last; None where it wrote none yet."""
     try:
         content = json.loads(_file(out, run).read_text())
@@ -112,9 +112,9 @@ def read_progress(out: Path, run: RunKey) -> RunProgress | None:
     return RunProgress(**content) if content.pop("run") == str(run) else None
 
 
-def _file(out: Path, run: RunKey) -> Path:
+def _file(out: Path, run: RunSettings) -> Path:
     """Give one file to each group: its runs follow one another."""
-    return out / _FOLDER / f"{store_file(out, run).stem}.json"
+    return out / _FOLDER / f"{store_file(out, run.experiment.target, run.seed).stem}.json"
 
 
 def _write(path: Path, text: str) -> None:

@@ -7,40 +7,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from sada_gym import agents
-from sada_gym.benchmark.suite import CONTENDERS, CONTROLS, Table
+from sada_gym.benchmark.suite import ADVERSARIES, CONTROLS, Table
+from sada_gym.experiment.differences import refuse_other
 from sada_gym.experiment.packages import in_order
-from sada_gym.experiment.record import ReferenceSummary, RunKey, refuse_other
+from sada_gym.experiment.target import Target
 from sada_gym.files import Strict
 from sada_gym.registration import env_ids
+from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.models import DISQUALIFYING, SeedResult, Tier, entry_name
 from sada_gym.results.rows import Row, RunSummary, rows_of_runs
-from sada_gym.submission.entry import Entry, EntryResult
-from sada_gym.submission.models import DISQUALIFYING, Identity, SeedResult, Tier, entry_name
-
-
-class Target(Strict):
-    """An agent that was attacked on a track.
-
-    Attributes:
-        track: The environment's id.
-        agent: The agent's name.
-        application: The application's name.
-        version: The application's version.
-        application_settings: The application's resolved keywords.
-        fingerprint: The agent's SHA-256.
-        fooling_threshold: The agent is fooled where Q <= this.
-        reference: The reference set; None where there is none.
-        seeds: The seeds of its runs.
-    """
-
-    track: str
-    agent: str
-    application: str
-    version: int
-    application_settings: dict[str, Any]
-    fingerprint: str
-    fooling_threshold: float
-    reference: ReferenceSummary | None
-    seeds: tuple[int, ...]
 
 
 class Results(Strict):
@@ -60,6 +35,10 @@ class Results(Strict):
     rows: tuple[Row, ...]
     runs: tuple[RunSummary, ...]
 
+    def seeds_of(self, target: Target) -> list[int]:
+        """List the seeds of the runs that attack a target."""
+        return sorted({run.claims.seed for run in self.runs if run.experiment.target == target})
+
     def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
         """List the rows of one table and agent, over all tracks or on one."""
         key = (table, agent, track)
@@ -77,7 +56,7 @@ def results_of(
 
     Args:
         entries: The entries. Leave out the results that are outdated; see
-            `sada_gym.submission.entry.Entry`.
+            `sada_gym.results.entry.Entry`.
         tables: The tables. Each takes the results that were made by its rule against its agents.
         tier: What to show: what all entries claim, or what the verifier found of those results
             that it has seen.
@@ -90,49 +69,39 @@ def results_of(
     versions: dict[str, set[str]] = {}
     for entry in entries:
         for result in entry.results.values():
-            identity = result.claimed.identity
-            showing = [
-                table
-                for table in tables
-                if table.shows(identity.rule, identity.application, identity.agent)
-            ]
+            showing = [table for table in tables if table.shows(result.claimed.experiment)]
             seeds = list(_seeds(result, tier))
             if not showing or not seeds:
                 continue
-            _add_target(targets, identity)
-            for one in seeds:
-                for name, version in one.packages.items():
+            _add_target(targets, result.claimed.experiment.target)
+            for claims in seeds:
+                for name, version in claims.packages.items():
                     versions.setdefault(name, set()).add(version)
                 runs += [
-                    _summary(table.name, entry, labels[entry.about.name], result, one, tier)
+                    _summary(table.name, entry, labels[entry.metadata.name], result, claims, tier)
                     for table in showing
                 ]
     names = [table.name for table in tables]
     runs.sort(key=lambda run: _run_order(run, names))
-    of: dict[tuple[str, str], set[int]] = {}
-    for run in runs:
-        of.setdefault((run.track, run.agent), set()).add(run.seed)
+    shown = dict.fromkeys((run.track, run.agent) for run in runs)
     ordered = in_order({name: ", ".join(sorted(found)) for name, found in versions.items()})
     return Results(
         tables=tuple(tables),
         packages={name: tuple(sorted(versions[name])) for name in ordered},
-        targets=tuple(
-            targets[place].model_copy(update={"seeds": tuple(sorted(own))})
-            for place, own in of.items()
-        ),
+        targets=tuple(targets[key] for key in shown),
         rows=tuple(rows_of_runs(runs)),
         runs=tuple(runs),
     )
 
 
 def _labels(entries: Sequence[Entry]) -> dict[str, str]:
-    """Give each entry's label: its title, and its name too where another one has this title."""
-    times = Counter(entry.about.title for entry in entries)
+    """Return each entry's label: its title, and its name too where another one has this title."""
+    times = Counter(entry.metadata.title for entry in entries)
     return {
-        about.name: about.title
-        if times[about.title] == 1 or about.name == entry_name(about.title)
-        else f"{about.title} [{about.name}]"
-        for about in (entry.about for entry in entries)
+        metadata.name: metadata.title
+        if times[metadata.title] == 1 or metadata.name == entry_name(metadata.title)
+        else f"{metadata.title} [{metadata.name}]"
+        for metadata in (entry.metadata for entry in entries)
     }
 
 
@@ -151,16 +120,15 @@ def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
                 yield one.model_copy(update=found)
 
 
-def _add_target(targets: dict[tuple[str, str], Target], identity: Identity) -> None:
+def _add_target(targets: dict[tuple[str, str], Target], target: Target) -> None:
     """Add what a result attacks, unless it is known.
 
     Raises:
         UserError: If another version of it is known.
     """
-    target = Target(**identity.model_dump(include=set(Target.model_fields)), seeds=())
     known = targets.setdefault((target.track, target.agent), target)
     refuse_other(
-        f"results of one version of {identity.track} and of its agent",
+        f"results of one version of {target.track} and of its agent",
         known.model_dump(),
         target.model_dump(),
         "Leave those out that are outdated, or make them anew.",
@@ -168,25 +136,22 @@ def _add_target(targets: dict[tuple[str, str], Target], identity: Identity) -> N
 
 
 def _summary(
-    table: str, entry: Entry, label: str, result: EntryResult, one: SeedResult, tier: Tier
+    table: str, entry: Entry, label: str, result: EntryResult, claims: SeedResult, tier: Tier
 ) -> RunSummary:
-    named = {"rule", "track", "agent", "adversary", "preset", "options", "budget", "samples"}
+    experiment = result.claimed.experiment
     flags = result.verified.flags if tier == "verified" and result.verified is not None else {}
     return RunSummary(
         table=table,
-        entry=entry.about.name,
         label=label,
-        control=result.claimed.identity.adversary in CONTROLS,
+        entry=entry.metadata.name,
+        experiment=experiment.at(claims.seed),
+        claims=claims,
+        control=experiment.adversary.name in CONTROLS,
         disqualified=not DISQUALIFYING.isdisjoint(flags),
-        **result.claimed.identity.model_dump(include=named),
-        **{
-            name: getattr(one, name)
-            for name in ("seed", "queries", "error", "measures", "search", "flags")
-        },
     )
 
 
-def _run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
+def _run_order(run: RunSummary, tables: Sequence[str]) -> tuple[Any, ...]:
     """Give a key to sort runs by: known names in their order, then other names."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
@@ -196,6 +161,6 @@ def _run_order(run: RunKey, tables: Sequence[str]) -> tuple[Any, ...]:
         place(run.table, tables),
         place(run.agent, agents.names()),
         place(run.track, env_ids()),
-        place(run.label, [contender.label for contender in CONTENDERS]),
-        run.seed,
+        place(run.label, list(ADVERSARIES)),
+        run.claims.seed,
     )

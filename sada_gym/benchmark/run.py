@@ -18,12 +18,12 @@ from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.schedule import do_runs
 from sada_gym.benchmark.suite import Suite, Table, tables_of
-from sada_gym.benchmark.worlds import open_worlds, without_outdated
+from sada_gym.benchmark.targets import current_targets, without_outdated
 from sada_gym.errors import UserError, check_integer
 from sada_gym.evaluation.workers import MAX_WORKERS
 from sada_gym.files import file_errors
 from sada_gym.measures.reference import FOLDER
-from sada_gym.submission.entry import read_entries
+from sada_gym.results.entry import read_entries
 
 
 @dataclass(frozen=True)
@@ -174,20 +174,21 @@ def report_benchmark(
         if not held.exists():
             raise UserError(f"Expected a benchmark's folder, got {folder} without {held}.")
     chosen = [
-        entry.keeping(lambda one: tracks is None or one.claimed.identity.track in tracks)
+        entry.keeping(lambda r: tracks is None or r.claimed.experiment.target.track in tracks)
         for entry in read_entries(held)
     ]
-    identities = [one.claimed.identity for entry in chosen for one in entry.results.values()]
-    worlds = open_worlds({(one.track, one.agent) for one in identities}, references)
-    chosen, outdated = without_outdated(chosen, worlds)
+    experiments = [r.claimed.experiment for entry in chosen for r in entry.results.values()]
+    attacked = {(one.target.track, one.target.agent) for one in experiments}
+    targets = current_targets(attacked, references)
+    chosen, outdated = without_outdated(chosen, targets)
     if outdated:
         what = "One result is" if outdated == 1 else f"{outdated} results are"
         notes = (*notes, f"{what} left out, because the track or its agent has changed since.")
-    results = results_of(chosen, tables or tables_of({one.rule for one in identities}))
+    results = results_of(chosen, tables or tables_of({one.protocol.rule for one in experiments}))
     if not results.runs:
         raise UserError(f"Expected finished runs in {held}, got none yet. Run the benchmark.")
     with file_errors("make the folder", folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_tables(folder, results, notes)
-    draw_benchmark(folder, results, chosen, worlds)
+    draw_benchmark(folder, results, chosen, targets)
     return BenchmarkResult(results, folder, held, tuple(notes))

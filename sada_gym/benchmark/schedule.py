@@ -138,9 +138,11 @@ class _Schedule:
             self._submit(_Chain(*self._groups.popleft(), place))
 
     def _submit(self, chain: _Chain) -> None:
-        stored, path = None, store_file(self._out, chain.group)
+        stored, path = None, store_file(self._out, chain.group.target, chain.group.seed)
         if not self._visible:
-            self._callback.on_progress(chain.run, RunProgress("train", total=chain.run.budget))
+            self._callback.on_progress(
+                chain.run, RunProgress("train", total=chain.run.experiment.protocol.budget)
+            )
             if path.exists():
                 stored = path.read_bytes()
         job = RunJob(chain.run, chain.group, self._each, self._out, self._token, stored)
@@ -176,8 +178,7 @@ class _Schedule:
             self._count_death(chain.run, error)
         else:
             self._keep(chain.group, done)
-            about, identity = self._plan.abouts[chain.run.label], chain.group.identity(chain.run)
-            add_run(self._entries, about, identity, done)
+            add_run(self._entries, self._plan.metadata[chain.run.label], done)
             write_costs(self._out, done)
             self._callback.on_finish(chain.left.popleft(), done.timing)
         if chain.left:
@@ -188,10 +189,10 @@ class _Schedule:
     def _keep(self, group: Group, done: RunDone) -> None:
         """Store what a worker evaluated that doesn't see the folder."""
         if done.evaluations:
-            path = store_file(self._out, group)
+            path = store_file(self._out, group.target, group.seed)
             path.parent.mkdir(parents=True, exist_ok=True)
             with EvaluationStore(path) as store:
-                context = store.context(done.context)
+                context = store.context(group.target.application)
                 for part in done.evaluations:
                     store.commit(context, part.mu, part.seed.tolist(), part.score)
 

@@ -1,9 +1,9 @@
-"""What a benchmark compares: contenders, tables with their budgets, tracks and seeds."""
+"""What a benchmark compares: adversaries, tables with their budgets, tracks and seeds."""
 
 from __future__ import annotations
 
-import importlib.util
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import Field
@@ -13,40 +13,18 @@ from sada_gym.adversaries.base import Adversary
 from sada_gym.cards import ApplicationCard, SuiteCard, cards
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.evaluation.oracle import MAX_QUERIES
+from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.record import Experiment, Protocol
+from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import Strict
 from sada_gym.ids import names_file
+from sada_gym.results.models import MAX_SEEDS
 from sada_gym.results.paper import CLASS_COLUMNS, ROWS, TABLE_1_COLUMNS
-from sada_gym.submission.models import MAX_SEEDS
-
-
-class Contender(Strict):
-    """An adversary with its options, as a row of the tables.
-
-    Attributes:
-        label: The row's name.
-        adversary: A registered name, `module:Class`, or `ideal`.
-        preset: The named set of options it starts from.
-        options: Its other options.
-        ranked: Whether it takes part in the ranking; controls do not.
-        requires: A package that it needs; the benchmark leaves it out where that is missing.
-    """
-
-    label: str
-    adversary: str
-    preset: str | None = None
-    options: dict[str, Any] = Field(default_factory=dict)
-    ranked: bool = True
-    requires: str | None = None
-
-    @property
-    def missing(self) -> bool:
-        """Say whether the package that it requires is not installed."""
-        return self.requires is not None and importlib.util.find_spec(self.requires) is None
 
 
 class Budget(Strict):
-    """How many training queries a contender may spend.
+    """How many training queries an adversary may spend.
 
     Attributes:
         queries: N, the number of queries.
@@ -58,22 +36,27 @@ class Budget(Strict):
     of_adversary: dict[str, int] = Field(default_factory=dict)
     boosting_on_top: bool = False
 
-    def of(self, name: str, adversary: Adversary) -> int:
-        """Say how many queries one adversary may spend.
+    def of(self, name: str, adversary: Adversary | None) -> int:
+        """Return how many queries one adversary may spend.
 
         Args:
             name: Its registered name.
-            adversary: The adversary, which knows how many queries its boosting adds.
+            adversary: The adversary, which knows how many queries its boosting adds; None where it
+                is not ours.
         """
+        if name == IDEAL:
+            return 0
+        if adversary is None:
+            return self.queries
         queries = self.of_adversary.get(name, self.queries)
         return queries + adversary.extra_queries(queries) * self.boosting_on_top
 
 
 class Table(Strict):
-    """One comparison: every contender on every track under one rule for the budget.
+    """One comparison: every adversary on every track under one rule for the budget.
 
     Attributes:
-        name: The table's name on the command line.
+        name: The table's name on the command line; results carry it as the name of their rule.
         title: The table's title in the report.
         note: What the table compares, in a sentence.
         budget: The rule for the budget.
@@ -81,9 +64,7 @@ class Table(Strict):
         samples: M, the number of test samples; None takes each application's own.
         agents: Whether to attack the default agent alone, all that are shipped, or the others; or
             the names of those to attack.
-        contenders: The labels of the contenders that take part; None for all of the suite's.
-        rule: The name of the rule for the budget, which results carry; by default the table's name.
-            Tables that attack different agents may share a rule.
+        adversaries: The labels of the adversaries that take part; None for all of the suite's.
     """
 
     name: str
@@ -93,8 +74,7 @@ class Table(Strict):
     budget_of: dict[str, Budget] = Field(default_factory=dict)
     samples: int | None = Field(default=None, ge=1)
     agents: Literal["default", "all", "others"] | tuple[str, ...] = "default"
-    contenders: tuple[str, ...] | None = None
-    rule: str = Field(default_factory=lambda data: data.get("name", ""))
+    adversaries: tuple[str, ...] | None = None
 
     def attacked(self, default: str, shipped: Sequence[str]) -> list[str]:
         """Choose the agents to attack from those that an application ships."""
@@ -105,23 +85,36 @@ class Table(Strict):
             return others
         return [default, *others] if self.agents == "all" else [default]
 
-    def shows(self, rule: str, application: str, agent: str) -> bool:
-        """Say whether this table shows results.
-
-        Args:
-            rule: The rule by which they were made.
-            application: The application's name.
-            agent: The name of the agent that was attacked.
-        """
-        if rule != self.rule:
+    def shows(self, experiment: Experiment) -> bool:
+        """Say whether this table shows the results of an experiment."""
+        target = experiment.target
+        if experiment.protocol.rule != self.name:
             return False
         if isinstance(self.agents, tuple):
-            return agent in self.agents
-        return self.agents == "all" or is_default(application, agent) == (self.agents == "default")
+            return target.agent in self.agents
+        default = is_default(target.application.name, target.agent)
+        return self.agents == "all" or default == (self.agents == "default")
 
-    def includes(self, contender: Contender) -> bool:
-        """Say whether a contender of the suite takes part."""
-        return self.contenders is None or contender.label in self.contenders
+    def includes(self, label: str) -> bool:
+        """Say whether an adversary of the suite takes part."""
+        return self.adversaries is None or label in self.adversaries
+
+    def protocol(
+        self, target: OpenTarget, adversary: AdversarySpec, solver: Adversary | None
+    ) -> Protocol:
+        """Return the rules that an adversary plays by.
+
+        Args:
+            target: What it attacks.
+            adversary: The adversary.
+            solver: The same as an object; None where it is not ours.
+        """
+        budget = self.budget_of.get(target.target.application.name, self.budget)
+        return Protocol(
+            rule=self.name,
+            budget=budget.of(adversary.name, solver),
+            samples=self.samples or target.sample_size,
+        )
 
 
 class Suite(Strict):
@@ -131,7 +124,7 @@ class Suite(Strict):
         name: The suite's name on the command line.
         tracks: The ids of the environments.
         tables: The comparisons.
-        contenders: The rows of the tables.
+        adversaries: The rows of the tables: the adversaries by label.
         seeds: The number of seeds on each track.
         seeds_of: Another number for some tracks.
         images: The number of samples whose neighbours are compared as images too, on the first
@@ -141,7 +134,7 @@ class Suite(Strict):
     name: str
     tracks: tuple[str, ...]
     tables: tuple[Table, ...]
-    contenders: tuple[Contender, ...]
+    adversaries: dict[str, AdversarySpec]
     seeds: int = Field(default=1, ge=1)
     seeds_of: dict[str, int] = Field(default_factory=dict)
     images: int = Field(default=4, ge=0)
@@ -151,28 +144,24 @@ class Suite(Strict):
         return range(self.seeds_of.get(track, self.seeds))
 
 
-def _by_name(*names: str) -> list[Contender]:
-    """Give contenders that are called as their adversaries are."""
-    return [Contender(label=name, adversary=name) for name in names]
+def _specs(*adversaries: str | tuple[str, str]) -> dict[str, AdversarySpec]:
+    """Make specs of names, and of names with a preset, by label."""
+    pairs = [(given, None) if isinstance(given, str) else given for given in adversaries]
+    specs = [AdversarySpec(name=name, preset=preset) for name, preset in pairs]
+    return {spec.label: spec for spec in specs}
 
 
-CONTENDERS: tuple[Contender, ...] = (
-    Contender(label=IDEAL, adversary=IDEAL, ranked=False),
-    Contender(label="random", adversary="random"),
-    Contender(label="archive", adversary="archive", ranked=False),
-    *_by_name("svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
-    Contender(label="bbgan (paper)", adversary="bbgan", preset="paper"),
-    Contender(label="bbgan-boost (paper)", adversary="bbgan-boost", preset="paper"),
-    *_by_name("bbgan", "bbgan-boost", "cross-entropy", "smc"),
-    Contender(label="cma-mae", adversary="cma-mae", requires="ribs"),
-    *_by_name("trees", "level-set", "reinforce", "ppo", "sac", "td3"),
+ADVERSARIES: Mapping[str, AdversarySpec] = _specs(
+    *(IDEAL, "random", "archive", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
+    *(("bbgan", "paper"), ("bbgan-boost", "paper"), "bbgan", "bbgan-boost"),
+    *("cross-entropy", "smc", "cma-mae", "trees", "level-set", "reinforce", "ppo", "sac", "td3"),
 )
-"""All rows: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
+"""All rows by label: controls, the paper's baselines in its order, BBGAN, later methods, RL."""
 
-_PAPER_ROWS = tuple(c for c in CONTENDERS if c.label in {IDEAL, *ROWS})
+_PAPER_ROWS = {label: ADVERSARIES[label] for label in ADVERSARIES if label in {IDEAL, *ROWS}}
 """The rows that the paper's tables have, and the ideal."""
 
-CONTROLS = frozenset(contender.adversary for contender in CONTENDERS if not contender.ranked)
+CONTROLS = frozenset({IDEAL, "archive"})
 """The adversaries that have no rank, by name."""
 
 _PAPER_BUDGETS = Table(
@@ -203,7 +192,7 @@ _OTHER_AGENTS = Table(
     budget=Budget(queries=1_000),
     budget_of={"SADA-Detection": Budget(queries=2_000)},
     agents="others",
-    contenders=(
+    adversaries=(
         *(IDEAL, "random", "gp", "gmm50", "bbgan", "bbgan-boost", "smc"),
         *("trees", "level-set", "sac"),
     ),
@@ -229,7 +218,7 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
         name=suite.name,
         tracks=card.track_ids,
         tables=tuple(_against_the_default(TABLES[name]) for name in suite.tables),
-        contenders=CONTENDERS,
+        adversaries=dict(ADVERSARIES),
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
         images=suite.images,
@@ -244,19 +233,19 @@ SUITES: tuple[Suite, ...] = (
         name="quick",
         tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
         tables=(_against_the_default(_EQUAL_QUERIES),),
-        contenders=CONTENDERS,
+        adversaries=dict(ADVERSARIES),
     ),
     Suite(
         name="table-1",
         tracks=tuple(dict.fromkeys((*CLASS_COLUMNS.values(), *_TABLE_1))),
         tables=(_against_the_default(_PAPER_BUDGETS),),
-        contenders=_PAPER_ROWS,
+        adversaries=_PAPER_ROWS,
     ),
     Suite(
         name="table-1-columns",
         tracks=_TABLE_1,
         tables=(_against_the_default(_PAPER_BUDGETS),),
-        contenders=CONTENDERS,
+        adversaries=dict(ADVERSARIES),
     ),
     Suite(
         name="agents",
@@ -267,7 +256,7 @@ SUITES: tuple[Suite, ...] = (
             for track in card.track_ids
         ),
         tables=(_OTHER_AGENTS,),
-        contenders=CONTENDERS,
+        adversaries=dict(ADVERSARIES),
         images=0,
     ),
 )
@@ -289,9 +278,9 @@ def find_suite(name: str) -> Suite:
 
 
 def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
-    """Give the tables that show results made by some rules: ours, and a plain one for any other."""
-    ours = [table for table in TABLES.values() if table.rule in rules]
-    unknown = sorted(set(rules) - {table.rule for table in ours})
+    """Return the tables of some rules: ours, and a plain one for any other rule."""
+    ours = [table for name, table in TABLES.items() if name in rules]
+    unknown = sorted(set(rules) - set(TABLES))
     plain = [
         Table(name=rule, title=rule, note="", budget=Budget(queries=1), agents="all")
         for rule in unknown
@@ -299,24 +288,21 @@ def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
     return (*ours, *plain)
 
 
-def find_contender(text: str) -> Contender:
-    """Find a contender by its label, its registered name, `name:preset`, or `module:Class`.
+def find_adversary(text: str) -> tuple[str, AdversarySpec]:
+    """Find an adversary and its label by a label, a name, `name:preset`, or `module:Class`.
 
     Raises:
         ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
     """
-    known = {contender.label: contender for contender in CONTENDERS}
-    if text in known:
-        return known[text]
-    name, colon, rest = text.partition(":")
+    if text in ADVERSARIES:
+        return text, ADVERSARIES[text]
+    name, colon, preset = text.partition(":")
     if not colon:
-        check_known("adversary", [text], [*known, "module:Class"])
+        check_known("adversary", [text], [*ADVERSARIES, "module:Class"])
     if name not in adversaries.names():
-        return Contender(label=text, adversary=text)
-    if rest == "default":
-        return find_contender(name)
-    label = f"{name} ({rest})"
-    return known.get(label) or Contender(label=label, adversary=name, preset=rest)
+        return text, AdversarySpec(name=text)
+    spec = AdversarySpec(name=name, preset=None if preset == "default" else preset)
+    return spec.label, spec
 
 
 def choose(
@@ -324,7 +310,7 @@ def choose(
     *,
     tracks: Sequence[str] = (),
     tables: Sequence[str] = (),
-    contenders: Sequence[str] = (),
+    chosen: Sequence[str] = (),
     agents: Sequence[str] = (),
     seeds: int | None = None,
     budget: int | None = None,
@@ -337,7 +323,7 @@ def choose(
         suite: The suite to start from.
         tracks: Ids of environments.
         tables: Names of the suite's tables.
-        contenders: What `find_contender` takes.
+        chosen: The adversaries, each as `find_adversary` takes it.
         agents: The agents that every table attacks.
         seeds: The number of seeds on every track.
         budget: N of every table and adversary; where boosting comes on top it still does.
@@ -345,7 +331,7 @@ def choose(
         images: The number of samples whose neighbours are compared as images.
 
     Raises:
-        ValueError: If a table or a contender is unknown, a track is a file, or a number is out of
+        ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
             range.
     """
     for name, value, most in (
@@ -372,8 +358,14 @@ def choose(
             if not tables or table.name in tables
         ),
     }
-    if contenders:
-        changes["contenders"] = tuple(map(find_contender, dict.fromkeys(contenders)))
+    if chosen:
+        pairs = [find_adversary(text) for text in dict.fromkeys(chosen)]
+        for label, times in Counter(label for label, _ in pairs).items():
+            if times > 1:
+                raise UserError(
+                    f"Expected distinct adversaries, got {label!r} twice. Name it once."
+                )
+        changes["adversaries"] = dict(pairs)
     if seeds is not None:
         changes |= {"seeds": seeds, "seeds_of": {}}
     if images is not None:

@@ -166,7 +166,7 @@ def _show_result(result: AttackResult) -> None:
 def _kept(folder: Path) -> int:
     """Count the evaluations that a stopped run has kept."""
     from sada_gym.evaluation.store import EvaluationStore
-    from sada_gym.experiment.record import STORE_FILE
+    from sada_gym.experiment.folder import STORE_FILE
 
     path = folder / STORE_FILE
     if not path.exists():

@@ -123,7 +123,7 @@ def benchmark(
             find_suite(suite),
             tracks=tracks or (),
             tables=tables or (),
-            contenders=adversaries or (),
+            chosen=adversaries or (),
             agents=agents or (),
             seeds=seeds,
             budget=budget,

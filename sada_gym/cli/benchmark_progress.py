@@ -15,7 +15,7 @@ from sada_gym.benchmark.plan import Plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.cli.console import say
-from sada_gym.experiment.record import RunKey, RunSettings
+from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.run import RunProgress
 from sada_gym.progress import COMPILING, Display, clock, will_compile
 
@@ -76,8 +76,8 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         with self._lock:
             self._count(run, progress.evaluated)
             counts = f" {progress.done:,}/{progress.total:,}" if progress.total else ""
-            detail = f"{run.label} ({run.table}): {progress.stage}{counts}"
-            self._doing[_group(run)] = f"{short_name(run.track)} seed {run.seed}, {detail}"
+            detail = f"{run.label} ({run.key.table}): {progress.stage}{counts}"
+            self._doing[_group(run)] = f"{short_name(run.key.track)} seed {run.seed}, {detail}"
             self._bars.update(self._task(run), detail=detail)
             self._refresh()
 
@@ -89,7 +89,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             self._evaluated.pop(group)
             self._done += 1
             self._left.remove(run)
-            self._took.setdefault((run.table, run.label), []).append(timing.wall_s)
+            self._took.setdefault((run.key.table, run.label), []).append(timing.wall_s)
             self._bars.advance(task)
             self._doing.pop(group, None)
             if not any(_group(other) == group for other in self._left):
@@ -104,7 +104,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         group = _group(run)
         if group not in self._tasks:
             runs = sum(1 for other in self._left if _group(other) == group)
-            name = " ".join((short_name(run.track), run.agent)).strip()
+            name = " ".join((short_name(run.key.track), run.key.agent)).strip()
             self._tasks[group] = self._bars.add_task(
                 f"{name} seed {run.seed}", total=runs, detail=""
             )
@@ -140,7 +140,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             side_by_side = min(self._parallel, len({_group(run) for run in self._left}))
             means = {key: sum(took) / len(took) for key, took in self._took.items()}
             usual = sum(means.values()) / len(means)
-            left = sum(means.get((run.table, run.label), usual) for run in self._left)
+            left = sum(means.get((run.key.table, run.label), usual) for run in self._left)
             parts.append(f"about {clock(left / max(1, side_by_side))} left")
         return ", ".join(parts)
 
@@ -160,5 +160,5 @@ def describe_missing(missing: Missing) -> str:
     return f"{runs} to do: {lacking} missing or incomplete, {outdated} outdated and made anew."
 
 
-def _group(run: RunKey) -> _Group:
-    return run.track, run.agent, run.seed
+def _group(run: RunSettings) -> _Group:
+    return run.key.track, run.key.agent, run.seed

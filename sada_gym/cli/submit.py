@@ -11,7 +11,7 @@ from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, out,
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
-    from sada_gym.submission.entry import Entry, EntryResult
+    from sada_gym.results.entry import Entry, EntryResult
 
 
 def submit(
@@ -80,10 +80,18 @@ def submit(
     request. An entry of that name that is there receives the new results.
     """
     with errors_as_sentences():
-        from sada_gym.submission.submit import Credits
+        from sada_gym.submission.submit import credit
         from sada_gym.submission.submit import submit as submit_runs
 
-        credits = Credits(name, authors, licence, title, paper, repository, command)
+        credits = credit(
+            name=name,
+            authors=authors,
+            licence=licence,
+            title=title,
+            paper=paper,
+            repository=repository,
+            command=command,
+        )
         where: dict[str, Any] = {"out": out_folder, "replace": replace}
         own = {
             "--track": track,
@@ -125,12 +133,12 @@ def _submit_samples(
     where: dict[str, Any],
 ) -> Entry:
     from sada_gym.progress import AttackProgress
+    from sada_gym.submission.current import PAPER_BUDGETS, current_target, default_agent
     from sada_gym.submission.submit import parse_options, submit_samples
-    from sada_gym.submission.today import PAPER_BUDGETS, default_agent, find_target
 
     track, agent = own["--track"], own["--agent"]
     chosen = parse_options(own["--options"] or "{}")
-    target = find_target(track, default_agent(track) if agent is None else agent)
+    target = current_target(track, default_agent(track) if agent is None else agent)
     each = f"{len(samples)} x {target.sample_size:,} samples"
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
     say("", f"Evaluating {each}{ideal} on {track}, each once.")
@@ -151,9 +159,9 @@ def _submit_samples(
 
 
 def _show(entry: Entry) -> None:
-    say("[bold]", f"{entry.about.title} · {entry.folder}")
-    for stem, result in sorted(entry.results.items()):
-        say("", f"  {stem}: {_summary(result)}")
+    say("[bold]", f"{entry.metadata.title} · {entry.folder}")
+    for place, result in sorted(entry.results.items()):
+        say("", f"  {place}: {_summary(result)}")
     say(
         "",
         f"The entry passes all checks. Commit the folder {entry.folder} and open a pull request.",
@@ -174,7 +182,7 @@ def _summary(result: EntryResult) -> str:
     if not measured:
         return f"no samples, {seeds}"
     scores = np.concatenate([one.score for one in result.samples.values()])
-    rate = attack_fooling_rate(scores, claims.identity.fooling_threshold)
+    rate = attack_fooling_rate(scores, claims.experiment.target.fooling_threshold)
     covered = [one.relative_coverage for one in measured if one.relative_coverage is not None]
     coverage = f"coverage {100 * sum(covered) / len(covered):.1f} %" if covered else "no coverage"
     return f"AFR {rate}, {coverage}, {seeds}"

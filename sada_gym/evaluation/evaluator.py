@@ -14,8 +14,9 @@ import numpy.typing as npt
 from sada_gym.application import Application, refuse_undeclared
 from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
+from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import BatchFunction, Problem, Registered, score
-from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import MAX_WORKERS, PortableScorer
 from sada_gym.ids import names_file
 from sada_gym.parameters import Mu
@@ -110,10 +111,10 @@ class Evaluator:
                 "Make it an Application with a name and a fingerprint, or drop the store."
             )
         self.detach()
-        context = Context.of(self.application)
+        key = ApplicationKey.of(self.application)
         store = EvaluationStore(path)
         try:
-            self._context = store.context(context)
+            self._context = store.context(key)
         except BaseException:
             store.close()
             raise

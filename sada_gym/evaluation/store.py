@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import sqlite3
 import weakref
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-from sada_gym.application import Application
 from sada_gym.errors import StoreError, UserTypeError
+from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.store_errors import check_usable, corrupt, explained
 from sada_gym.files import as_path
 from sada_gym.parameters import Mu
@@ -67,55 +65,6 @@ SELECT context FROM evaluation GROUP BY context HAVING
     OR count(*) > total(typeof(mu) = 'blob' AND length(mu) % 4 = 0)
     OR min(length(mu)) < max(length(mu))
 """
-
-
-@dataclass(frozen=True)
-class Context:
-    """All that a score belongs to besides mu and seed.
-
-    Attributes:
-        name: The application's name.
-        version: Its version.
-        settings: Its resolved keywords as canonical JSON.
-        fingerprint: SHA-256 of the agent and whatever else decides the score.
-    """
-
-    name: str
-    version: int
-    settings: str
-    fingerprint: str
-
-    @classmethod
-    def of(cls, application: Application) -> Context:
-        """Make the context of an application.
-
-        Raises:
-            StoreError: If the application has no fingerprint.
-            TypeError: If its settings are not JSON-compatible.
-        """
-        kind = type(application).__name__
-        name, version, fingerprint = application.name, application.version, application.fingerprint
-        if not isinstance(name, str) or not isinstance(version, int) or abs(version) >= 2**63:
-            raise UserTypeError(
-                f"Expected name to be a text and version an int in {kind}, got {name!r} and "
-                f"{version!r}. Set them in the class."
-            )
-        if fingerprint is not None and not isinstance(fingerprint, str):
-            raise UserTypeError(
-                f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
-            )
-        if fingerprint is None:
-            raise StoreError(application.without_fingerprint)
-        try:
-            settings = json.dumps(
-                application.settings, sort_keys=True, separators=(",", ":"), allow_nan=False
-            )
-        except (TypeError, ValueError) as error:
-            raise UserTypeError(
-                f"Expected JSON-compatible settings from {kind}.settings, got "
-                f"{application.settings!r} ({error}). Return numbers, strings, lists, None."
-            ) from error
-        return cls(name, version, settings, fingerprint)
 
 
 class EvaluationStore:
@@ -205,13 +154,13 @@ class EvaluationStore:
         if self._connection.execute(_UNSOUND).fetchone() is not None:
             raise corrupt(self.path, "it holds a score that is no number from 0 to 1, or a bad mu")
 
-    def context(self, context: Context) -> int:
-        """Give a context's key in this store; a new context gets a new key.
+    def context(self, key: ApplicationKey) -> int:
+        """Return the number of an application in this store; a new one gets a new number.
 
         Raises:
             StoreError: If the store holds evaluations of the same application in another version.
         """
-        row = asdict(context)
+        row = {**key.model_dump(), "settings": key.settings_json}
         run = self._connection.execute
         with explained(self.path):
             other = run(
@@ -219,8 +168,8 @@ class EvaluationStore:
             ).fetchone()
             if other:
                 raise StoreError(
-                    f"Expected evaluations of {context.name}-v{context.version} in {self.path}, "
-                    f"got some of {context.name}-v{other[0]}: scores of two versions don't mix. "
+                    f"Expected evaluations of {key.name}-v{key.version} in {self.path}, "
+                    f"got some of {key.name}-v{other[0]}: scores of two versions don't mix. "
                     "Name a new store, or install the sada_gym that has that version."
                 )
             run(
@@ -239,7 +188,7 @@ class EvaluationStore:
         """Find stored scores.
 
         Args:
-            context: A key that `context` gave.
+            context: A number that `context` returned.
             mu: (n, d) float32.
             seeds: n evaluation seeds.
 
@@ -266,7 +215,7 @@ class EvaluationStore:
         Of evaluations that share a seed, the order is not known.
 
         Args:
-            context: A key that `context` gave.
+            context: A number that `context` returned.
             seeds: n evaluation seeds.
 
         Returns:
@@ -295,7 +244,7 @@ class EvaluationStore:
         """Store the scores of one chunk in one transaction.
 
         Args:
-            context: A key that `context` gave.
+            context: A number that `context` returned.
             mu: (n, d) float32.
             seeds: n evaluation seeds.
             scores: (n,) float64 in [0, 1].

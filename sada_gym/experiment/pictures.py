@@ -57,7 +57,7 @@ def draw_missing(
             samples,
             queries,
             beside,
-            headline=report.where.sentence if report.where else "",
+            headline=report.where.sentence,
             on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
         )
         # moved when all are there: a run that was stopped meanwhile draws them again

@@ -113,15 +113,16 @@ class Run:
     ) -> None:
         assert evaluator.application is not None
         self.settings, self.adversary, self.application = settings, adversary, evaluator.application
+        self._protocol = settings.experiment.protocol
         self._evaluator, self._on_progress = evaluator, on_progress
         self._fooling_set, self._ideal_set = fooling_set, ideal_set
         self._threshold = float(self.application.fooling_threshold)
         self.process_s = 0.0
         self._reported = 0.0
         self._counts: dict[Stage, tuple[int, int]] = {}  # done, cached
-        self._train = self._oracle("train", settings.budget)
+        self._train = self._oracle("train", self._protocol.budget)
         self._train.on_answer = lambda: self._report("learn")
-        self._test = self._oracle("test", settings.samples)
+        self._test = self._oracle("test", self._protocol.samples)
 
     @property
     def cached(self) -> int:
@@ -154,7 +155,7 @@ class Run:
         Raises:
             AdversaryError: If it cannot learn from what it got, such as too small a budget.
         """
-        self._report("train", total=self.settings.budget)
+        self._report("train", total=self._protocol.budget)
         self.adversary.on_step = self._report_step
         try:
             with self._timed():
@@ -168,7 +169,7 @@ class Run:
         Raises:
             AdversaryError: If the adversary cannot sample, or gives something else than M samples.
         """
-        count = self.settings.samples
+        count = self._protocol.samples
         self._report("sample")
         with self._timed():
             mu = self.adversary.sample(count)
@@ -199,7 +200,6 @@ class Run:
         return RunReport(
             **{name: getattr(measures, name) for name in type(measures).model_fields},
             settings=settings,
-            fooling_threshold=self._threshold,
             nearest_fooling_query=summarise_distances(
                 samples.mu, queries.mu[queries.fooled(self._threshold)]
             ),
@@ -224,13 +224,13 @@ class Run:
             return None
         oracle = Oracle(
             self._evaluator,
-            budget=settings.samples,
+            budget=self._protocol.samples,
             seed=settings.seed,
             stream="test",
             progress=functools.partial(self._report, "measure"),
         )
         ideal = Ideal(oracle.dimension, seed=settings.seed, fooling_set=points)
-        oracle(ideal.sample(settings.samples))
+        oracle(ideal.sample(self._protocol.samples))
         return oracle.record
 
     @cached_property

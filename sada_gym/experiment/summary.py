@@ -8,14 +8,15 @@ from pathlib import Path
 from sada_gym import adversaries
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
-from sada_gym.experiment.record import RESULT_FILE, RunReport
+from sada_gym.experiment.folder import RESULT_FILE
+from sada_gym.experiment.record import RunReport
 
 AFR = "attack fooling rate"
 
 
 def title(report: RunReport) -> str:
     """Name a run: what was attacked, and by which adversary."""
-    return f"{report.settings.track} · {report.settings.label}"
+    return f"{report.settings.experiment.target.track} · {report.settings.label}"
 
 
 def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
@@ -24,10 +25,9 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
         yield "environment", world
     low, high = report.afr_interval_95
     interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
-    of_samples = f"{report.fooled} of {report.settings.samples:,} samples"
+    of_samples = f"{report.fooled} of {report.settings.experiment.protocol.samples:,} samples"
     yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
-    if report.where is not None:
-        yield "where", report.where.sentence
+    yield "where", report.where.sentence
     yield "uniform worlds", _uniform_rate(report)
     feasible = report.feasible
     if feasible is not None and feasible.afr is not None:
@@ -63,12 +63,12 @@ def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
 
 def _world(report: RunReport) -> str | None:
     """Say which keywords a general id had; None for an id that says so itself."""
-    settings = report.settings
-    card = find_card(settings.application)
-    if card is None or settings.track.rpartition(":")[2] != card.id:
+    target = report.settings.experiment.target
+    card = find_card(target.application.name)
+    if card is None or target.track.rpartition(":")[2] != card.id:
         return None
+    given = target.application.settings
     for suffix, keywords in card.tracks.items():
-        given = settings.application_settings
         if keywords and all(given.get(name) == value for name, value in keywords.items()):
             listed = ", ".join(f"{name}={value}" for name, value in keywords.items())
             return f"{listed}, as in {card.track_id(suffix)}"
@@ -77,13 +77,14 @@ def _world(report: RunReport) -> str | None:
 
 def _uniform_rate(report: RunReport) -> str:
     """Say how often uniform worlds fool the agent, and where the figure is from."""
-    settings, reference = report.settings, report.settings.reference
+    experiment = report.settings.experiment
+    adversary, reference = experiment.adversary.name, experiment.target.reference
     if reference is not None:
         return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
-    if settings.adversary == "random":
+    if adversary == "random":
         return f"{_percent(report.afr)} (these samples are uniform)"
     rate = report.search.fooling_rate
-    if rate is not None and _asks_uniformly(settings.adversary):
+    if rate is not None and _asks_uniformly(adversary):
         return f"{_percent(rate)} (its {report.search.queries:,} training queries are uniform)"
     return "not known: run --adversary random"
 

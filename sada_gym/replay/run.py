@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
-from sada_gym.evaluation.problems import make_application
-from sada_gym.evaluation.store import Context
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import (
-    SAMPLES_FILE,
-    SETTINGS_FILE,
-    RunSettings,
-    differences,
-    read_samples,
-)
+from sada_gym.experiment.folder import SAMPLES_FILE, SETTINGS_FILE, read_samples
+from sada_gym.experiment.record import RunSettings
+from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import as_path, read_model, shown
-from sada_gym.ids import names_file
 
 
 def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
@@ -70,9 +61,7 @@ def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> li
     return rows
 
 
-def open_application(
-    settings: RunSettings, folder: Path, given: Application | str | None
-) -> Application:
+def open_target(settings: RunSettings, folder: Path, given: Application | str | None) -> OpenTarget:
     """Open what a run attacked, and check that it is the same application, agent and version.
 
     Args:
@@ -84,69 +73,21 @@ def open_application(
     Raises:
         UserError: If it cannot be opened, or differs.
     """
-    if isinstance(given, Application):
-        application, own = given, False
-    else:
-        application, own = _made(settings, folder, given), True
-    found = _identity(application)
-    wanted = {
-        "application": settings.application,
-        "version": settings.version,
-        "settings": settings.application_settings,
-        "fingerprint": settings.fingerprint,
-    }
-    changes = differences(wanted, found)
-    if changes:
-        if own:
-            application.close()
-        raise UserError(
-            f"Expected the application and the agent that the run in {folder} attacked, got "
-            f"others: {shown('; '.join(changes))}. {_mend(folder)}"
-        )
-    return application
-
-
-def _made(settings: RunSettings, folder: Path, given: Any) -> Application:
-    if given is not None and not isinstance(given, str):
-        raise UserTypeError(
-            f"Expected an Application, an environment's id or a TOML file, got {given!r}."
-        )
-    if given is not None and names_file(given):
-        return make_application(given)
-    if given is None and {"environment", "order"} <= set(settings.application_settings):
+    target = settings.experiment.target
+    if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
-            f"attacked {shown(settings.track)} in an application of yours. "
+            f"attacked {shown(target.track)} in an application of yours. "
             f"{_mend(folder)}"
         )
-    track, agent = given or settings.track, {"agent": settings.agent} if settings.agent else {}
     try:
-        application = make_application(track, **agent)
-        now = _identity(application)["settings"]
-        other = {
-            key: value
-            for key, value in settings.application_settings.items()
-            if now.get(key) != value
-        }
-        if other:
-            application.close()
-            application = make_application(track, **agent, **other)
+        return target.open(given)
+    except UserTypeError:
+        raise
     except UserError as error:
         raise UserError(
-            f"Expected to open {track} with the agent {shown(settings.agent)} as the run in "
-            f"{folder} did, but: {error} {_mend(folder)}"
+            f"Expected to open what the run in {folder} attacked, but: {error} {_mend(folder)}"
         ) from error
-    return application
-
-
-def _identity(application: Application) -> dict[str, Any]:
-    context = Context.of(application)
-    return {
-        "application": context.name,
-        "version": context.version,
-        "settings": json.loads(context.settings),
-        "fingerprint": context.fingerprint,
-    }
 
 
 def _mend(folder: Path) -> str:

@@ -19,7 +19,7 @@ from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
-from sada_gym.replay.run import choose, open_application, read_run
+from sada_gym.replay.run import choose, open_target, read_run
 
 SECONDS = 10.0
 MOST_SECONDS = 60.0
@@ -119,11 +119,11 @@ def replay(
     _check_seconds(seconds, len(rows))
     folder = Path(run)
     on_progress("open", 0, len(rows))
-    opened = open_application(settings, folder, application)
     frames: list[Frame] = []
     times: list[float] = []
     shown: list[Replayed] = []
-    try:
+    with open_target(settings, folder, application) as target:
+        opened = target.application
         for done, row in enumerate(rows):
             on_progress("play", done, len(rows))
             clip = _played(opened, samples, row, settings, seconds)
@@ -133,9 +133,6 @@ def replay(
                 for frame, time_s in captioned(shot, _last_line(opened, replayed)):
                     frames.append(frame)
                     times.append(time_s)
-    finally:
-        if opened is not application:
-            opened.close()
     even = _one_size(frames)
     film = Replay(tuple(even), tuple(times), tuple(shown), path)
     if path is None:

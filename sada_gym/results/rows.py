@@ -4,51 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from sada_gym.experiment.measure import Measures, Search
-from sada_gym.experiment.record import RunKey
-from sada_gym.files import OneLine, Strict
+from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.record import Experiment
+from sada_gym.files import Strict
 from sada_gym.measures.statistics import interquartile_mean
 from sada_gym.results.figures import Figure, figure, ranked
+from sada_gym.results.models import SeedResult
 
 
-class RunSummary(RunKey):
+class RunSummary(Strict):
     """One run: a seed of a result, in a table that shows it.
 
     Attributes:
+        table: The table's name.
+        label: What reports call the adversary.
         entry: The name of the entry.
-        rule: The rule for the budget by which the result was made.
-        adversary: See `sada_gym.submission.models.Identity`, also for the next four.
-        preset: The named set of options that the adversary starts from.
-        options: Its other options.
-        budget: The number of training queries that it might spend.
-        samples: The number of test samples.
-        queries: See `sada_gym.submission.models.SeedResult`, also for the next four.
-        error: Why the adversary could not do its work.
-        measures: The measures of the test samples, those of the verifier in its tier.
-        search: What the training queries found.
-        flags: What a reader must know, with what the verifier found in its tier.
+        experiment: The experiment, with its seed.
+        claims: What the entry claims; in the verifier's tier its measures, and its flags too.
         control: Whether the adversary is a control, which has no rank.
         disqualified: Whether the verifier found what takes the rank: see `DISQUALIFYING`.
     """
 
+    table: str
+    label: str
     entry: str
-    rule: str
-    adversary: str
-    preset: str | None
-    options: dict[str, Any]
-    budget: int
-    samples: int
-    queries: int
-    error: str | None
-    measures: Measures | None
-    search: Search | None
-    flags: tuple[OneLine, ...]
+    experiment: Experiment
+    claims: SeedResult
     control: bool
     disqualified: bool
+
+    @property
+    def track(self) -> str:
+        """The environment's id."""
+        return self.experiment.target.track
+
+    @property
+    def agent(self) -> str:
+        """The agent's name."""
+        return self.experiment.target.agent
+
+    @property
+    def measures(self) -> Measures | None:
+        """The measures of the test samples; None after an error."""
+        return self.claims.measures
 
 
 class Row(Strict):
@@ -177,7 +178,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
     rates = measured(lambda m: m.afr)
-    samples = {run.track: run.samples for run, _ in good}
+    samples = {run.track: run.experiment.protocol.samples for run, _ in good}
     return Row(
         table=first.table,
         agent=first.agent,
@@ -190,8 +191,8 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
         failed=len(runs) - len(good),
         disqualified=any(run.disqualified for run in runs),
         complete=len(good) == len(runs) and {run.track for run, _ in good} == every,
-        budget=float(np.mean([run.budget for run in runs])),
-        queries=mean([[run.queries] for run, _ in good]),
+        budget=float(np.mean([run.experiment.protocol.budget for run in runs])),
+        queries=mean([[run.claims.queries] for run, _ in good]),
         afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(measured(lambda m: m.coverage)),

@@ -10,36 +10,36 @@ import itertools
 import os
 import re
 import stat
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sada_gym import __version__
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import differences
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.differences import differences
+from sada_gym.experiment.record import Experiment
 from sada_gym.files import as_path, file_errors, shown
 from sada_gym.measures.coverage import NEAREST
-from sada_gym.submission.claims import check_claims, check_coverage, check_samples, refuse
-from sada_gym.submission.entry import (
-    ABOUT_FILE,
+from sada_gym.results.entry import (
     CLAIMS,
+    METADATA_FILE,
     SAMPLES,
     VERIFIED,
-    ResultFiles,
-    read_about,
-    read_result,
-    read_verified,
+    GroupFiles,
+    read_metadata,
 )
-from sada_gym.submission.models import About, Identity, Result
-from sada_gym.submission.samples import read_samples
-from sada_gym.submission.strict_json import parse_json, refuse_loose
-from sada_gym.submission.today import find_target, is_ours, today
+from sada_gym.results.models import EntryMetadata, Result
+from sada_gym.results.samples import read_samples
+from sada_gym.submission.claims import check_claims, check_coverage, check_samples, refuse
+from sada_gym.submission.current import current_experiment, current_target
+from sada_gym.submission.strict_json import check_strict_json
 
-MAX_FILES = 1_000
+MAX_FILES = 100
 """The most files of an entry."""
 
-MAX_BYTES = {ABOUT_FILE: 2**16, CLAIMS: 2**22, SAMPLES: 2**24}
-"""The most bytes of entry.toml, of a result's JSON, and of its samples."""
+MAX_BYTES = {METADATA_FILE: 2**16, CLAIMS: 2**24, SAMPLES: 2**26}
+"""The most bytes of entry.toml, of the JSON of results, and of their samples."""
 
 MAX_ENTRY_BYTES = 2**27
 """The most bytes of all files of an entry."""
@@ -50,7 +50,10 @@ _LICENCE = re.compile(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*")
 _ADDRESS = re.compile(r"https?://[^\s<>\"'`\\]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows
 _ARCHIVE_BYTES = 2**12
-"""What an NPZ file adds to its arrays is less than this."""
+"""What an NPZ file adds to the arrays of a result is less than this."""
+
+_MAX_DIMENSION = 2**12
+"""More parameters than any application has."""
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
@@ -66,36 +69,32 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
         UserError: If something is wrong; the message names the first fault.
     """
     folder = as_path(folder, "an entry")
-    stems = _check_files(folder, submission)
-    about = read_about(folder)
-    check_about(about, folder / ABOUT_FILE, submission)
-    for stem in stems:
-        _check_result(ResultFiles(folder, stem), about, submission)
+    groups = _check_files(folder, submission)
+    metadata = read_metadata(folder)
+    check_metadata(metadata, folder / METADATA_FILE, submission)
+    adversaries = [
+        (files, result.experiment.adversary)
+        for files in (GroupFiles(folder, group) for group in groups)
+        for result in _check_group(files, submission)
+    ]
+    _check_adversaries(adversaries)
 
 
-def is_outdated(identity: Identity) -> str | None:
-    """Say what of a result's track, agent, rule or options is no longer today's; None if nothing.
+def find_outdated(experiment: Experiment) -> str | None:
+    """Say what of a result's track, agent, rule or options has changed since; None if nothing.
 
     An outdated result is not wrong, but it no longer compares with others.
     """
+    target, rule = experiment.target, experiment.protocol.rule
     try:
-        now = today(
-            identity.track,
-            identity.agent,
-            identity.rule,
-            identity.adversary,
-            identity.preset,
-            identity.options,
-            resolved=identity.resolved,
-        )
+        now = current_experiment(target.track, target.agent, rule, experiment.adversary)
     except UserError as error:
         return shown(str(error))
-    changes = differences(identity.model_dump(mode="json"), now.model_dump(mode="json"))
-    return shown("; ".join(changes)) or None
+    return shown("; ".join(differences(experiment.model_dump(), now.model_dump()))) or None
 
 
 def _check_files(folder: Path, submission: bool) -> list[str]:
-    """Check names, kinds and sizes of all files, and give what the results' names begin with."""
+    """Check names, kinds and sizes of all files, and give what the results' files begin with."""
     with file_errors("read", folder):
         name = folder.absolute().name
         if not _STEM.fullmatch(name) or _RESERVED.fullmatch(name):
@@ -112,9 +111,9 @@ def _check_files(folder: Path, submission: bool) -> list[str]:
                 f"Expected at most {MAX_FILES:,} files in {folder}, got more. Submit fewer results."
             )
         sizes = {file.name: _checked_size(folder, file, submission) for file in files}
-    if ABOUT_FILE not in sizes:
+    if METADATA_FILE not in sizes:
         raise UserError(
-            f"Expected {ABOUT_FILE} in {folder}, got none. Make an entry by sada-gym submit."
+            f"Expected {METADATA_FILE} in {folder}, got none. Make an entry by sada-gym submit."
         )
     total = sum(sizes.values())
     if total > MAX_ENTRY_BYTES:
@@ -129,7 +128,7 @@ def _checked_size(folder: Path, file: os.DirEntry[str], submission: bool) -> int
     name, ending = file.name, _ending(file.name)
     if ending is None:
         raise UserError(
-            f"Expected only {ABOUT_FILE} and results in {folder}, got {shown(repr(name))}. "
+            f"Expected only {METADATA_FILE} and results in {folder}, got {shown(repr(name))}. "
             "Remove it."
         )
     status = file.stat(follow_symlinks=False)
@@ -154,8 +153,8 @@ def _checked_size(folder: Path, file: os.DirEntry[str], submission: bool) -> int
 
 def _ending(name: str) -> str | None:
     """Give which of an entry's files a name stands for; None where it is none of them."""
-    if name == ABOUT_FILE:
-        return ABOUT_FILE
+    if name == METADATA_FILE:
+        return METADATA_FILE
     for ending in (VERIFIED, CLAIMS, SAMPLES):
         if name.endswith(ending) and _STEM.fullmatch(name.removesuffix(ending)):
             return ending
@@ -180,87 +179,96 @@ def _check_pairs(folder: Path, names: Mapping[str, int]) -> list[str]:
     return sorted(stems[CLAIMS])
 
 
-def check_about(about: About, path: Path, submission: bool) -> None:
+def check_metadata(metadata: EntryMetadata, path: Path, submission: bool) -> None:
     """Check what an entry says of itself.
 
     Args:
-        about: What it says.
+        metadata: What it says.
         path: The file that says so, for messages.
         submission: Whether authors and a licence are needed.
 
     Raises:
         UserError: If something is missing or does not fit.
     """
-    blank = [name for name in ("title", "adversary") if not getattr(about, name).strip()]
+    blank = [] if metadata.title.strip() else ["title"]
     if submission:
-        blank += [] if about.licence.strip() else ["licence"]
-        blank += [] if any(author.strip() for author in about.authors) else ["authors"]
+        blank += [] if metadata.licence.strip() else ["licence"]
+        blank += [] if any(author.strip() for author in metadata.authors) else ["authors"]
     if blank:
         refuse(path, f"a text as {blank[0]}", "an empty one", "Fill it in")
-    if about.licence and not _LICENCE.fullmatch(about.licence):
+    if metadata.licence and not _LICENCE.fullmatch(metadata.licence):
         mend = "Write one as SPDX names it, such as CC-BY-4.0 or MIT"
-        refuse(path, "a licence's SPDX name", repr(about.licence), mend)
+        refuse(path, "a licence's SPDX name", repr(metadata.licence), mend)
     for name in ("paper", "repository"):
-        address = getattr(about, name)
+        address = getattr(metadata, name)
         if address and not _ADDRESS.fullmatch(address):
             mend = "Write it in full, as https://doi.org/10.1609/aaai.v34i07.6722, or leave it out"
             refuse(path, f"the address of a page as {name}", repr(address), mend)
-    options = parse_json(about.options, path)
-    if not isinstance(options, dict):
-        refuse(path, "options that are a JSON object", shown(repr(options)))
 
 
-def _check_result(files: ResultFiles, about: About, submission: bool) -> None:
-    refuse_loose(files.claims, MAX_BYTES[CLAIMS])
-    result = read_result(files.claims)
-    identity = result.identity
-    _check_adversary(files, identity, about)
-    outdated = is_outdated(identity)
-    if submission and outdated:
-        raise UserError(
-            f"Expected {files.claims} to be of today's track, agent, rule and options, but: "
-            f"{outdated.rstrip('.')}. Make the result anew with this version of sada_gym."
-        )
-    if identity.reference is not None and identity.samples <= NEAREST:
-        refuse(files.claims, f"more than {NEAREST} samples of each seed", identity.samples)
-    _check_seeds(files, result, submission)
-    dimension = None if outdated else find_target(identity.track, identity.agent).dimension
-    samples = _read_samples(files, result, dimension)
-    for one in result.seeds:
-        if one.measures is not None:
-            check_samples(files.samples, identity, one.seed, samples[one.seed])
-            check_claims(files.claims, identity, one, samples[one.seed])
-            if not outdated:
-                check_coverage(files.claims, identity, one, samples[one.seed])
-    if not submission and files.verified.exists():
-        refuse_loose(files.verified, MAX_BYTES[CLAIMS])
-        read_verified(files.verified)
-
-
-def _check_adversary(files: ResultFiles, identity: Identity, about: About) -> None:
-    given = {
-        "adversary": about.adversary,
-        "preset": about.preset,
-        "options": parse_json(about.options, files.folder / ABOUT_FILE),
-    }
-    for name, expected in given.items():
-        found = getattr(identity, name)
-        if found != expected:
-            refuse(
-                files.claims,
-                f"the {name} of {ABOUT_FILE}, {shown(repr(expected))}",
-                shown(repr(found)),
-                "One entry is of one adversary with one set of options",
+def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
+    """Check the results that an entry has on the tracks of one application."""
+    check_strict_json(files.claims, MAX_BYTES[CLAIMS])
+    results = files.read_claims()
+    if not results:
+        refuse(files.claims, "at least one result", "none")
+    outdated = {result.sha256: find_outdated(result.experiment) for result in results}
+    for result in results:
+        changes = outdated[result.sha256]
+        if submission and changes:
+            raise UserError(
+                f"Expected {result.experiment.place} in {files.claims} to be of today's track, "
+                f"agent, rule and options, but: {changes.rstrip('.')}. Make the result anew with "
+                "this version of sada_gym."
             )
-    if (
-        not is_ours(identity.adversary)
-        and not identity.options.items() <= identity.resolved.items()
-    ):
-        refuse(files.claims, "resolved options that hold the given ones", "others")
+        _check_result(files.claims, result, submission)
+    samples = _read_samples(files, results, outdated)
+    for result in results:
+        for claims in result.seeds:
+            if claims.measures is not None:
+                held = samples[result.experiment.place][claims.seed]
+                check_samples(files.samples, claims.seed, held)
+                check_claims(files.claims, result.experiment, claims, held)
+                if not outdated[result.sha256]:
+                    check_coverage(files.claims, result.experiment, claims, held)
+    if not submission and files.verified.exists():
+        check_strict_json(files.verified, MAX_BYTES[CLAIMS])
+        files.read_verified()
+    return results
 
 
-def _check_seeds(files: ResultFiles, result: Result, submission: bool) -> None:
-    path, identity = files.claims, result.identity
+def _check_result(path: Path, result: Result, submission: bool) -> None:
+    experiment = result.experiment
+    samples, adversary = experiment.protocol.samples, experiment.adversary
+    if experiment.seed is not None:
+        refuse(path, "no seed of the experiment", experiment.seed)
+    if not adversary.name.strip():
+        refuse(path, "a text as adversary", "an empty one", "Fill it in")
+    if experiment.target.reference is not None and samples <= NEAREST:
+        refuse(path, f"more than {NEAREST} samples of each seed", samples)
+    resolved = adversary.resolved or {}
+    if not adversary.is_ours and not adversary.options.items() <= resolved.items():
+        refuse(path, "resolved options that hold the given ones", "others")
+    _check_seeds(path, result, submission)
+
+
+def _check_adversaries(adversaries: Sequence[tuple[GroupFiles, AdversarySpec]]) -> None:
+    """Check that all results are of one adversary with one preset and one set of options."""
+    first = adversaries[0][1]
+    for files, adversary in adversaries:
+        for name in ("name", "preset", "options"):
+            expected, found = getattr(first, name), getattr(adversary, name)
+            if found != expected:
+                refuse(
+                    files.claims,
+                    f"the adversary's {name} of the other results, {shown(repr(expected))}",
+                    shown(repr(found)),
+                    "One entry is of one adversary with one set of options",
+                )
+
+
+def _check_seeds(path: Path, result: Result, submission: bool) -> None:
+    protocol = result.experiment.protocol
     seeds = [one.seed for one in result.seeds]
     if not seeds:
         refuse(path, "at least one seed", "none")
@@ -272,9 +280,9 @@ def _check_seeds(files: ResultFiles, result: Result, submission: bool) -> None:
         if (one.measures is None) == (one.error is None):
             got = "neither" if one.measures is None else "both"
             refuse(path, f"either measures or an error {where}", got)
-        if one.queries > identity.budget:
+        if one.queries > protocol.budget:
             mend = "Spend no more than the rule allows"
-            allowed = f"at most {identity.budget:,} queries {where}, the budget of {identity.rule},"
+            allowed = f"at most {protocol.budget:,} queries {where}, the budget of {protocol.rule},"
             refuse(path, allowed, f"{one.queries:,}", mend)
         if one.search is not None and (
             one.search.queries != one.queries or one.search.fooled > one.queries
@@ -302,25 +310,38 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 def _read_samples(
-    files: ResultFiles, result: Result, dimension: int | None
-) -> dict[int, Evaluations]:
+    files: GroupFiles, results: Sequence[Result], outdated: Mapping[str, str | None]
+) -> dict[str, dict[int, Evaluations]]:
     """Read the samples; the file may hardly be larger than the claims make it."""
-    path, count = files.samples, result.identity.samples
-    claimed = [one.seed for one in result.seeds if one.measures is not None]
-    most = MAX_BYTES[SAMPLES]
-    if dimension is not None:
-        most = min(most, len(claimed) * count * (24 + 4 * dimension) + _ARCHIVE_BYTES)
+    path, most = files.samples, _ARCHIVE_BYTES
+    claimed: dict[str, list[int]] = {}
+    dimensions: dict[str, int] = {}
+    for result in results:
+        target, place = result.experiment.target, result.experiment.place
+        seeds = [claims.seed for claims in result.seeds if claims.measures is not None]
+        if seeds:
+            claimed[place] = seeds
+        if not outdated[result.sha256]:
+            dimensions[place] = current_target(target.track, target.agent).dimension
+        row = 8 + 4 * dimensions.get(place, _MAX_DIMENSION)
+        most += _ARCHIVE_BYTES + len(seeds) * (8 + result.experiment.protocol.samples * row)
     size = path.lstat().st_size
     if size > most:
-        refuse(path, f"at most {most:,} bytes for {len(claimed)} x {count:,} samples", f"{size:,}")
+        count = sum(map(len, claimed.values()))
+        refuse(path, f"at most {most:,} bytes for the samples of {count} seeds", f"{size:,}")
     samples = read_samples(path)
-    if sorted(samples) != claimed:
+    if sorted(samples) != sorted(claimed):
         found = shown(str(sorted(samples)))
-        refuse(path, f"samples of the seeds {shown(str(claimed))}, as claimed,", found)
-    for seed, one in samples.items():
-        if len(one) != count:
-            refuse(path, f"{count:,} samples of seed {seed}", f"{len(one):,}")
-        if dimension is not None and one.mu.shape[1] != dimension:
-            shape = one.mu.shape
-            refuse(path, f"mu of shape ({count}, {dimension}) of seed {seed}", f"{shape}")
+        refuse(path, f"samples of {shown(str(sorted(claimed)))}, as claimed,", found)
+    for result in results:
+        place, count = result.experiment.place, result.experiment.protocol.samples
+        for seed, held in samples.get(place, {}).items():
+            if seed not in claimed[place]:
+                refuse(path, f"samples of the seeds {shown(str(claimed[place]))} of {place}", seed)
+            expected = (count, dimensions.get(place, held.mu.shape[1]))
+            if held.mu.shape != expected:
+                refuse(path, f"mu of shape {expected} of seed {seed} of {place}", held.mu.shape)
+        missing = set(claimed.get(place, ())) - set(samples.get(place, {}))
+        if missing:
+            refuse(path, f"samples of seed {min(missing)} of {place}, as claimed,", "none")
     return samples

@@ -9,12 +9,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from sada_gym.errors import UserError
-from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.record import Experiment
 from sada_gym.measures.coverage import fooling_coverage
 from sada_gym.measures.rates import attack_fooling_rate, mu_std
-from sada_gym.submission.models import Identity, SeedResult
-from sada_gym.submission.today import find_target
+from sada_gym.results.models import SeedResult
+from sada_gym.submission.current import current_target
 
 _SLACK = 0.01  # of coverage, whose ties other processors may decide differently
 
@@ -24,25 +25,22 @@ def refuse(path: Path, expected: str, got: object, mend: str = "Make the entry a
     raise UserError(f"Expected {expected} in {path}, got {got}. {mend}.")
 
 
-def check_samples(path: Path, identity: Identity, seed: int, one: Evaluations) -> None:
-    """Check that samples lie in the box, and are scored on the test stream of their seed."""
+def check_samples(path: Path, seed: int, samples: Evaluations) -> None:
+    """Check that samples lie in the box, and their scores between 0 and 1."""
     of = f"of seed {seed}"
-    bad = ~(np.abs(one.mu) <= 1.0)  # a NaN is not <= 1 either
+    bad = ~(np.abs(samples.mu) <= 1.0)  # a NaN is not <= 1 either
     if bad.any():
-        refuse(path, f"mu {of} within [-1, 1]", one.mu[bad][0])
-    bad = ~((one.score >= 0.0) & (one.score <= 1.0))
+        refuse(path, f"mu {of} within [-1, 1]", samples.mu[bad][0])
+    bad = ~((samples.score >= 0.0) & (samples.score <= 1.0))
     if bad.any():
-        refuse(path, f"scores {of} within [0, 1]", one.score[bad][0])
-    if one.seed.tolist() != evaluation_seeds(seed, "test", 0, identity.samples):
-        mend = "Evaluate the samples by sada-gym submit --samples"
-        refuse(path, f"the evaluation seeds of the test stream {of}", "others", mend)
+        refuse(path, f"scores {of} within [0, 1]", samples.score[bad][0])
 
 
-def check_claims(path: Path, identity: Identity, claimed: SeedResult, one: Evaluations) -> None:
+def check_claims(path: Path, experiment: Experiment, claimed: SeedResult, one: Evaluations) -> None:
     """Check what follows from the samples alone."""
     measures = claimed.measures
     assert measures is not None
-    rate = attack_fooling_rate(one.score, identity.fooling_threshold)
+    rate = attack_fooling_rate(one.score, experiment.target.fooling_threshold)
     found: dict[str, float] = {
         "fooled": rate.fooled,
         "afr": rate.rate,
@@ -57,30 +55,35 @@ def check_claims(path: Path, identity: Identity, claimed: SeedResult, one: Evalu
         if not math.isclose(given[name], value, rel_tol=1e-9, abs_tol=1e-9):
             expected = f"{name} = {value} of seed {claimed.seed}, as its samples give it,"
             refuse(path, expected, given[name], "Do not edit claims; make the entry anew")
-    _check_ranges(path, identity, claimed.seed, measures)
+    _check_ranges(path, experiment, claimed.seed, measures)
     numbers = _numbers(claimed.model_dump(mode="json"))
     if min(numbers) < 0:
         refuse(path, f"no negative numbers of seed {claimed.seed}", min(numbers))
 
 
-def _check_ranges(path: Path, identity: Identity, seed: int, measures: Measures) -> None:
-    feasible, count = measures.feasible, identity.samples
+def _check_ranges(path: Path, experiment: Experiment, seed: int, measures: Measures) -> None:
+    feasible, count = measures.feasible, experiment.protocol.samples
     if feasible is not None and not feasible.fooled <= feasible.worlds <= count:
         found = f"{feasible.fooled:,} of {feasible.worlds:,}"
         refuse(path, f"at most {count:,} feasible worlds of seed {seed}", found)
     covered = (measures.density, measures.coverage, measures.relative_coverage)
-    if identity.reference is None and any(value is not None for value in covered):
+    if experiment.target.reference is None and any(value is not None for value in covered):
         refuse(path, f"no coverage of seed {seed}, as there is no reference set,", "one")
     if measures.coverage is not None and measures.coverage > 1:
         refuse(path, f"a coverage of at most 1 of seed {seed}", measures.coverage)
 
 
-def check_coverage(path: Path, identity: Identity, claimed: SeedResult, one: Evaluations) -> None:
+def check_coverage(
+    path: Path, experiment: Experiment, claimed: SeedResult, one: Evaluations
+) -> None:
     """Compare coverage and density with those of today's reference set."""
-    measures, target = claimed.measures, find_target(identity.track, identity.agent)
+    measures, target = (
+        claimed.measures,
+        current_target(experiment.target.track, experiment.target.agent),
+    )
     if measures is None or target.fooling_set is None:
         return
-    fooled = one.fooled(identity.fooling_threshold)
+    fooled = one.fooled(experiment.target.fooling_threshold)
     found = fooling_coverage(one.mu, fooled, target.fooling_set, seed=claimed.seed)
     for name, given in (("coverage", measures.coverage), ("density", measures.density)):
         value = getattr(found, name)

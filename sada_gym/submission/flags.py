@@ -16,11 +16,12 @@ from scipy.stats import binomtest, fisher_exact
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.record import Experiment
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.reference import Reference
 from sada_gym.parameters import Mu
+from sada_gym.results.models import SeedResult
 from sada_gym.submission.copies import Nearness, nearness
-from sada_gym.submission.models import Identity, SeedResult
 
 SIGNIFICANCE = 1e-5
 """A flag is raised where an honest result would look so with a smaller probability than this."""
@@ -71,13 +72,13 @@ class Evidence:
     """What is known of a result.
 
     Attributes:
-        identity: What the result is of.
+        experiment: What the result is of.
         seeds: The seeds that have samples.
         reference: The reference set; None where there is none.
         neighbours: The samples of other entries on the same track and agent, (n, d) each, by name.
     """
 
-    identity: Identity
+    experiment: Experiment
     seeds: Sequence[SeedEvidence]
     reference: Reference | None
     neighbours: Mapping[str, Mu]
@@ -91,13 +92,13 @@ class Evidence:
     def claimed(self) -> npt.NDArray[np.bool_]:
         """Which samples fool as claimed, (n,)."""
         samples = Evaluations.joined([one.samples for one in self.seeds])
-        return samples.fooled(self.identity.fooling_threshold)
+        return samples.fooled(self.experiment.target.fooling_threshold)
 
     @property
     def verified(self) -> npt.NDArray[np.bool_]:
         """Which samples fool on fresh seeds, (n,)."""
         samples = Evaluations.joined([one.again for one in self.seeds])
-        return samples.fooled(self.identity.fooling_threshold)
+        return samples.fooled(self.experiment.target.fooling_threshold)
 
 
 def find_flags(evidence: Evidence) -> dict[str, str]:
@@ -112,7 +113,7 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
         "duplicates": duplicates,
         "worse than random": worse_than_random,
     }
-    if evidence.identity.adversary == IDEAL:
+    if evidence.experiment.adversary.name == IDEAL:
         # to draw reference points is what this control is for, and it has no rank
         checks = {"control": control, "claim": claim, "constant": constant}
     found = {name: check(evidence) for name, check in checks.items()}
@@ -162,7 +163,7 @@ def collapsed(evidence: Evidence) -> str | None:
 
 def control(evidence: Evidence) -> str | None:
     """Say that the control `ideal` draws reference points."""
-    assert evidence.identity.adversary == IDEAL
+    assert evidence.experiment.adversary.name == IDEAL
     return "this control draws its samples from the reference points, so it has no rank"
 
 
@@ -223,7 +224,7 @@ def worse_than_random(evidence: Evidence) -> str | None:
         p = binomtest(fooled, count, rate, alternative="less").pvalue
     else:
         samples = Evaluations.joined([one.uniform for one in evidence.seeds if one.uniform])
-        uniform = int(samples.fooled(evidence.identity.fooling_threshold).sum())
+        uniform = int(samples.fooled(evidence.experiment.target.fooling_threshold).sum())
         rate = uniform / len(samples)
         table = [[fooled, count - fooled], [uniform, len(samples) - uniform]]
         p = fisher_exact(table, alternative="less").pvalue

@@ -4,34 +4,28 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from sada_gym import agents
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
-from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import (
-    RESULT_FILE,
-    SAMPLES_FILE,
-    SETTINGS_FILE,
-    RunReport,
-    RunSettings,
-    differences,
-    read_samples,
-)
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.differences import differences
+from sada_gym.experiment.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
+from sada_gym.experiment.record import Experiment, RunReport, RunSettings
+from sada_gym.experiment.target import Target
 from sada_gym.files import read_model
+from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
+from sada_gym.results.models import MAX_SEEDS, Result, SeedResult
 from sada_gym.submission.checks import check_entry
-from sada_gym.submission.entry import ABOUT_FILE, CLAIMS, read_entry, write_result
-from sada_gym.submission.models import MAX_SEEDS, Identity, Result, SeedResult
-from sada_gym.submission.today import (
+from sada_gym.submission.current import (
     PAPER_BUDGETS,
     RULES,
     board_tracks,
-    find_target,
-    is_ours,
-    today,
+    current_experiment,
+    current_target,
 )
 
 
@@ -41,64 +35,74 @@ class Part:
 
     Attributes:
         source: Where they are from, for messages.
-        identity: What the result is of.
-        seeds: The claims.
-        samples: The samples of each seed that has measures.
+        result: The claims and the samples.
         command: The command that made it; empty where that is not known.
     """
 
     source: str
-    identity: Identity
-    seeds: tuple[SeedResult, ...]
-    samples: Mapping[int, Evaluations]
+    result: EntryResult
     command: str = ""
+
+    @property
+    def experiment(self) -> Experiment:
+        """What the result is of."""
+        return self.result.claimed.experiment
 
 
 @dataclass(eq=False)
-class Results:
+class Parts:
     """The results of one adversary, put together from parts."""
 
-    parts: dict[str, list[Part]] = field(default_factory=dict)
+    by_place: dict[str, list[Part]] = field(default_factory=dict)
 
     @property
     def first(self) -> Part:
         """The first part."""
-        return next(iter(self.parts.values()))[0]
+        return next(iter(self.by_place.values()))[0]
 
     def add(self, part: Part) -> None:
         """Add a part.
 
         Raises:
-            UserError: If it is of another adversary, or of another result of the same name, or has
+            UserError: If it is of another adversary, or of another result in the same place, or has
                 a seed that is there already.
         """
-        if self.parts:
-            refuse_other_adversary(part, self.first.identity, self.first.source)
-        known = self.parts.setdefault(part.identity.stem, [])
+        if self.by_place:
+            refuse_other_adversary(part, self.first.experiment.adversary, self.first.source)
+        known = self.by_place.setdefault(part.result.place, [])
         for other in known:
-            changes = differences(
-                other.identity.model_dump(mode="json"), part.identity.model_dump(mode="json")
-            )
+            changes = differences(other.experiment.model_dump(), part.experiment.model_dump())
             if changes:
                 raise UserError(
                     f"Expected {part.source} to differ from {other.source} in its seed alone, got "
                     f"other settings: {'; '.join(changes)}. Submit them as two entries."
                 )
-            twice = {one.seed for one in other.seeds} & {one.seed for one in part.seeds}
-            if twice:
+            seeds, others = (
+                {claims.seed for claims in each.result.claimed.seeds} for each in (part, other)
+            )
+            if seeds & others:
                 raise UserError(
-                    f"Expected each seed of {part.identity.stem} once, got {min(twice)} in both "
-                    f"{other.source} and {part.source}. Name one of them, or attack with another "
-                    "--seed."
+                    f"Expected each seed of {part.result.place} once, got {min(seeds & others)} in "
+                    f"both {other.source} and {part.source}. Name one of them, or attack with "
+                    "another --seed."
                 )
         known.append(part)
 
-    def write(self, folder: Path) -> None:
-        """Write all results."""
-        for parts in self.parts.values():
-            seeds = [seed for part in parts for seed in part.seeds]
-            samples = {seed: one for part in parts for seed, one in part.samples.items()}
-            write_result(folder, _make_result(parts[0].identity, seeds), samples)
+    def results(self) -> Iterator[EntryResult]:
+        """Join the parts of each result.
+
+        Raises:
+            UserError: If a result has too many seeds.
+        """
+        for place, parts in self.by_place.items():
+            seeds = [claims for part in parts for claims in part.result.claimed.seeds]
+            if len(seeds) > MAX_SEEDS:
+                raise UserError(
+                    f"Expected at most {MAX_SEEDS} seeds of {place}, got {len(seeds)}. Submit the "
+                    "first ones."
+                )
+            samples = {seed: held for part in parts for seed, held in part.result.samples.items()}
+            yield EntryResult(Result.make(parts[0].experiment, seeds), samples)
 
 
 def read_run(folder: Path, rule: str | None) -> list[Part]:
@@ -111,7 +115,7 @@ def read_run(folder: Path, rule: str | None) -> list[Part]:
     Raises:
         UserError: If it is neither, or cannot take part.
     """
-    if (folder / ABOUT_FILE).exists():
+    if (folder / METADATA_FILE).exists():
         return _read_entry(folder, rule)
     if (folder / RESULT_FILE).exists():
         return [_read_attack(folder, rule or PAPER_BUDGETS)]
@@ -121,8 +125,8 @@ def read_run(folder: Path, rule: str | None) -> list[Part]:
             "sada-gym attack --resume."
         )
     raise UserError(
-        f"Expected the folder of a run, with {RESULT_FILE}, or of an entry, with {ABOUT_FILE}; got "
-        f"{folder}, which holds neither. A benchmark's entries are in its folder `entries`."
+        f"Expected the folder of a run, with {RESULT_FILE}, or of an entry, with {METADATA_FILE}; "
+        f"got {folder}, which holds neither. A benchmark's entries are in its folder `entries`."
     )
 
 
@@ -130,15 +134,9 @@ def _read_entry(folder: Path, rule: str | None) -> list[Part]:
     check_entry(folder, submission=False)
     entry = read_entry(folder)
     parts = [
-        Part(
-            f"{folder / stem}{CLAIMS}",
-            one.claimed.identity,
-            one.claimed.seeds,
-            one.samples,
-            entry.about.command,
-        )
-        for stem, one in entry.results.items()
-        if rule in (None, one.claimed.identity.rule)
+        Part(f"{folder}: {place}", result, entry.metadata.command)
+        for place, result in entry.results.items()
+        if rule in (None, result.claimed.experiment.protocol.rule)
     ]
     if not parts:
         raise UserError(
@@ -150,93 +148,77 @@ def _read_entry(folder: Path, rule: str | None) -> list[Part]:
 
 def _read_attack(folder: Path, rule: str) -> Part:
     report = read_model(folder / RESULT_FILE, RunReport)
-    samples, settings = read_samples(folder / SAMPLES_FILE), report.settings
-    track = _board_track(folder, settings)
-    identity = today(
-        track,
-        settings.agent,
-        rule,
-        settings.adversary,
-        settings.preset,
-        settings.options,
-        resolved=settings.resolved,
-    )
-    made = Identity.of(settings, rule, report.fooling_threshold)
-    free = {"track": track, "budget": identity.budget}  # checked apart
-    changes = differences(
-        made.model_copy(update=free).model_dump(mode="json"), identity.model_dump(mode="json")
-    )
+    samples, run = read_samples(folder / SAMPLES_FILE), report.settings.experiment
+    track = _board_track(folder, run.target)
+    current = current_experiment(track, run.target.agent, rule, run.adversary)
+    # the budget is checked apart
+    target = run.target.model_copy(update={"track": track})
+    protocol = current.protocol.model_copy(update={"samples": run.protocol.samples})
+    made = Experiment(target=target, adversary=run.adversary, protocol=protocol)
+    changes = differences(made.model_dump(), current.model_dump())
     if changes:
         raise UserError(
             f"Expected the run in {folder} to be of {track} as the leaderboard has it today, but: "
             f"{'; '.join(changes)}. Attack again with these settings."
         )
-    refuse_budget(f"the run in {folder}", settings.budget, identity, "--budget")
-    seed = SeedResult.of(report)
-    command = _command(settings, track)
-    return Part(str(folder), identity, (seed,), {seed.seed: samples}, command)
+    check_budget(f"the run in {folder}", run.protocol.budget, current, "--budget")
+    claims = SeedResult.of(report)
+    result = EntryResult(Result.make(current, [claims]), {claims.seed: samples})
+    return Part(str(folder), result, _command(report.settings, track))
 
 
-def _board_track(folder: Path, settings: RunSettings) -> str:
+def _board_track(folder: Path, target: Target) -> str:
     """Find the track that a run was made on, which may have been named by a general id."""
-    if settings.track in board_tracks():
-        return settings.track
-    card = find_card(settings.application)
+    if target.track in board_tracks():
+        return target.track
+    card = find_card(target.application.name)
     if card is None or not card.track_ids:
         raise UserError(
-            f"Expected a run on a track of the leaderboard, got one on {settings.track} in "
+            f"Expected a run on a track of the leaderboard, got one on {target.track} in "
             f"{folder}. Environments of one's own cannot take part: the verifier has to evaluate "
             "the samples again, and nobody else could compare. `sada-gym envs` lists the tracks."
         )
-    if settings.agent in agents.names(card.name):
+    if target.agent in agents.names(card.name):
         for track in card.track_ids:
-            there = find_target(track, settings.agent).settings
-            if there.application_settings == settings.application_settings:
+            if current_target(track, target.agent).target.application == target.application:
                 return track
     raise UserError(
         f"Expected a run on a track of the leaderboard with a shipped agent, got one on "
-        f"{settings.track} against {settings.agent} in {folder}, with other settings. Attack one "
+        f"{target.track} against {target.agent} in {folder}, with other settings. Attack one "
         f"of {', '.join(card.track_ids)}."
     )
 
 
-def refuse_budget(what: str, budget: int, identity: Identity, option: str) -> None:
-    """Refuse a budget above that of the identity's rule, and say what the rules allow."""
-    if budget <= identity.budget:
+def check_budget(what: str, budget: int, experiment: Experiment, option: str) -> None:
+    """Refuse a budget above that of an experiment, and say what the rules allow.
+
+    Raises:
+        UserError: If it is above.
+    """
+    target, adversary, protocol = experiment.target, experiment.adversary, experiment.protocol
+    if budget <= protocol.budget:
         return
     allowed = {
-        rule: today(
-            identity.track,
-            identity.agent,
-            rule,
-            identity.adversary,
-            identity.preset,
-            identity.options,
-            resolved=identity.resolved,
-        ).budget
+        rule: current_experiment(target.track, target.agent, rule, adversary).protocol.budget
         for rule in RULES
     }
     listed = " and ".join(f"{allowed[rule]:,} by the rule {rule}" for rule in RULES)
     raise UserError(
-        f"Expected {what} to have a budget of at most {identity.budget:,} queries, got {budget:,}. "
-        f"{identity.adversary} may spend {listed} on {identity.track}: choose another --rule, or "
-        f"attack again with fewer queries ({option})."
+        f"Expected {what} to have a budget of at most {protocol.budget:,} queries, got {budget:,}. "
+        f"{adversary.name} may spend {listed} on {target.track}: choose another --rule, or attack "
+        f"again with fewer queries ({option})."
     )
 
 
-def _make_result(identity: Identity, seeds: Sequence[SeedResult]) -> Result:
-    if len(seeds) > MAX_SEEDS:
-        raise UserError(
-            f"Expected at most {MAX_SEEDS} seeds of {identity.stem}, got {len(seeds)}. Submit the "
-            "first ones."
-        )
-    return Result.make(identity, seeds)
+def refuse_other_adversary(part: Part, known: AdversarySpec, source: str) -> None:
+    """Refuse a part of another adversary, preset or options.
 
-
-def refuse_other_adversary(part: Part, known: Identity, source: str) -> None:
-    """Refuse a part of another adversary, preset or options than those of an identity."""
-    for name in ("adversary", "preset", "options"):
-        expected, got = getattr(known, name), getattr(part.identity, name)
+    Raises:
+        UserError: If one of them differs.
+    """
+    adversary = part.experiment.adversary
+    for name in ("name", "preset", "options"):
+        expected, got = getattr(known, name), getattr(adversary, name)
         if expected != got:
             raise UserError(
                 "Expected all results of an entry to be of one adversary with one set of options, "
@@ -246,14 +228,16 @@ def refuse_other_adversary(part: Part, known: Identity, source: str) -> None:
 
 
 def _command(settings: RunSettings, track: str) -> str:
-    """Give the command that made a run, without its folder; empty for a class without a name."""
-    known = is_ours(settings.adversary) or ":" in settings.adversary
-    words = ["sada-gym", "attack", track, "--adversary", settings.adversary]
-    if settings.preset is not None:
-        words += ["--preset", settings.preset]
-    for name, value in settings.options.items():
+    """Write the command that made a run, without its folder; empty for a class without a name."""
+    experiment = settings.experiment
+    adversary = experiment.adversary
+    words = ["sada-gym", "attack", track, "--adversary", adversary.name]
+    if adversary.preset is not None:
+        words += ["--preset", adversary.preset]
+    for name, value in adversary.options.items():
         words += ["--set", f"{name}={json.dumps(value)}"]
-    words += ["--agent", settings.agent] if settings.agent else []
-    words += ["--budget", str(settings.budget), "--seed", str(settings.seed)]
+    words += ["--agent", experiment.target.agent] if experiment.target.agent else []
+    words += ["--budget", str(experiment.protocol.budget), "--seed", str(settings.seed)]
     command = shlex.join(words)
+    known = adversary.is_ours or ":" in adversary.name
     return command if known and len(command) <= 1_000 else ""

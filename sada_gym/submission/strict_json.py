@@ -12,7 +12,7 @@ from sada_gym.errors import FileError
 from sada_gym.files import read_file, shown
 
 
-def refuse_loose(path: Path, max_bytes: int) -> None:
+def check_strict_json(path: Path, max_bytes: int) -> None:
     """Refuse a JSON file that other programs may read differently.
 
     Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,37 +15,30 @@ from typing_extensions import Self
 
 from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.errors import UserError, UserTypeError, check_integer
-from sada_gym.evaluation.evaluator import Evaluator
-from sada_gym.experiment.assemble import RunTarget, make_settings
-from sada_gym.experiment.record import json_compatible
+from sada_gym.experiment.adversary import AdversarySpec, json_compatible
+from sada_gym.experiment.packages import packages
+from sada_gym.experiment.record import Experiment, RunSettings
 from sada_gym.experiment.run import OnProgress, Run, ignore_progress
-from sada_gym.files import (
-    as_path,
-    file_errors,
-    first_error,
-    read_array,
-    write_file,
-    write_folder,
-)
-from sada_gym.measures.reference import load_reference
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.files import as_path, file_errors, first_error, read_array, write_folder
 from sada_gym.parameters import Mu, validate_mu
-from sada_gym.submission.checks import check_about, check_entry
-from sada_gym.submission.entry import ABOUT_FILE, Entry, ResultFiles, read_entry, write_about
-from sada_gym.submission.models import FORMAT, MAX_SEEDS, About, Identity, SeedResult
-from sada_gym.submission.parts import (
-    Part,
-    Results,
-    read_run,
-    refuse_budget,
-    refuse_other_adversary,
+from sada_gym.results.entry import (
+    METADATA_FILE,
+    Entry,
+    EntryResult,
+    read_entry,
+    write_metadata,
+    write_results,
 )
-from sada_gym.submission.today import (
+from sada_gym.results.models import MAX_SEEDS, EntryMetadata, Result, SeedResult
+from sada_gym.submission.checks import check_entry, check_metadata
+from sada_gym.submission.current import (
     PAPER_BUDGETS,
-    Target,
+    current_experiment,
+    current_target,
     default_agent,
-    find_target,
-    today,
 )
+from sada_gym.submission.parts import Part, Parts, check_budget, read_run, refuse_other_adversary
 
 ENTRIES = Path("leaderboard/entries")
 """Where the repository keeps the entries."""
@@ -54,32 +47,27 @@ MAX_ARRAY_BYTES = 2**26
 """The most bytes of a file of samples."""
 
 
-@dataclass(frozen=True)
-class Credits:
-    """Who submits an entry, and what it is called.
+def credit(**fields: Any) -> EntryMetadata:
+    """Say who submits an entry, and what it is called.
 
-    Attributes:
-        name: The name of the entry and of its folder: small letters, digits and `- + . _`.
-        authors: Who made it.
-        licence: The licence of its data, as SPDX names it.
-        title: What the board calls it; empty takes the name.
-        paper: The address of a paper.
-        repository: The address of the code.
-        command: How the results are made; empty takes the command of the first run.
+    Args:
+        fields: See `EntryMetadata`.
+
+    Raises:
+        UserError: If one of them does not fit.
     """
-
-    name: str
-    authors: Sequence[str]
-    licence: str
-    title: str = ""
-    paper: str = ""
-    repository: str = ""
-    command: str = ""
+    fields["authors"] = tuple(_several(fields.get("authors", ()), "authors"))
+    try:
+        return EntryMetadata(**fields)
+    except ValidationError as error:
+        raise UserError(
+            f"Expected what an entry says of itself, but {first_error(error)}."
+        ) from error
 
 
 def submit(
     runs: Iterable[str | Path],
-    credits: Credits,
+    credits: EntryMetadata,
     *,
     rule: str | None = None,
     out: str | Path = ENTRIES,
@@ -99,18 +87,18 @@ def submit(
         UserError: If a run cannot take part, or the entry does not pass `check_entry`. Nothing is
             changed then.
     """
-    results = Results()
+    parts = Parts()
     for run in _several(runs, "runs"):
         for part in read_run(as_path(run, "a run"), rule):
-            results.add(part)
-    if not results.parts:
+            parts.add(part)
+    if not parts.by_place:
         raise UserError("Expected the folder of at least one run, got none. Name one.")
-    return _put(results, _Place.find(results.first, credits, out), replace)
+    return _put(parts, _Place.find(parts.first, credits, out), replace)
 
 
 def submit_samples(
     samples: Iterable[npt.ArrayLike | str | Path],
-    credits: Credits,
+    credits: EntryMetadata,
     *,
     track: str,
     adversary: str,
@@ -153,25 +141,23 @@ def submit_samples(
             "array for each seed."
         )
     check_integer("queries", queries, 0)
-    chosen = json_compatible(options or {})
     if agent is None:
         agent = default_agent(track)
-    identity = today(track, agent, rule, adversary, None, chosen)
-    refuse_budget(f"the samples on {track}", int(queries), identity, "queries")
-    target = find_target(track, agent)
-    arrays = [_checked_samples(one, i, identity, target) for i, one in enumerate(given)]
-    place = _Place.find(Part("the samples", identity, (), {}), credits, out)
-    place.keep([identity.stem], replace)  # what is wrong shows before hours of evaluation
-    results = Results()
-    evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {}, workers=workers)
-    now = True
-    try:
+    spec = AdversarySpec(name=adversary, options=json_compatible(options or {}))
+    experiment = current_experiment(track, agent, rule, spec)
+    check_budget(f"the samples on {track}", int(queries), experiment, "queries")
+    dimension = current_target(track, agent).dimension
+    arrays = [
+        _validate_samples(array, seed, experiment, dimension) for seed, array in enumerate(given)
+    ]
+    first = Part("the samples", EntryResult(Result.make(experiment, ()), {}))
+    place = _Place.find(first, credits, out)
+    place.keep([first.result.place], replace)  # what is wrong shows before hours of evaluation
+    parts = Parts()
+    with experiment.target.open(workers=workers) as target:
         for seed, mu in enumerate(arrays):
-            results.add(_evaluate(evaluator, target, identity, seed, mu, queries, on_progress))
-        now = False
-    finally:
-        evaluator.close(now=now)
-    return _put(results, place, replace)
+            parts.add(_evaluate(target, experiment.at(seed), mu, queries, on_progress))
+    return _put(parts, place, replace)
 
 
 def parse_options(text: str) -> dict[str, Any]:
@@ -197,25 +183,23 @@ def _several(given: Any, what: str) -> list[Any]:
     return list(given)
 
 
-def _checked_samples(given: Any, seed: int, identity: Identity, target: Target) -> Mu:
+def _validate_samples(given: Any, seed: int, experiment: Experiment, dimension: int) -> Mu:
     """Read and check the samples of a seed."""
-    source = f"the samples of seed {seed}"
+    source, track = f"the samples of seed {seed}", experiment.target.track
+    count = experiment.protocol.samples
     if isinstance(given, str | Path):
         source = str(given)
         given = read_array(Path(given), MAX_ARRAY_BYTES)
+    expected = (
+        f"Expected {source} to be an array of shape ({count}, {dimension}), the M samples of d "
+        f"parameters of {track}"
+    )
     try:
-        mu = validate_mu(given, target.dimension)
+        mu = validate_mu(given, dimension)
     except UserError as error:
-        raise UserError(
-            f"Expected {source} to be an array of shape ({identity.samples}, {target.dimension}), "
-            f"the M samples of d parameters of {identity.track}: {error}"
-        ) from error
-    if len(mu) != identity.samples:
-        raise UserError(
-            f"Expected {source} to be an array of shape ({identity.samples}, {target.dimension}), "
-            f"the M samples of d parameters of {identity.track}, got {mu.shape}. Draw exactly "
-            f"M = {identity.samples} samples."
-        )
+        raise UserError(f"{expected}: {error}") from error
+    if len(mu) != count:
+        raise UserError(f"{expected}, got {mu.shape}. Draw exactly M = {count} samples.")
     return mu
 
 
@@ -247,42 +231,29 @@ class _Given(Adversary):
 
 
 def _evaluate(
-    evaluator: Evaluator,
-    target: Target,
-    identity: Identity,
-    seed: int,
-    mu: Mu,
-    queries: int,
-    on_progress: OnProgress,
+    target: OpenTarget, experiment: Experiment, mu: Mu, queries: int, on_progress: OnProgress
 ) -> Part:
     """Evaluate and measure samples as a run does."""
-    application = evaluator.application
-    assert application is not None
-    reference = load_reference(identity.track, application)
-    settings = make_settings(
-        RunTarget(identity.track, application, reference),
-        _Given,
-        _Given,
-        preset=None,
-        options={},
-        budget=0,
-        samples=identity.samples,
-        seed=seed,
-        label=identity.adversary,
+    settings = RunSettings(
+        experiment=experiment,
+        label=experiment.adversary.name,
+        packages=packages(target.application, _Given),
     )
     run = Run(
         settings,
         _Given(mu),
-        evaluator,
+        target.evaluator,
         fooling_set=target.fooling_set,
         ideal_set=target.ideal_set,
         on_progress=on_progress,
     )
     run.test()
-    claimed = SeedResult.of(run.measure())
     # what was asked in training is not known
-    claimed = claimed.model_copy(update={"queries": int(queries), "search": None})
-    return Part(f"the samples of seed {seed}", identity, (claimed,), {seed: run.samples})
+    claims = SeedResult.of(run.measure()).model_copy(
+        update={"queries": int(queries), "search": None}
+    )
+    result = EntryResult(Result.make(experiment, [claims]), {claims.seed: run.samples})
+    return Part(f"the samples of seed {claims.seed}", result)
 
 
 @dataclass(frozen=True)
@@ -290,50 +261,37 @@ class _Place:
     """Where an entry goes, and what it says of itself.
 
     Attributes:
-        about: What it says of itself.
+        metadata: What it says of itself.
         folder: Its folder.
         first: One of its parts.
     """
 
-    about: About
+    metadata: EntryMetadata
     folder: Path
     first: Part
 
     @classmethod
-    def find(cls, first: Part, credits: Credits, out: str | Path) -> Self:
+    def find(cls, first: Part, credits: EntryMetadata, out: str | Path) -> Self:
         """Find the place of an entry.
 
         Raises:
             UserError: If the credits do not fit.
         """
-        identity = first.identity
-        try:
-            about = About(
-                format=FORMAT,
-                name=credits.name,
-                title=credits.title or credits.name,
-                authors=tuple(_several(credits.authors, "authors")),
-                licence=credits.licence,
-                paper=credits.paper,
-                repository=credits.repository,
-                command=credits.command or first.command,
-                adversary=identity.adversary,
-                preset=identity.preset,
-                options=json.dumps(identity.options),
-            )
-        except ValidationError as error:
-            raise UserError(
-                f"Expected what an entry says of itself, but {first_error(error)}."
-            ) from error
-        folder = as_path(out, "the entries") / about.name
-        check_about(about, folder / ABOUT_FILE, submission=True)
-        return cls(about, folder, first)
+        metadata = credits.model_copy(
+            update={
+                "title": credits.title or credits.name,
+                "command": credits.command or first.command,
+            }
+        )
+        folder = as_path(out, "the entries") / metadata.name
+        check_metadata(metadata, folder / METADATA_FILE, submission=True)
+        return cls(metadata, folder, first)
 
-    def keep(self, stems: Collection[str], replace: bool) -> dict[str, bytes]:
-        """Read the files that stay of an entry that is there.
+    def keep(self, places: Collection[str], replace: bool) -> list[EntryResult]:
+        """Read the results that stay of an entry that is there.
 
         Args:
-            stems: What the names of the new results begin with.
+            places: The places of the new results.
             replace: Whether they may replace results that are there.
 
         Raises:
@@ -341,45 +299,40 @@ class _Place:
         """
         folder = self.folder
         if not folder.exists() and not folder.is_symlink():
-            return {}
+            return []
         check_entry(folder, submission=False)
-        kept: dict[str, bytes] = {}
-        for stem, one in read_entry(folder).results.items():
-            if stem in stems:
-                if not replace:
-                    raise UserError(
-                        f"Expected a new result, got {stem}, which {folder} has already. Replace "
-                        "it by --replace, or give the entry another --name."
-                    )
-                continue
-            refuse_other_adversary(self.first, one.claimed.identity, str(folder))
-            files = ResultFiles(folder, stem)
-            for path in (files.claims, files.samples, files.verified):
-                if path.exists():
-                    with file_errors("read", path):
-                        kept[path.name] = path.read_bytes()
+        kept = []
+        for place, result in read_entry(folder).results.items():
+            if place not in places:
+                refuse_other_adversary(self.first, result.claimed.experiment.adversary, str(folder))
+                kept.append(result)
+            elif not replace:
+                raise UserError(
+                    f"Expected a new result, got {place}, which {folder} has already. Replace "
+                    "it by --replace, or give the entry another --name."
+                )
         return kept
 
 
-def _put(results: Results, place: _Place, replace: bool) -> Entry:
+def _put(parts: Parts, place: _Place, replace: bool) -> Entry:
     """Write an entry beside its place, check it, and put it there together with what is there."""
-    kept = place.keep(list(results.parts), replace)
+    kept = place.keep(list(parts.by_place), replace)
+    new = list(parts.results())
     with tempfile.TemporaryDirectory() as name:
-        made = Path(name) / place.about.name
+        made = Path(name) / place.metadata.name
         with file_errors("make the folder", made):
             made.mkdir()
-        write_about(made, place.about)
-        results.write(made)
+        write_metadata(made, place.metadata)
+        write_results(made, new)
         try:
             check_entry(made)
         except UserError as error:
             # of the place that the user knows
             raise UserError(str(error).replace(str(made), str(place.folder))) from error
-        files = {path.name: path.read_bytes() for path in sorted(made.iterdir())}
 
     def fill(beside: Path) -> None:
-        for name, content in (kept | files).items():
-            write_file(beside / name, content)
+        write_metadata(beside, place.metadata)
+        write_results(beside, [*kept, *new])
 
     with file_errors("make the folder", place.folder.parent):
         place.folder.parent.mkdir(parents=True, exist_ok=True)

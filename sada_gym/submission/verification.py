@@ -6,6 +6,7 @@ speaks against a result: see `sada_gym.submission.flags`.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,16 +20,16 @@ from typing_extensions import Self
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluations import Evaluations, seed_of
-from sada_gym.experiment.assemble import RunTarget
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import feasible_rate, measure
-from sada_gym.measures.reference import load_reference
+from sada_gym.experiment.record import Experiment, place_of
+from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.parameters import Mu
-from sada_gym.submission.checks import check_entry, is_outdated
-from sada_gym.submission.entry import SAMPLES, Entry, read_entry, write_verified
+from sada_gym.results.entry import SAMPLES, Entry, EntryResult, GroupFiles, read_entry
+from sada_gym.results.models import SeedResult, Verified, VerifiedSeed
+from sada_gym.results.samples import read_samples
+from sada_gym.submission.checks import check_entry, find_outdated
 from sada_gym.submission.flags import Evidence, SeedEvidence, find_flags
-from sada_gym.submission.models import Identity, Verified, VerifiedSeed, result_stem
-from sada_gym.submission.samples import read_samples
 
 State = Literal["verified", "unchanged", "outdated", "differs", "refused"]
 
@@ -39,7 +40,7 @@ class Finding:
 
     Attributes:
         entry: The entry's name.
-        stem: What the names of the result's files begin with; empty for a refused entry.
+        place: The place of the result in the entry; empty for a refused entry.
         state: `verified` now; `unchanged`, because it was verified with this nonce before;
             `outdated`, so that nothing was evaluated; `differs` from the file that is there, where
             files are only checked; or `refused`.
@@ -48,7 +49,7 @@ class Finding:
     """
 
     entry: str
-    stem: str
+    place: str
     state: State
     reason: str = ""
     verified: Verified | None = None
@@ -92,35 +93,37 @@ def verify(
     entries, refused = _read_entries(folders)
     yield from refused
     with Verifier(workers=workers) as verifier:
-        for entry, stem in _by_target(entries):
-            result = entry.results[stem]
-            found = result.verified
-            told = found.nonce if nonce is None and found is not None else nonce
-            outdated = is_outdated(result.claimed.identity)
+        for entry, place in _by_target(entries):
+            finding = functools.partial(Finding, entry.metadata.name, place)
+            result = entry.results[place]
+            known = result.verified
+            chosen = known.nonce if nonce is None and known is not None else nonce
+            outdated = find_outdated(result.claimed.experiment)
             if outdated:
-                yield Finding(entry.about.name, stem, "outdated", outdated)
+                yield finding("outdated", outdated)
                 continue
-            if told is None:
-                reason = "nothing of these samples is verified"
-                yield Finding(entry.about.name, stem, "differs", reason)
+            if chosen is None:
+                yield finding("differs", "nothing of these samples is verified")
                 continue
-            if found is not None and not again and not check and (missing or found.nonce == told):
-                yield Finding(entry.about.name, stem, "unchanged", verified=found)
+            if known is not None and not again and not check and (missing or known.nonce == chosen):
+                yield finding("unchanged", verified=known)
                 continue
+            # what was verified under another name is checked under that name
+            salt = known.salt if check and known is not None else None
             try:
-                new = verifier.verify(entry, stem, told, against=against)
+                new = verifier.verify(entry, place, chosen, salt=salt, against=against)
                 if not check:
-                    write_verified(entry.folder, stem, new)
+                    GroupFiles(entry.folder, result.group).add_verified(place, new)
             except UserError as error:
-                yield Finding(entry.about.name, stem, "refused", str(error))
+                yield finding("refused", str(error))
                 continue
             if not check:
-                yield Finding(entry.about.name, stem, "verified", verified=new)
-            elif found == new:
-                yield Finding(entry.about.name, stem, "unchanged", verified=new)
+                yield finding("verified", verified=new)
+            elif known == new:
+                yield finding("unchanged", verified=new)
             else:
                 reason = "the file holds something else than the verifier finds"
-                yield Finding(entry.about.name, stem, "differs", reason, new)
+                yield finding("differs", reason, new)
 
 
 def _read_entries(folders: Iterable[Path]) -> tuple[list[Entry], list[Finding]]:
@@ -136,23 +139,23 @@ def _read_entries(folders: Iterable[Path]) -> tuple[list[Entry], list[Finding]]:
 
 def _by_target(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
     """List all results so that those of one track and agent follow each other."""
-    listed = [(entry, stem) for entry in entries for stem in entry.results]
+    listed = [(entry, place) for entry in entries for place in entry.results]
 
-    def key(one: tuple[Entry, str]) -> tuple[str, str]:
-        identity = one[0].results[one[1]].claimed.identity
-        return identity.track, identity.agent
+    def key(listed: tuple[Entry, str]) -> tuple[str, str]:
+        target = listed[0].results[listed[1]].claimed.experiment.target
+        return target.track, target.agent
 
     return sorted(listed, key=key)
 
 
-def fresh_seeds(entry: str, identity_sha256: str, nonce: str, run: int, count: int) -> list[int]:
-    """Give the evaluation seeds of a run's samples: a hash of all that names them, and the nonce.
+def fresh_seeds(salt: tuple[str, str], nonce: str, run: int, count: int) -> list[int]:
+    """Return the evaluation seeds of a run's samples: a hash of the salt, the nonce and the run.
 
     They belong to the stream `test`, as the claimed ones do. Seeds of one stream have their lowest
     bits in common: should a world depend on these, seeds of another stream would not be
     exchangeable with the claimed ones.
     """
-    texts = (json.dumps([entry, identity_sha256, nonce, run, row]) for row in range(count))
+    texts = (json.dumps([*salt, nonce, run, row]) for row in range(count))
     return [seed_of(hashlib.sha256(t.encode()).digest()[:4], "test") for t in texts]
 
 
@@ -165,11 +168,10 @@ class Verifier:
 
     def __init__(self, *, workers: int = 1) -> None:
         self._workers = workers
-        self._evaluator: Evaluator | None = None
-        self._target: RunTarget | None = None
+        self._opened: OpenTarget | None = None
 
     def __enter__(self) -> Self:
-        """Give itself."""
+        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -178,85 +180,86 @@ class Verifier:
 
     def close(self) -> None:
         """Stop the workers and close the application."""
-        evaluator, self._evaluator, self._target = self._evaluator, None, None
-        if evaluator is not None:
-            evaluator.close()
+        opened, self._opened = self._opened, None
+        if opened is not None:
+            opened.close()
 
     def verify(
-        self, entry: Entry, stem: str, nonce: str, *, against: Path | None = None
+        self,
+        entry: Entry,
+        place: str,
+        nonce: str,
+        *,
+        salt: tuple[str, str] | None = None,
+        against: Path | None = None,
     ) -> Verified:
         """Score the samples of a result again, each once, and measure them.
 
         Args:
             entry: The entry, which passed `check_entry`.
-            stem: What the names of the result's files begin with.
+            place: The place of the result in the entry.
             nonce: What makes the evaluation seeds fresh.
+            salt: The names that go into them; None takes those of the entry and of the result.
             against: The folder of the entries whose samples are compared; None takes the entry's
                 neighbours.
 
         Raises:
             UserError: If the track or its reference set cannot be opened.
         """
-        result = entry.results[stem]
-        identity = result.claimed.identity
-        evaluator, target = self._open(identity.track, identity.agent)
-        rng_text = [entry.about.name, identity.sha256, nonce]
-        seeds = []
-        for claimed in result.claimed.seeds:
-            if claimed.measures is None:
-                continue
-            samples = result.samples[claimed.seed]
-            fresh = fresh_seeds(
-                entry.about.name, identity.sha256, nonce, claimed.seed, len(samples)
-            )
-            again = _score(evaluator, samples.mu, fresh)
-            ideal = uniform = None
-            if target.split[1] is not None:
-                drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.split[1])
-                ideal = _score(evaluator, drawn.sample(len(samples)), fresh)
-            if target.reference is None:
-                mu = _uniform(json.dumps([*rng_text, claimed.seed]), samples.mu.shape)
-                uniform = _score(evaluator, mu, fresh)
-            assert evaluator.application is not None
-            feasible = evaluator.application.feasible(again.mu, fresh)
-            measures = measure(
-                again,
-                Evaluations.empty(target.dimension),
-                identity.fooling_threshold,
-                fooling_set=target.split[0],
-                ideal=ideal,
-                images=None,
-                seed=claimed.seed,
-                feasible=feasible_rate(again.fooled(identity.fooling_threshold), feasible),
-            )
-            seeds.append(SeedEvidence(claimed, samples, again, ideal, uniform, measures))
-        evidence = Evidence(
-            identity, tuple(seeds), target.reference, _neighbours(entry, identity, against)
+        result = entry.results[place]
+        experiment = result.claimed.experiment
+        salt = salt or (entry.metadata.name, result.claimed.sha256)
+        target = self._open(experiment.target)
+        seeds = tuple(
+            _seed_evidence(target, claims, result, fresh, [*salt, nonce])
+            for claims in result.claimed.seeds
+            if claims.measures is not None
+            for fresh in [fresh_seeds(salt, nonce, claims.seed, experiment.protocol.samples)]
         )
+        neighbours = _neighbours(entry, experiment, against)
+        evidence = Evidence(experiment, seeds, target.reference, neighbours)
         return Verified.make(
             result.claimed,
             result.samples,
+            salt,
             nonce,
-            (VerifiedSeed(seed=one.claimed.seed, measures=one.measures) for one in seeds),
+            (VerifiedSeed(seed=found.claimed.seed, measures=found.measures) for found in seeds),
             find_flags(evidence),
         )
 
-    def _open(self, track: str, agent: str) -> tuple[Evaluator, RunTarget]:
-        """Open a track with an agent, unless it is open."""
-        target = self._target
-        if target is None or (target.track, target.application.agent_name) != (track, agent):
+    def _open(self, target: Target) -> OpenTarget:
+        """Open a target, unless it is open."""
+        if self._opened is None or self._opened.target != target:
             self.close()
-            evaluator = Evaluator(track, workers=self._workers)
-            if evaluator.application is not None and evaluator.application.agent_name != agent:
-                evaluator.close()
-                evaluator = Evaluator(track, env_kwargs={"agent": agent}, workers=self._workers)
-            application = evaluator.application
-            assert application is not None
-            self._evaluator = evaluator
-            self._target = RunTarget(track, application, load_reference(track, application))
-        assert self._evaluator is not None
-        assert self._target is not None
-        return self._evaluator, self._target
+            self._opened = target.open(workers=self._workers)
+        return self._opened
+
+
+def _seed_evidence(
+    target: OpenTarget, claimed: SeedResult, result: EntryResult, fresh: list[int], text: list[str]
+) -> SeedEvidence:
+    """Score and measure the samples of one seed on fresh evaluation seeds."""
+    samples, threshold = result.samples[claimed.seed], target.target.fooling_threshold
+    again = _score(target.evaluator, samples.mu, fresh)
+    ideal = uniform = None
+    if target.ideal_set is not None:
+        drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.ideal_set)
+        ideal = _score(target.evaluator, drawn.sample(len(samples)), fresh)
+    if target.reference is None:
+        mu = _uniform(json.dumps([*text, claimed.seed]), samples.mu.shape)
+        uniform = _score(target.evaluator, mu, fresh)
+    feasible = target.application.feasible(again.mu, fresh)
+    measures = measure(
+        again,
+        Evaluations.empty(target.dimension),
+        threshold,
+        fooling_set=target.fooling_set,
+        ideal=ideal,
+        images=None,
+        seed=claimed.seed,
+        feasible=feasible_rate(again.fooled(threshold), feasible),
+    )
+    return SeedEvidence(claimed, samples, again, ideal, uniform, measures)
 
 
 def _score(evaluator: Evaluator, mu: Mu, seeds: list[int]) -> Evaluations:
@@ -269,20 +272,25 @@ def _uniform(text: str, shape: tuple[int, ...]) -> Mu:
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
-def _neighbours(entry: Entry, identity: Identity, against: Path | None) -> dict[str, Mu]:
+def _neighbours(entry: Entry, experiment: Experiment, against: Path | None) -> dict[str, Mu]:
     """Read the samples that other entries have on a track and agent; broken ones are left out."""
     folder = entry.folder.absolute().parent if against is None else against
-    pattern = f"*/{result_stem(identity.track, identity.agent, '')}.*{SAMPLES}"
-    found: dict[str, list[Mu]] = {}
-    for path in sorted(folder.glob(pattern)):
+    target = experiment.target
+    prefix = f"{place_of(target.track, target.agent, '')}."
+    neighbours: dict[str, list[Mu]] = {}
+    for path in sorted(folder.glob(f"*/{experiment.group}{SAMPLES}")):
         name = path.parent.name
-        if name == entry.about.name or name.startswith("."):
+        if name == entry.metadata.name or name.startswith("."):
             continue
         try:
             samples = read_samples(path)
         except UserError:
             continue
-        found.setdefault(name, []).extend(
-            one.mu for one in samples.values() if np.isfinite(one.mu).all()
+        neighbours.setdefault(name, []).extend(
+            part.mu
+            for place, seeds in samples.items()
+            if place.startswith(prefix)
+            for part in seeds.values()
+            if np.isfinite(part.mu).all()
         )
-    return {name: np.concatenate(parts) for name, parts in found.items() if parts}
+    return {name: np.concatenate(parts) for name, parts in neighbours.items() if parts}

@@ -10,6 +10,7 @@ from bench_toys import ANALYTIC, LOGGED, make_reference, suite
 from interrupting import start_interruptible
 from rich.console import Console
 from rich.text import Text
+from sada_gym.submission.entry import read_entries
 from typer.testing import CliRunner
 
 from sada_gym.benchmark.entries import Missing
@@ -20,7 +21,6 @@ from sada_gym.benchmark.suite import SUITES, TABLES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
 from sada_gym.experiment.run import RunProgress
-from sada_gym.submission.entry import read_entries
 
 SMALL = ["--track", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 

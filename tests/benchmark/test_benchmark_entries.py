@@ -4,6 +4,8 @@ import shutil
 
 import pytest
 from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in, suite
+from sada_gym.submission.entry import read_about, read_entry, write_about, write_verified
+from sada_gym.submission.models import MAX_ERROR, SeedResult, Verified
 
 from sada_gym.benchmark.entries import about_of, find_missing
 from sada_gym.benchmark.folder import Timing, claim, read_costs, sole_user
@@ -15,8 +17,6 @@ from sada_gym.benchmark.suite import Contender, choose, find_contender, find_sui
 from sada_gym.errors import UserError
 from sada_gym.experiment.record import RunFailure
 from sada_gym.submission.checks import check_entry, is_outdated
-from sada_gym.submission.entry import read_about, read_entry, write_about, write_verified
-from sada_gym.submission.models import MAX_ERROR, SeedResult, Verified
 
 WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)
 STEM = f"{ANALYTIC}.n60"

@@ -4,12 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from sada_gym.benchmark.results import results_of
-from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
-from sada_gym.errors import UserError
-from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import Entry, EntryResult
 from sada_gym.submission.models import (
     FORMAT,
@@ -20,6 +14,12 @@ from sada_gym.submission.models import (
     Verified,
     VerifiedSeed,
 )
+
+from sada_gym.benchmark.results import results_of
+from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
+from sada_gym.errors import UserError
+from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.measure import measure
 
 EQUAL = TABLES["equal-queries"]
 TRACKS = ("SADA-Driving-Straight-v0", "SADA-Driving-OneCurve-v0")

@@ -13,6 +13,7 @@ from bench_toys import (
     run_in,
     suite,
 )
+from sada_gym.submission.entry import read_entries
 
 from sada_gym.benchmark.entries import find_missing
 from sada_gym.benchmark.folder import claim, novelty_picture, store_file
@@ -31,7 +32,6 @@ from sada_gym.measures.novelty import novelty
 from sada_gym.measures.rates import mu_std
 from sada_gym.measures.reference import load_reference
 from sada_gym.oracle import evaluation_seeds
-from sada_gym.submission.entry import read_entries
 
 
 @pytest.fixture(scope="module")

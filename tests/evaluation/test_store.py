@@ -12,7 +12,8 @@ import pytest
 from toy import Toy
 
 from sada_gym.errors import StoreError, StoreInUse
-from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.key import ApplicationKey
+from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.store_errors import explained
 
 RNG = np.random.default_rng(0)
@@ -37,11 +38,11 @@ def path(tmp_path):
 
 def test_scores_come_back_to_the_last_bit(path):
     with EvaluationStore(path) as store:
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         store.commit(key, MU[:60], SEEDS[:60], SCORES[:60])
     with EvaluationStore(path) as store:
         assert len(store) == 60
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         order = RNG.permutation(100)
         found = store.lookup(key, MU[order], [SEEDS[i] for i in order])
         np.testing.assert_array_equal(found, np.where(order < 60, SCORES[order], np.nan))
@@ -49,19 +50,19 @@ def test_scores_come_back_to_the_last_bit(path):
 
 def test_mu_seed_and_context_all_matter(path):
     with EvaluationStore(path) as store:
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         store.commit(key, MU[:1], [5], SCORES[:1])
         assert store.lookup(key, MU[:1], [5])[0] == SCORES[0]
         assert np.isnan(store.lookup(key, MU[:1], [6])[0])
         assert np.isnan(store.lookup(key, np.nextafter(MU[:1], np.float32(2)), [5])[0])
         for other in (Toy(offset=0.1), Toy(agent_id="another")):
-            assert np.isnan(store.lookup(store.context(Context.of(other)), MU[:1], [5])[0])
+            assert np.isnan(store.lookup(store.context(ApplicationKey.of(other)), MU[:1], [5])[0])
 
 
 def test_settings_are_compared_whatever_their_order():
     forwards = with_settings({"a": 1, "b": 2})
     backwards = with_settings({"b": 2, "a": 1})
-    assert Context.of(forwards) == Context.of(backwards)
+    assert ApplicationKey.of(forwards) == ApplicationKey.of(backwards)
 
 
 def with_settings(settings):
@@ -70,19 +71,19 @@ def with_settings(settings):
 
 def test_another_version_is_refused(path):
     with EvaluationStore(path) as store:
-        store.context(Context.of(Toy()))
+        store.context(ApplicationKey.of(Toy()))
         with pytest.raises(StoreError, match=r"of Toy-v1 .* got some of Toy-v0.*Name a new store"):
-            store.context(Context.of(Toy(version=1)))
+            store.context(ApplicationKey.of(Toy(version=1)))
 
 
 def test_no_fingerprint_is_refused():
     with pytest.raises(StoreError, match=r"Expected a fingerprint of Toy's agent.*agent_id="):
-        Context.of(Toy(agent_id=None))
+        ApplicationKey.of(Toy(agent_id=None))
 
 
 def test_settings_that_are_not_json_are_refused():
     with pytest.raises(TypeError, match="Expected JSON-compatible settings from Odd"):
-        Context.of(with_settings({"shape": object()}))
+        ApplicationKey.of(with_settings({"shape": object()}))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +109,7 @@ def test_another_programs_database_is_refused_and_left_alone(path):
 
 def filled(path):
     with EvaluationStore(path) as store:
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         for start in range(0, 100, 10):
             rows = slice(start, start + 10)
             store.commit(key, MU[rows], SEEDS[rows], SCORES[rows])
@@ -145,7 +146,7 @@ def test_a_second_writer_is_kept_out(path):
             [sys.executable, "-c", OPEN, str(path)], capture_output=True, text=True, check=False
         )
         assert IN_USE in there.stderr
-        store.context(Context.of(Toy()))
+        store.context(ApplicationKey.of(Toy()))
     EvaluationStore(path).close()
 
 
@@ -153,7 +154,8 @@ OPEN = "import sys; from sada_gym.evaluation.store import EvaluationStore as S; 
 
 DIE = """
 import os, sys, numpy as np
-from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.key import ApplicationKey
+from sada_gym.evaluation.store import EvaluationStore
 store = EvaluationStore(sys.argv[1])
 key = store.context(Context("Toy", 0, '{"dimension":3,"offset":0.0}', "toy"))
 for i in range(3):
@@ -168,7 +170,7 @@ def test_commits_survive_a_kill_and_the_lock_does_not(path):
     subprocess.run([sys.executable, "-c", DIE, str(path)], check=False)
     with EvaluationStore(path) as store:
         assert len(store) == 3
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         mu = np.array([[0.0] * 3, [0.25] * 3, [0.5] * 3], np.float32)
         assert store.lookup(key, mu, [0, 1, 2]).tolist() == [0.0, 0.125, 0.25]
 
@@ -178,7 +180,7 @@ def test_a_store_takes_little_more_room_than_its_scores(path):
         return sum(file.stat().st_size for file in path.parent.iterdir())
 
     with EvaluationStore(path) as store:
-        key = store.context(Context.of(Toy(8)))
+        key = store.context(ApplicationKey.of(Toy(8)))
         greatest = 0
         for start in range(0, 5_000, 50):
             mu = RNG.uniform(-1, 1, (50, 8)).astype(np.float32)
@@ -205,7 +207,7 @@ def test_a_missing_folder_or_a_folder_for_a_file_is_refused(tmp_path):
 
 
 def fill(store, count=1000):
-    key = store.context(Context.of(Toy()))
+    key = store.context(ApplicationKey.of(Toy()))
     for i in range(count):
         mu = np.full((64, 3), i / count, np.float32)
         store.commit(key, mu, list(range(64)), np.full(64, 0.5))
@@ -288,7 +290,7 @@ def test_a_disk_that_reports_an_error_is_told_of(path):
 def test_a_page_that_goes_bad_during_a_run_is_told_of(path):
     filled(path)
     with EvaluationStore(path) as store:
-        key = store.context(Context.of(Toy()))
+        key = store.context(ApplicationKey.of(Toy()))
         store._connection.execute("PRAGMA shrink_memory")  # so that pages are read again
         content = path.read_bytes()
         with path.open("r+b") as file:
@@ -301,11 +303,11 @@ def test_a_page_that_goes_bad_during_a_run_is_told_of(path):
 
 def test_a_closed_store_is_told_of(path):
     store = EvaluationStore(path)
-    key = store.context(Context.of(Toy()))
+    key = store.context(ApplicationKey.of(Toy()))
     store.close()
     store.close()
     calls = (
-        lambda: store.context(Context.of(Toy())),
+        lambda: store.context(ApplicationKey.of(Toy())),
         lambda: store.lookup(key, MU, SEEDS),
         lambda: store.commit(key, MU, SEEDS, SCORES),
         lambda: len(store),
@@ -432,7 +434,8 @@ FORKS = """
 import os, shutil, sys
 import numpy as np
 from sada_gym.errors import StoreError
-from sada_gym.evaluation.store import Context, EvaluationStore
+from sada_gym.evaluation.key import ApplicationKey
+from sada_gym.evaluation.store import EvaluationStore
 
 def put(seed):
     store.commit(key, np.zeros((64, 3), np.float32), range(seed, seed + 64), np.zeros(64))

@@ -3,11 +3,11 @@
 import json
 
 import pytest
+from sada_gym.experiment.assemble import find_target
 from toy import Greedy, Toy
 
 from sada_gym.attack import attack
 from sada_gym.evaluation.problems import make_application
-from sada_gym.experiment.assemble import find_target
 from sada_gym.experiment.record import ReferenceSummary, RunReport
 from sada_gym.files import read_model
 from sada_gym.measures.coverage import NEAREST

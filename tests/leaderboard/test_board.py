@@ -4,6 +4,7 @@ import json
 
 import pytest
 from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
+from sada_gym.submission.entry import read_entries
 
 from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
@@ -13,7 +14,6 @@ from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
 from sada_gym.cards import find_card
 from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
-from sada_gym.submission.entry import read_entries
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pytest
 from made_entries import PACKAGES, make_entry
-
-from sada_gym.errors import FileError, UserError
-from sada_gym.submission.checks import check_entry, is_outdated
 from sada_gym.submission.entry import ResultFiles, read_entry, write_result, write_verified
 from sada_gym.submission.models import Result, SeedResult, Verified
 from sada_gym.submission.today import board_tracks, find_rule, today
+
+from sada_gym.errors import FileError, UserError
+from sada_gym.submission.checks import check_entry, is_outdated
 
 
 @pytest.fixture(scope="module")

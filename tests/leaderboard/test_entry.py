@@ -2,10 +2,6 @@ import json
 
 import numpy as np
 import pytest
-
-from sada_gym.errors import FileError, UserError
-from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.measure import measure
 from sada_gym.submission.entry import (
     EntryResult,
     ResultFiles,
@@ -26,6 +22,10 @@ from sada_gym.submission.models import (
     entry_name,
     result_stem,
 )
+
+from sada_gym.errors import FileError, UserError
+from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.measure import measure
 
 
 def about(**changes):

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from fuzz_entries import fuzz
 from made_entries import ANALYTIC, make_entry
+from sada_gym.submission.models import result_stem
 
 from sada_gym.errors import UserError
 from sada_gym.submission.checks import MAX_FILES, check_entry
-from sada_gym.submission.models import result_stem
 
 STEM = f"{ANALYTIC}.paper-budgets"
 

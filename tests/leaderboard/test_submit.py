@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_entries import ANALYTIC, make_entry
+from sada_gym.submission.entry import read_entry, write_verified
+from sada_gym.submission.models import Verified
+from sada_gym.submission.samples import samples_sha256
 from toy import Greedy, Toy
 
 from sada_gym.attack import attack
 from sada_gym.cli import app
 from sada_gym.errors import UserError
 from sada_gym.submission.checks import check_entry
-from sada_gym.submission.entry import read_entry, write_verified
-from sada_gym.submission.models import Verified
-from sada_gym.submission.samples import samples_sha256
 from sada_gym.submission.submit import Credits, submit, submit_samples
 
 ROOT = Path(__file__).parents[2]

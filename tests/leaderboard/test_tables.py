@@ -4,6 +4,7 @@ import re
 
 import pytest
 from prose import numbers, rows
+from sada_gym.submission.entry import read_entries
 
 from leaderboard.tables import (
     BLOCKS,
@@ -19,7 +20,6 @@ from sada_gym.benchmark.report.tables import TABLE_FILE, write_tables
 from sada_gym.benchmark.suite import CONTENDERS, find_suite
 from sada_gym.benchmark.suite import SUITES as SUITES_OF_ALL
 from sada_gym.submission.checks import check_entry, is_outdated
-from sada_gym.submission.entry import read_entries
 
 
 @pytest.fixture(scope="module")

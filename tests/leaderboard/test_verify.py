@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from made_entries import ANALYTIC, make_entry, rescored, uniform
 from make_golden import GOLDEN, NONCE
+from sada_gym.submission.entry import read_entry, read_verified, write_result
+from sada_gym.submission.models import Result
+from sada_gym.submission.today import find_target
 from typer.testing import CliRunner
 
 from leaderboard.verify import app
@@ -19,9 +22,6 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.experiment.ideal import Ideal
-from sada_gym.submission.entry import read_entry, read_verified, write_result
-from sada_gym.submission.models import Result
-from sada_gym.submission.today import find_target
 from sada_gym.submission.verification import fresh_seeds, verify
 
 ROOT = Path(__file__).parents[2]

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+from sada_gym.submission.entry import read_entries
+from sada_gym.submission.models import entry_name, result_stem
 from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
@@ -20,8 +22,6 @@ from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.problems import make_application
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
-from sada_gym.submission.entry import read_entries
-from sada_gym.submission.models import entry_name, result_stem
 
 ANALYTIC = "SADA-Analytic-v0"
 LOGGED = "bench_toys:Logged-v0"

@@ -26,11 +26,11 @@ from typing import Any
 
 import numpy as np
 from made_entries import make_entry
+from sada_gym.submission.entry import read_entry
+from sada_gym.submission.models import result_stem
 
 from sada_gym.errors import UserError
 from sada_gym.submission.checks import check_entry
-from sada_gym.submission.entry import read_entry
-from sada_gym.submission.models import result_stem
 
 Rng = np.random.Generator
 SLOW_S = 5.0

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified
+from sada_gym.submission.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
+from sada_gym.submission.today import find_target, today
 
 from sada_gym.cards import find_card
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import measure
-from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified
-from sada_gym.submission.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
-from sada_gym.submission.today import find_target, today
 
 DIGITS = ("SADA-Digits-3-v0", "SADA-Digits-4-v0")
 RACING = tuple(f"SADA-UAV-{n}Anchors-v0" for n in (3, 4, 5))

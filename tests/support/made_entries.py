@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sada_gym.submission.entry import write_about, write_result
+from sada_gym.submission.models import FORMAT, About, Result, SeedResult
+from sada_gym.submission.today import find_target, today
 
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
@@ -16,9 +19,6 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import measure
 from sada_gym.measures.rates import attack_fooling_rate
-from sada_gym.submission.entry import write_about, write_result
-from sada_gym.submission.models import FORMAT, About, Result, SeedResult
-from sada_gym.submission.today import find_target, today
 
 ANALYTIC = "SADA-Analytic-v0"
 PACKAGES = {"python": "3.11.2", "sada_gym": "0.1.0", "numpy": "2.0.0"}

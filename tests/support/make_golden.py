@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from made_entries import make_entry, rescored, uniform
-
-from sada_gym.evaluations import Evaluations
 from sada_gym.submission.entry import read_entry, write_result
 from sada_gym.submission.models import Result
+
+from sada_gym.evaluations import Evaluations
 from sada_gym.submission.verification import verify
 
 GOLDEN = Path(__file__).parents[1] / "leaderboard" / "golden"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,9 @@ import numpy as np
 from sada_gym.benchmark.folder import picture_folder
 from sada_gym.benchmark.report.tables import short_name
 from sada_gym.benchmark.results import Results
-from sada_gym.benchmark.worlds import World
+from sada_gym.benchmark.targets import Targets
 from sada_gym.experiment.ideal import IDEAL
+from sada_gym.experiment.record import slug
 from sada_gym.files import write_file
 from sada_gym.parameters import Mu
 from sada_gym.plots.style import png
@@ -24,9 +25,8 @@ from sada_gym.results.charts import (
     novelty_ratios,
     tradeoff,
 )
+from sada_gym.results.entry import Entry
 from sada_gym.results.rows import MEANS, RunSummary
-from sada_gym.submission.entry import Entry
-from sada_gym.submission.models import result_stem, slug
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ def draw_benchmark(
     out: Path,
     results: Results,
     entries: Sequence[Entry],
-    worlds: Mapping[tuple[str, str], World],
+    targets: Targets,
 ) -> None:
     """Draw the pictures of every table and agent into OUT/pictures.
 
@@ -46,9 +46,9 @@ def draw_benchmark(
         out: The benchmark's folder.
         results: The results of the entries.
         entries: The entries.
-        worlds: What they attack, by track and agent.
+        targets: What they attack, by track and agent.
     """
-    for path, figure in _figures(out, results, entries, worlds):
+    for path, figure in _figures(out, results, entries, targets):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, png(figure))
 
@@ -57,7 +57,7 @@ def _figures(
     out: Path,
     results: Results,
     entries: Sequence[Entry],
-    worlds: Mapping[tuple[str, str], World],
+    targets: Targets,
 ) -> Iterator[tuple[Path, Figure]]:
     titles = {table.name: table.title for table in results.tables}
     for table, agent in results.comparisons():
@@ -74,13 +74,13 @@ def _figures(
         if ratios := _ratios(runs):
             yield folder / "novelty.png", novelty_ratios(ratios, f"{title}: novelty of the samples")
         for track in tracks:
-            world, name = worlds[track, agent], short_name(track)
+            target, name = targets[track, agent], short_name(track)
             samples = _samples(entries, [run for run in runs if run.track == track])
             if samples:
                 figure = marginal_strips(
-                    world.parameters,
+                    target.parameters,
                     samples,
-                    world.fooling_set,
+                    target.fooling_points,
                     f"{title}: where samples lie, {name}",
                 )
                 yield folder / f"marginals-{slug(name)}.png", figure
@@ -91,7 +91,9 @@ def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
     found: dict[bytes, Curve] = {}
     for label in dict.fromkeys(run.label for run in runs):
         searched = [
-            (run.track, run.search.curve) for run in runs if run.label == label and run.search
+            (run.track, run.claims.search.curve)
+            for run in runs
+            if run.label == label and run.claims.search
         ]
         points = [{point.queries: point for point in curve} for _, curve in searched]
         queries = sorted(set.intersection(*map(set, points))) if points else []
@@ -124,11 +126,11 @@ def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
 
 def _samples(entries: Sequence[Entry], runs: Sequence[RunSummary]) -> dict[str, Mu]:
     """Give the test samples of all seeds by contender."""
-    of_entry = {entry.about.name: entry for entry in entries}
+    of_entry = {entry.metadata.name: entry for entry in entries}
     parts: dict[str, list[Mu]] = {}
     for run in runs:
         if run.measures is not None:
-            stem = result_stem(run.track, run.agent, run.rule)
-            samples = of_entry[run.entry].results[stem].samples[run.seed]
+            result = of_entry[run.entry].results[run.experiment.place]
+            samples = result.samples[run.claims.seed]
             parts.setdefault(run.label, []).append(samples.mu)
     return {label: np.concatenate(mu) for label, mu in parts.items()}

@@ -137,7 +137,7 @@ def _columns(rows: Sequence[Row]) -> dict[str, Mean]:
 
 def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
     """Put all applications in one table, each by its default agent; none if there is only one."""
-    application_of = {target.track: target.application for target in results.targets}
+    application_of = {target.track: target.application.name for target in results.targets}
     agent_of = {
         run.track: run.agent
         for run in results.runs
@@ -289,15 +289,15 @@ def _targets(results: Results) -> Iterator[str]:
         ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
     )
     for target in results.targets:
-        reference = target.reference
+        reference, fingerprint = target.reference, target.application.fingerprint
         yield table_line(
             target.track,
             target.agent or _BLANK,
             f"{target.fooling_threshold:g}",
-            f"{len(target.seeds)}",
+            f"{len(results.seeds_of(target))}",
             f"{reference.points:,}" if reference else "none",
             f"{percent(reference.fooling / reference.points)} %" if reference else _BLANK,
-            f"`{target.fingerprint[:12]}`" if target.fingerprint else _BLANK,
+            f"`{fingerprint[:12]}`" if fingerprint else _BLANK,
         )
     yield ""
 
@@ -306,9 +306,9 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
     """List the adversaries' flags, errors, and what is missing."""
     flags: Counter[tuple[str, str, str]] = Counter()
     for run in results.runs:
-        flags.update((run.table, run.label, flag) for flag in run.flags)
-        if run.error is not None:
-            flags[run.table, run.label, f"failed: {run.error}"] += 1
+        flags.update((run.table, run.label, flag) for flag in run.claims.flags)
+        if run.claims.error is not None:
+            flags[run.table, run.label, f"failed: {run.claims.error}"] += 1
     lines = [f"- {note}" for note in notes]
     for (table, label, text), count in flags.items():
         runs = "one run" if count == 1 else f"{count} runs"

@@ -9,7 +9,7 @@ import pytest
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import Renderer, Rendering, default_renderer
-from sada_gym.evaluation.store import Context
+from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.oracle import Oracle
 
 MU = np.random.default_rng(0).uniform(-1, 1, (5, 8)).astype(np.float32)
@@ -84,7 +84,7 @@ def test_a_renderer_without_an_identity_is_refused_for_stores():
     application = DetectionApplication("car", renderer=Grey())
     assert application.fingerprint is None
     with pytest.raises(ValueError, match=r"renderer of your own an `identity`"):
-        Context.of(application)
+        ApplicationKey.of(application)
     application.evaluate(MU, range(5))
 
 

@@ -1,0 +1,63 @@
+"""The key of a score in an evaluation store, besides mu and seed."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from typing_extensions import Self
+
+from sada_gym.application import Application
+from sada_gym.errors import StoreError, UserTypeError
+from sada_gym.files import Strict
+
+
+class ApplicationKey(Strict):
+    """All that decides a score besides mu and seed.
+
+    Attributes:
+        name: The application's name.
+        version: Its version.
+        settings: Its resolved keywords.
+        fingerprint: The SHA-256 of the agent and of whatever else decides the score.
+    """
+
+    name: str
+    version: int
+    settings: dict[str, Any]
+    fingerprint: str
+
+    @classmethod
+    def of(cls, application: Application) -> Self:
+        """Make the key of an application.
+
+        Raises:
+            StoreError: If the application has no fingerprint.
+            TypeError: If its settings are not JSON-compatible.
+        """
+        kind = type(application).__name__
+        name, version, fingerprint = application.name, application.version, application.fingerprint
+        if not isinstance(name, str) or not isinstance(version, int) or abs(version) >= 2**63:
+            raise UserTypeError(
+                f"Expected name to be a text and version an int in {kind}, got {name!r} and "
+                f"{version!r}. Set them in the class."
+            )
+        if fingerprint is not None and not isinstance(fingerprint, str):
+            raise UserTypeError(
+                f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
+            )
+        if fingerprint is None:
+            raise StoreError(application.without_fingerprint)
+        try:
+            settings = json.loads(json.dumps(application.settings, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise UserTypeError(
+                f"Expected JSON-compatible settings from {kind}.settings, got "
+                f"{application.settings!r} ({error}). Return numbers, strings, lists, None."
+            ) from error
+        return cls(name=name, version=version, settings=settings, fingerprint=fingerprint)
+
+    @property
+    def settings_json(self) -> str:
+        """The settings as canonical JSON."""
+        return json.dumps(self.settings, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -1,0 +1,132 @@
+"""Which adversary an experiment trains, with all its options."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field
+from typing_extensions import Self
+
+from sada_gym import adversaries
+from sada_gym.adversaries.base import Adversary
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.experiment.ideal import IDEAL, Ideal
+from sada_gym.files import Strict
+from sada_gym.parameters import Mu
+
+
+class AdversarySpec(Strict):
+    """An adversary and its options.
+
+    Attributes:
+        name: Its registered name, `module:Class`, `ideal`, or what its authors call it.
+        preset: The named set of options that it starts from.
+        options: Its other options.
+        resolved: All its options, defaults included: an adversary with other defaults is another
+            one. None before `resolve`.
+    """
+
+    name: str
+    preset: str | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+    resolved: dict[str, Any] | None = None
+
+    @property
+    def label(self) -> str:
+        """What reports call it: its name, and the preset if it has one."""
+        return self.name if self.preset is None else f"{self.name} ({self.preset})"
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the package knows it by this name."""
+        return self.name == IDEAL or self.name in adversaries.names()
+
+    def resolve(self, *, kind: type[Adversary] | None = None) -> Self:
+        """Fill in all options, as JSON holds them.
+
+        Args:
+            kind: The adversary's class, which declares no others; None finds it by the name.
+
+        Raises:
+            TypeError, ValueError: If the name or the preset is unknown, or the options cannot be
+                written as JSON.
+        """
+        options = json_compatible(self.options)
+        resolved = options
+        if kind is None and self.name != IDEAL:
+            resolved = json_compatible(adversaries.resolve(self.name, self._keywords))
+        return self.model_copy(update={"options": options, "resolved": resolved})
+
+    def make(
+        self,
+        dimension: int,
+        *,
+        seed: int,
+        ideal_set: Mu | None,
+        kind: type[Adversary] | None = None,
+    ) -> Adversary:
+        """Make the adversary, untrained.
+
+        Args:
+            dimension: The number of semantic parameters, d.
+            seed: The adversary's seed.
+            ideal_set: (R, d) points known to fool, which `ideal` draws from.
+            kind: The adversary's class; None finds it by the name.
+
+        Raises:
+            TypeError, ValueError: If the adversary or an option is unknown.
+        """
+        taken = sorted({"name", "dimension", "seed"} & set(self.options))
+        if taken:
+            raise UserError(
+                f"Expected the adversary's own options, got {taken[0]!r}, which the run sets "
+                "itself."
+            )
+        if kind is not None:
+            return kind(dimension, seed=seed, **self._keywords)
+        if self.name != IDEAL:
+            return adversaries.make(self.name, dimension, seed=seed, **self._keywords)
+        if self._keywords:
+            raise UserError(f"Expected {IDEAL} without options, got {self._keywords}. Drop them.")
+        if ideal_set is None:
+            raise UserError(
+                f"Expected {IDEAL} on a track that has a reference set, got one without. Choose "
+                "another adversary."
+            )
+        return Ideal(dimension, seed=seed, fooling_set=ideal_set)
+
+    @property
+    def _keywords(self) -> dict[str, Any]:
+        """The preset, and the options that replace some of its own."""
+        return {**({} if self.preset is None else {"preset": self.preset}), **self.options}
+
+
+def name_and_class(adversary: str | type[Adversary]) -> tuple[str, type[Adversary] | None]:
+    """Return an adversary's name, and its class where a user gave that.
+
+    Raises:
+        TypeError: If it is neither.
+    """
+    if isinstance(adversary, str):
+        return adversary, None
+    if not (isinstance(adversary, type) and issubclass(adversary, Adversary)):
+        raise UserTypeError(f"Expected an adversary's name or class, got {adversary!r}.")
+    return adversary.name, adversary
+
+
+def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Copy an adversary's options as JSON would hold them.
+
+    Raises:
+        TypeError: If they cannot be written as JSON.
+    """
+    try:
+        copied: dict[str, Any] = json.loads(json.dumps(dict(options), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise UserTypeError(
+            f"Expected options that can be written as JSON, got {dict(options)!r} ({error}). "
+            "Give numbers, strings, lists, None."
+        ) from error
+    return copied

@@ -1,0 +1,41 @@
+"""What differs between two records, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sada_gym.errors import UserError
+
+
+def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[str]:
+    """Name what differs between two records, down to single entries."""
+    changes = []
+    for name in sorted({*old, *new}):
+        before, now = old.get(name), new.get(name)
+        if isinstance(before, Mapping) and isinstance(now, Mapping):
+            changes += [f"{name}.{change}" for change in differences(before, now)]
+        elif before != now:
+            changes.append(f"{name} was {before!r} and is {now!r}")
+    return changes
+
+
+def refuse_other(
+    expected: str,
+    old: Mapping[str, object],
+    new: Mapping[str, object],
+    mend: str = "Give the same ones, or name another folder.",
+) -> None:
+    """Refuse to mix records that differ.
+
+    Args:
+        expected: What was expected, as in "the settings that ...".
+        old: The record that is there.
+        new: The record that was asked for.
+        mend: What the user can do.
+
+    Raises:
+        ValueError: If they differ; the message names every entry that does.
+    """
+    changes = differences(old, new)
+    if changes:
+        raise UserError(f"Expected {expected}, got others: {'; '.join(changes)}. {mend}")

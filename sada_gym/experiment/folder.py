@@ -1,0 +1,170 @@
+"""The folder of a run: who owns it, what is written there, and what a finished run left."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sada_gym.errors import FileError, StoreError, UserError
+from sada_gym.evaluation.store import EvaluationStore
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.differences import refuse_other
+from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.files import read_arrays, read_model, write_file, write_model
+
+SETTINGS_FILE = "attack.json"
+RESULT_FILE = "result.json"
+SAMPLES_FILE = "samples.npz"
+STORE_FILE = "run.sqlite"
+ADVERSARY_FOLDER = "adversary"
+
+
+def write_samples(path: Path, samples: Evaluations) -> None:
+    """Write test samples as NPZ: mu (n, d) float32, score (n,) float64, seed (n,) int64."""
+    buffer = io.BytesIO()
+    np.savez(buffer, mu=samples.mu, score=samples.score, seed=samples.seed)
+    write_file(path, buffer.getvalue())
+
+
+def read_samples(path: Path) -> Evaluations:
+    """Read test samples that `write_samples` wrote.
+
+    Raises:
+        FileError: If the file cannot be read or does not hold such samples.
+    """
+    arrays = read_arrays(path, {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)})
+    counts = {name: len(array) for name, array in arrays.items()}
+    if len(set(counts.values())) > 1:
+        raise FileError(
+            f"Expected as many mu as scores and seeds in {path}, got {counts}. "
+            "Restore the file, or make it anew."
+        )
+    return Evaluations(arrays["mu"], arrays["score"], arrays["seed"])
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A folder that is a run's own.
+
+    Attributes:
+        folder: The folder.
+        made: What claiming it made: folders, the innermost first. None where it held the run.
+    """
+
+    folder: Path
+    made: tuple[Path, ...] | None
+
+    def release(self) -> None:
+        """Take back a claim whose run made no evaluation, so that nothing of it is left."""
+        store = self.folder / STORE_FILE
+        if self.made is None:
+            return
+        # what cannot be tidied up is left: the error that ended the run says more
+        with suppress(OSError, StoreError):
+            if store.exists():
+                with EvaluationStore(store) as kept:
+                    if len(kept):
+                        return
+            for path in (store, self.folder / SETTINGS_FILE):
+                path.unlink(missing_ok=True)
+            # with a budget of 0 the adversary is saved before the first evaluation
+            shutil.rmtree(self.folder / ADVERSARY_FOLDER, ignore_errors=True)
+            for made in self.made:
+                made.rmdir()
+
+
+def refuse_taken(folder: Path, *, resume: bool) -> None:
+    """Refuse a folder that an attack cannot have, whatever its settings are.
+
+    Raises:
+        ValueError: If it is a file, holds a run and `resume` is not set, or holds results of an
+            unknown run.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"Expected a folder for the results, got the file {folder}. Name another.")
+    if (folder / SETTINGS_FILE).exists():
+        if not resume:
+            raise UserError(
+                f"Expected a new folder for the results, got {folder}, which holds a run. "
+                "Resume that run with --resume (resume=True), or name another folder."
+            )
+        return
+    for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE, ADVERSARY_FOLDER):
+        if (folder / name).exists():
+            raise UserError(
+                f"Expected {folder} to hold no results, got {name} in it without the "
+                f"{SETTINGS_FILE} that says which run it belongs to. Name another folder."
+            )
+
+
+def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFolder:
+    """Make a folder an attack's own by writing its settings there, or find them there.
+
+    Raises:
+        ValueError: If it holds another run, or the same one and `resume` is not set. Nothing is
+            changed then.
+    """
+    refuse_taken(folder, resume=resume)
+    path = folder / SETTINGS_FILE
+    if path.exists():
+        refuse_other(
+            f"the settings that the run in {folder} was started with",
+            read_model(path, RunSettings).model_dump(mode="json"),
+            settings.model_dump(mode="json"),
+        )
+        return RunFolder(folder, None)
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    claimed = RunFolder(folder, tuple(missing))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_model(path, settings)
+    except BaseException:
+        claimed.release()
+        raise
+    return claimed
+
+
+def read_finished(
+    folder: Path, settings: RunSettings, dimension: int
+) -> tuple[RunReport, Evaluations, Evaluations] | None:
+    """Read what a finished run left: its report, its test samples and its training queries.
+
+    Args:
+        folder: The run's folder.
+        settings: The run's settings.
+        dimension: The number of semantic parameters.
+
+    Returns:
+        None where the run is not finished, or one of its files is missing or damaged. To go on with
+        it makes that file anew.
+
+    Raises:
+        StoreError: If another process has the run's store open.
+    """
+    if not all((folder / name).exists() for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE)):
+        return None
+    if not (folder / ADVERSARY_FOLDER).is_dir():
+        return None
+    try:
+        report = read_model(folder / RESULT_FILE, RunReport)
+        samples = read_samples(folder / SAMPLES_FILE)
+    except FileError:
+        return None
+    experiment = settings.experiment
+    shape = (experiment.protocol.samples, dimension)
+    if report.settings != settings or samples.mu.shape != shape:
+        return None
+    seeds = evaluation_seeds(settings.seed, "train", 0, report.search.queries)
+    mu, score = np.zeros((0, dimension), np.float32), np.zeros(0)
+    if seeds:
+        with EvaluationStore(folder / STORE_FILE) as store:
+            stored = store.evaluations(store.context(experiment.target.application), seeds)
+        if stored is None:
+            return None
+        mu, score = stored
+    return report, samples, Evaluations(mu, score, np.array(seeds, np.int64))

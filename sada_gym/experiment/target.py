@@ -1,0 +1,358 @@
+"""What an experiment attacks: a record, and the same with its application open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import closing
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from typing_extensions import Self
+
+from sada_gym import agents
+from sada_gym.application import Application
+from sada_gym.errors import UserError, UserTypeError
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluation.key import ApplicationKey
+from sada_gym.experiment.differences import differences
+from sada_gym.experiment.names import card_of
+from sada_gym.files import Strict, shown
+from sada_gym.ids import names_file
+from sada_gym.measures.coverage import NEAREST
+from sada_gym.measures.reference import FOLDER, Reference, load_reference, read_index
+from sada_gym.parameters import Mu
+from sada_gym.registration import ids_of
+
+
+class ReferenceSummary(Strict):
+    """The reference set that a result is measured against.
+
+    Attributes:
+        sha256: The SHA-256 of its file.
+        points: The number of its points, which are uniform in the box.
+        fooling: How many of them belong to the fooling set.
+        uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
+    """
+
+    sha256: str
+    points: int
+    fooling: int
+    uniform_rate: float
+
+    @classmethod
+    def of(cls, reference: Reference) -> Self:
+        """Describe a reference set."""
+        return cls(
+            sha256=reference.entry.sha256,
+            points=reference.entry.points,
+            fooling=int(reference.fooling.sum()),
+            uniform_rate=reference.uniform_rate,
+        )
+
+    @property
+    def usable(self) -> bool:
+        """Whether half of the fooling set has enough points to measure coverage with."""
+        return self.fooling // 2 > NEAREST
+
+
+class Target(Strict):
+    """What is attacked: a track's application with one agent.
+
+    Attributes:
+        track: The environment's id, or a name for an application that has none.
+        agent: The agent's name; empty where the application has none.
+        application: The application, its settings and its agent's fingerprint.
+        fooling_threshold: The agent is fooled where Q <= this.
+        reference: The reference set that coverage is measured by; None where there is none.
+    """
+
+    track: str
+    agent: str
+    application: ApplicationKey
+    fooling_threshold: float
+    reference: ReferenceSummary | None
+
+    @classmethod
+    def of(
+        cls, application: Application, track: str = "", *, reference: Reference | None = None
+    ) -> Self:
+        """Describe an application.
+
+        Args:
+            application: The application.
+            track: The environment's id; empty for an application that has none.
+            reference: Its reference set.
+
+        Raises:
+            StoreError: If nothing identifies the application's agent.
+        """
+        return cls(
+            track=track or f"{application.name}-v{application.version}",
+            agent=application.agent_name,
+            application=ApplicationKey.of(application),
+            fooling_threshold=float(application.fooling_threshold),
+            reference=None if reference is None else ReferenceSummary.of(reference),
+        )
+
+    def __str__(self) -> str:
+        """Name the target for people."""
+        return f"{self.track} against {self.agent}" if self.agent else self.track
+
+    def open(self, environment: str | Application | None = None, *, workers: int = 1) -> OpenTarget:
+        """Open the application again, and check that it is the same.
+
+        Args:
+            environment: The id, the TOML file or the application itself; None takes the track.
+            workers: The number of processes that evaluate; 1 evaluates in this process.
+
+        Raises:
+            UserError: If it cannot be opened, or is not the same.
+        """
+        if isinstance(environment, str) and names_file(environment):
+            evaluator = Evaluator(environment, workers=workers)
+        elif isinstance(environment, str) or environment is None:
+            evaluator = self._reopened(environment or self.track, workers)
+        else:
+            evaluator = Evaluator(environment, workers=workers)
+        try:
+            application = evaluator.application
+            if application is None:
+                raise UserTypeError(
+                    "Expected an Application, an environment's id or a TOML file, got "
+                    f"{environment!r}."
+                )
+            changes = differences(
+                self.application.model_dump(), ApplicationKey.of(application).model_dump()
+            )
+            if changes:
+                raise UserError(
+                    f"Expected {shown(str(self))} as it was attacked, got another: "
+                    f"{shown('; '.join(changes))}."
+                )
+        except BaseException:
+            evaluator.close()
+            raise
+        return OpenTarget(self, evaluator)
+
+    def _reopened(self, track: str, workers: int) -> Evaluator:
+        """Open a track with this agent, and with those settings that are not its defaults."""
+        evaluator = _open(track, {}, self.agent, workers=workers)
+        application = evaluator.application
+        assert application is not None
+        now = ApplicationKey.of(application).settings
+        other = {k: v for k, v in self.application.settings.items() if now.get(k) != v}
+        if not other:
+            return evaluator
+        evaluator.close()
+        return _open(track, other, self.agent, workers=workers)
+
+
+class OpenTarget:
+    """A target with its application open; a context manager that closes it.
+
+    What does not need the application stays there when it is closed.
+
+    Args:
+        target: The target.
+        evaluator: Gives the application's scores.
+        references: The folder of the reference sets.
+
+    Attributes:
+        parameters: The semantic parameters.
+        sample_size: M, the application's number of test samples.
+    """
+
+    def __init__(self, target: Target, evaluator: Evaluator, references: Path = FOLDER) -> None:
+        self.target = target
+        self._evaluator: Evaluator | None = evaluator
+        self._references = references
+        self.parameters = self.application.parameters
+        self.sample_size = self.application.sample_size
+
+    @classmethod
+    def of(
+        cls,
+        environment: str | Application,
+        env_kwargs: Mapping[str, Any] | None = None,
+        *,
+        agent: str | None = None,
+        references: Path = FOLDER,
+        workers: int = 1,
+        chunk_size: int | None = None,
+        executor: Executor | None = None,
+    ) -> Self:
+        """Open what a user names, and describe it.
+
+        The reference set is the shipped one of the same track, whether the track is named by its
+        id, by keywords of a general id, or by an `Application`. Other settings, such as another
+        image size, have none.
+
+        Args:
+            environment: An environment's id, a TOML file, or an `Application`.
+            env_kwargs: Keywords of the id.
+            agent: The agent's name; None takes what the rest says.
+            references: The folder of the reference sets.
+            workers: See `Evaluator`, also for the next two.
+            chunk_size: The evaluations that a worker gets at a time.
+            executor: Where workers run.
+
+        Raises:
+            TypeError, ValueError: If it cannot be opened.
+        """
+        keywords = dict(env_kwargs or {})
+        options: dict[str, Any] = {"chunk_size": chunk_size, "executor": executor}
+        evaluator = _open(environment, keywords, agent, workers=workers, **options)
+        try:
+            application = evaluator.application
+            if application is None:
+                raise UserTypeError(
+                    "Expected an environment id or an Application to attack, got "
+                    f"{environment!r}. Wrap a function in an Application: it has parameters and "
+                    "an agent to name."
+                )
+            # the record does not depend on where a file lies
+            is_id = isinstance(environment, str) and not names_file(environment)
+            track = str(environment) if is_id else ""
+            reference = _find_reference(application, track, keywords, references)
+            return cls(Target.of(application, track, reference=reference), evaluator, references)
+        except BaseException:
+            evaluator.close(now=True)
+            raise
+
+    @property
+    def evaluator(self) -> Evaluator:
+        """Gives the application's scores.
+
+        Raises:
+            RuntimeError: If the target is closed.
+        """
+        if self._evaluator is None:
+            raise RuntimeError(f"{self.target} is closed.")
+        return self._evaluator
+
+    @property
+    def application(self) -> Application:
+        """The application."""
+        application = self.evaluator.application
+        assert application is not None
+        return application
+
+    @property
+    def dimension(self) -> int:
+        """The number of semantic parameters, d."""
+        return len(self.parameters)
+
+    @cached_property
+    def reference(self) -> Reference | None:
+        """The reference set; None where there is none."""
+        summary = self.target.reference
+        if summary is None:
+            return None
+        for entry in read_index(self._references).references:
+            if entry.sha256 == summary.sha256:
+                return load_reference(entry.track, self.application, self._references)
+        raise UserError(
+            f"Expected the reference set {summary.sha256} of {self.target} in {self._references}, "
+            "got none. Restore the folder."
+        )
+
+    @property
+    def fooling_points(self) -> Mu | None:
+        """All points of the reference set that fool, (R, d); None where there are too few."""
+        summary, reference = self.target.reference, self.reference
+        usable = reference is not None and summary is not None and summary.usable
+        return reference.fooling_set if usable and reference is not None else None
+
+    @cached_property
+    def _split(self) -> tuple[Mu, Mu] | tuple[None, None]:
+        if self.fooling_points is None or self.reference is None:
+            return None, None
+        return self.reference.split()
+
+    @property
+    def fooling_set(self) -> Mu | None:
+        """The fooling points to measure coverage by, (R, d); None where there are too few."""
+        return self._split[0]
+
+    @property
+    def ideal_set(self) -> Mu | None:
+        """Other fooling points, to draw ideal samples from; None where there are too few."""
+        return self._split[1]
+
+    def close(self, *, now: bool = False) -> None:
+        """Close the application and stop its workers; calling it twice is fine.
+
+        Args:
+            now: Whether to drop running evaluations.
+        """
+        evaluator, self._evaluator = self._evaluator, None
+        if evaluator is not None:
+            evaluator.close(now=now)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the application."""
+        self.close(now=kind is not None)
+
+
+def _open(
+    environment: str | Application,
+    keywords: Mapping[str, Any],
+    agent: str | None,
+    **options: Any,
+) -> Evaluator:
+    """Open an environment with an agent, which needs no keyword where it is the default."""
+    if not isinstance(environment, str) or not agent:
+        return Evaluator(environment, env_kwargs=keywords, **options)
+    card = None if names_file(environment) else card_of(environment)
+    if card is None or agent not in agents.names(card.name)[1:]:
+        evaluator = Evaluator(environment, env_kwargs=keywords, **options)
+        if evaluator.application is None or evaluator.application.agent_name == agent:
+            return evaluator
+        evaluator.close()
+    return Evaluator(environment, env_kwargs={**keywords, "agent": agent}, **options)
+
+
+def _find_reference(
+    application: Application, track: str, keywords: Mapping[str, Any], folder: Path
+) -> Reference | None:
+    """Find the reference set of exactly this application with its agent and settings.
+
+    Args:
+        application: The application.
+        track: The id that it was opened by; empty where it has none.
+        keywords: The keywords that it was opened with.
+        folder: The folder of the reference sets.
+
+    Raises:
+        UserError: If a track has a reference set of another version of itself or of its agent.
+    """
+    if track and not keywords:
+        found = load_reference(track, application, folder)
+        if found is not None:
+            return found
+    made_of = (application.agent_name, application.version, application.fingerprint)
+    fixed = ids_of(application.name)
+    for entry in read_index(folder).references:
+        if (entry.agent, entry.version, entry.fingerprint) != made_of or entry.track not in fixed:
+            continue
+        if any(application.settings.get(k) != v for k, v in fixed[entry.track].items()):
+            continue
+        # to make an application takes half a second, and is only needed where settings may differ
+        plain = track == entry.track and set(keywords) <= {"agent"}
+        if plain or _has_settings(entry.track, application):
+            return load_reference(entry.track, application, folder)
+    return None
+
+
+def _has_settings(track: str, application: Application) -> bool:
+    evaluator = _open(track, {}, application.agent_name)
+    with closing(evaluator):
+        other = evaluator.application
+        assert other is not None
+        return (other.name, other.settings) == (application.name, application.settings)

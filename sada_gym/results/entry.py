@@ -1,0 +1,313 @@
+"""An entry of the leaderboard: one adversary's results as a folder of plain data.
+
+    NAME/entry.toml                     who made it
+    NAME/APPLICATION.json               what it claims on the tracks of an application, seed by seed
+    NAME/APPLICATION.npz                the test samples
+    NAME/APPLICATION.verified.json      what the verifier found
+
+Training queries are no part of it. Nothing in an entry is ever executed or unpickled.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from pydantic import ValidationError
+from typing_extensions import Self
+
+from sada_gym.errors import FileError, UserError
+from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.files import file_errors, first_error, read_model, read_toml, write_file, write_model
+from sada_gym.results.models import (
+    FORMAT,
+    Claims,
+    EntryMetadata,
+    Findings,
+    Result,
+    SeedResult,
+    Tier,
+    Verified,
+)
+from sada_gym.results.samples import Samples, read_samples, samples_bytes, samples_sha256
+
+METADATA_FILE = "entry.toml"
+CLAIMS, SAMPLES, VERIFIED = ".json", ".npz", ".verified.json"
+"""What the names of an entry's other files end in."""
+
+
+@dataclass(frozen=True, eq=False)
+class EntryResult:
+    """One result of an entry.
+
+    Attributes:
+        claimed: What it claims.
+        samples: The samples of each seed that has measures.
+        verified: What the verifier found of these very samples; None where it has not seen them.
+    """
+
+    claimed: Result
+    samples: Samples
+    verified: Verified | None = None
+
+    @property
+    def place(self) -> str:
+        """The result's place in its entry: `TRACK.AGENT.RULE`."""
+        return self.claimed.experiment.place
+
+    @property
+    def group(self) -> str:
+        """What the names of the files that hold it begin with."""
+        return self.claimed.experiment.group
+
+    @property
+    def tier(self) -> Tier:
+        """How far the result was checked."""
+        return "claimed" if self.verified is None else "verified"
+
+    def with_seed(self, claims: SeedResult, samples: Evaluations | None) -> Self:
+        """Return the result with one more seed, which takes the place of one that is there."""
+        seeds = {known.seed: known for known in self.claimed.seeds} | {claims.seed: claims}
+        held = {seed: known for seed, known in self.samples.items() if seed != claims.seed}
+        if samples is not None:
+            held[claims.seed] = samples
+        result = Result.make(self.claimed.experiment, seeds.values())
+        return replace(self, claimed=result, samples=held, verified=None)
+
+
+@dataclass(frozen=True)
+class GroupFiles:
+    """The files of an entry's results on the tracks of one application.
+
+    Attributes:
+        folder: The entry's folder.
+        group: What the files' names begin with.
+    """
+
+    folder: Path
+    group: str
+
+    @property
+    def claims(self) -> Path:
+        """The claims."""
+        return self.folder / f"{self.group}{CLAIMS}"
+
+    @property
+    def samples(self) -> Path:
+        """The samples."""
+        return self.folder / f"{self.group}{SAMPLES}"
+
+    @property
+    def verified(self) -> Path:
+        """What the verifier found."""
+        return self.folder / f"{self.group}{VERIFIED}"
+
+    def read(self) -> dict[str, EntryResult]:
+        """Read the results, by place; seeds that lack claims or samples are left out.
+
+        Raises:
+            FileError: If a file cannot be read.
+        """
+        claimed, samples, findings = self.read_claims(), read_samples(self.samples), {}
+        if self.verified.exists():
+            findings = self.read_verified()
+        results = {}
+        for result in claimed:
+            place = result.experiment.place
+            held = samples.get(place, {})
+            seeds = tuple(s for s in result.seeds if s.measures is None or s.seed in held)
+            measured = {s.seed for s in seeds if s.measures is not None}
+            kept = {seed: one for seed, one in held.items() if seed in measured}
+            verified = findings.get(place)
+            # of another result, or of samples that were changed since
+            if verified is not None and (verified.sha256, verified.samples_sha256) != (
+                result.sha256,
+                samples_sha256(kept),
+            ):
+                verified = None
+            results[place] = EntryResult(result.model_copy(update={"seeds": seeds}), kept, verified)
+        return results
+
+    def read_claims(self) -> tuple[Result, ...]:
+        """Read what the results claim.
+
+        Raises:
+            FileError: If the file cannot be read, is of another format, or was edited by hand.
+        """
+        path = self.claims
+        claims = read_model(path, Claims)
+        _refuse_other_format(path, claims.format)
+        places = [result.experiment.place for result in claims.results]
+        if places != sorted(set(places)):
+            raise FileError(f"Expected ascending results in {path}, each once, got {places}.")
+        for result in claims.results:
+            place, expected = result.experiment.place, result.experiment.sha256
+            if result.sha256 != expected:
+                raise FileError(
+                    f"Expected sha256 of {place} in {path} to be the hash of its experiment, "
+                    f"{expected}, got {result.sha256}. Make the entry anew instead of editing it."
+                )
+            group = result.experiment.group
+            if group != self.group:
+                raise FileError(
+                    f"Expected the results on {group} in a file called {group}{CLAIMS}, got {path}."
+                    " Rename it, or make the entry anew."
+                )
+            seeds = [claimed.seed for claimed in result.seeds]
+            if seeds != sorted(set(seeds)):
+                raise FileError(
+                    f"Expected ascending seeds of {place} in {path}, each once, got {seeds}."
+                )
+        return claims.results
+
+    def read_verified(self) -> dict[str, Verified]:
+        """Read what the verifier found, by the place of the result.
+
+        Raises:
+            FileError: If the file cannot be read or is of another format.
+        """
+        findings = read_model(self.verified, Findings)
+        _refuse_other_format(self.verified, findings.format)
+        return findings.results
+
+    def write(self, results: Iterable[EntryResult]) -> None:
+        """Write results; what was verified of other samples is removed.
+
+        The samples come first. Where the process is killed in between, the file holds samples of a
+        seed that nothing is claimed of; `read` leaves them out.
+        """
+        ordered = sorted(results, key=lambda result: result.place)
+        write_file(self.samples, samples_bytes({r.place: r.samples for r in ordered}))
+        claims = Claims(format=FORMAT, results=tuple(result.claimed for result in ordered))
+        write_model(self.claims, claims)
+        self._write_verified({r.place: r.verified for r in ordered if r.verified is not None})
+
+    def add_verified(self, place: str, verified: Verified) -> None:
+        """Write what the verifier found of a result beside what it found of others."""
+        known = self.read_verified() if self.verified.exists() else {}
+        self._write_verified(known | {place: verified})
+
+    def _write_verified(self, findings: Mapping[str, Verified]) -> None:
+        if findings:
+            ordered = dict(sorted(findings.items()))
+            write_model(self.verified, Findings(format=FORMAT, results=ordered))
+        else:
+            with file_errors("remove", self.verified):
+                self.verified.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """An entry of the leaderboard.
+
+    Attributes:
+        folder: Its folder.
+        metadata: Who made it, and what it is called.
+        results: Its results, by place.
+    """
+
+    folder: Path
+    metadata: EntryMetadata
+    results: dict[str, EntryResult] = field(default_factory=dict)
+
+    @property
+    def adversary(self) -> AdversarySpec | None:
+        """The adversary, the same of all results; None where there are no results."""
+        return next((r.claimed.experiment.adversary for r in self.results.values()), None)
+
+    def keeping(self, wanted: Callable[[EntryResult], bool]) -> Entry:
+        """Return the entry with those of its results that are wanted."""
+        kept = {place: result for place, result in self.results.items() if wanted(result)}
+        return replace(self, results=kept)
+
+
+def read_entry(folder: Path) -> Entry:
+    """Read an entry; what is wrong with its contents is for `sada_gym.submission.checks` to find.
+
+    Raises:
+        FileError: If a file cannot be read.
+    """
+    metadata = read_metadata(folder)
+    results: dict[str, EntryResult] = {}
+    for files in group_files(folder):
+        results |= files.read()
+    return Entry(folder, metadata, results)
+
+
+def read_entries(folder: Path) -> list[Entry]:
+    """Read all entries of a folder, by name; hidden folders are left out.
+
+    Raises:
+        FileError: If a file cannot be read.
+    """
+    with file_errors("read", folder):
+        folders = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    return [read_entry(path) for path in folders if path.is_dir()]
+
+
+def write_results(folder: Path, results: Iterable[EntryResult]) -> None:
+    """Write results into an entry; those that are there in the same places are replaced."""
+    by_group: dict[str, list[EntryResult]] = {}
+    for result in results:
+        by_group.setdefault(result.group, []).append(result)
+    for group, new in by_group.items():
+        files = GroupFiles(folder, group)
+        known = files.read() if files.claims.exists() else {}
+        files.write((known | {result.place: result for result in new}).values())
+
+
+def group_files(folder: Path) -> list[GroupFiles]:
+    """List the files of an entry's results."""
+    with file_errors("read", folder):
+        return [
+            GroupFiles(folder, path.name.removesuffix(CLAIMS))
+            for path in sorted(folder.glob(f"*{CLAIMS}"))
+            if not path.name.endswith(VERIFIED) and not path.name.startswith(".")
+        ]
+
+
+def _refuse_other_format(path: Path, found: int) -> None:
+    if found != FORMAT:
+        raise FileError(
+            f"Expected format {FORMAT} in {path}, got {found}. Make the entry anew with this "
+            "version of sada_gym."
+        )
+
+
+_COMMENT = "# Made by sada-gym. The results are in the files beside this one.\n"
+
+
+def write_metadata(folder: Path, metadata: EntryMetadata) -> None:
+    """Write entry.toml."""
+    lines = [_COMMENT]
+    for name, value in metadata.model_dump(mode="json").items():
+        # a JSON string is a TOML string too, as long as it is written as it is
+        lines.append(f"{name} = {json.dumps(value, ensure_ascii=False)}\n")
+    write_file(folder / METADATA_FILE, "".join(lines).encode())
+
+
+def read_metadata(folder: Path) -> EntryMetadata:
+    """Read entry.toml.
+
+    Raises:
+        FileError: If the file cannot be read, is no such file, or of another format.
+    """
+    path = folder / METADATA_FILE
+    content = read_toml(path)
+    _refuse_other_format(path, content.get("format", FORMAT))
+    try:
+        metadata = EntryMetadata.model_validate(content)
+    except ValidationError as error:
+        raise FileError(
+            f"Expected {path} to describe an entry, got something else ({first_error(error)}). "
+            "Mend that place, or make the entry anew."
+        ) from error
+    if metadata.name != folder.resolve().name:
+        raise UserError(
+            f"Expected the folder of the entry {metadata.name} to have its name, got {folder}. "
+            "Rename one of them."
+        )
+    return metadata

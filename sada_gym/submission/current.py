@@ -1,0 +1,114 @@
+"""The experiments that an entry may have results of, as they are now."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from sada_gym import agents
+from sada_gym.adversaries.base import Adversary
+from sada_gym.benchmark.suite import TABLES, Table
+from sada_gym.cards import cards
+from sada_gym.errors import MissingExtra, UserError, check_known
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.record import Experiment
+from sada_gym.experiment.target import OpenTarget
+
+PAPER_BUDGETS = "paper-budgets"
+RULES = tuple(TABLES)
+"""The rules for the budget; each has the name of the table that it is from."""
+
+
+def board_tracks() -> tuple[str, ...]:
+    """Give the ids of the tracks on which an entry may have results.
+
+    Applications without tracks, such as SADA-Analytic, take part by their general id.
+    """
+    return tuple(env_id for card in cards() for env_id in card.track_ids or (card.id,))
+
+
+def application_of(track: str) -> str:
+    """Give the name of a track's application.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    check_known("track", [track], board_tracks())
+    return next(card.name for card in cards() if track in (card.track_ids or (card.id,)))
+
+
+def default_agent(track: str) -> str:
+    """Give the name of the agent that a track has by default; empty where it has none.
+
+    Raises:
+        UserError: If there is no such track.
+    """
+    return next(iter(agents.names(application_of(track))), "")
+
+
+@lru_cache(maxsize=256)
+def current_target(track: str, agent: str) -> OpenTarget:
+    """Describe a track with one of the agents that are shipped for it; it is closed again.
+
+    Args:
+        track: The environment's id.
+        agent: The agent's name; empty where the application has none.
+
+    Raises:
+        UserError: If there is no such track, or no such agent is shipped.
+    """
+    shipped = agents.names(application_of(track))
+    if shipped:
+        check_known(f"agent on {track}", [agent], shipped)
+    elif agent:
+        raise UserError(f"Expected no agent's name on {track}, which has none; got {agent!r}.")
+    with OpenTarget.of(track, agent=agent) as target:
+        _ = target.fooling_set  # read while it is open
+        return target
+
+
+def find_rule(rule: str) -> Table:
+    """Find the table whose budget a rule names.
+
+    Raises:
+        UserError: If there is no such rule.
+    """
+    check_known("rule", [rule], RULES)
+    return TABLES[rule]
+
+
+def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySpec) -> Experiment:
+    """Return the experiment as the benchmark would make it now.
+
+    Args:
+        track: The environment's id.
+        agent: The agent's name; empty where the application has none.
+        rule: The name of the rule for the budget.
+        adversary: The adversary. The options of one that is not ours stay as they are.
+
+    Raises:
+        UserError: If one of them is unknown, or one of our adversaries refuses the options.
+    """
+    target, table = current_target(track, agent), find_rule(rule)
+    solver = None
+    if adversary.is_ours:
+        adversary = adversary.resolve()
+        solver = _make(adversary, target)
+    elif adversary.resolved is None:
+        adversary = adversary.model_copy(update={"resolved": adversary.options})
+    return Experiment(
+        target=target.target,
+        adversary=adversary,
+        protocol=table.protocol(target, adversary, solver),
+    )
+
+
+def _make(adversary: AdversarySpec, target: OpenTarget) -> Adversary | None:
+    """Make one of our adversaries, which checks its options; None where a package is missing."""
+    try:
+        return adversary.make(target.dimension, seed=0, ideal_set=target.ideal_set)
+    except MissingExtra:
+        return None
+    except TypeError as error:
+        raise UserError(
+            f"Expected options that {adversary.name} takes, got others: {error}."
+        ) from error
