@@ -172,7 +172,7 @@ class ApplicationCard:
 @cache
 def cards() -> tuple[ApplicationCard, ...]:
     """Give the cards of all applications."""
-    return tuple(load(f"sada_gym.envs.{folder}.catalogue:CARD") for folder in APPLICATIONS)
+    return tuple(load(f"sada_gym.envs.{folder}.card:CARD") for folder in APPLICATIONS)
 
 
 def find_card(name: str) -> ApplicationCard | None:

@@ -19,7 +19,7 @@ everywhere = pytest.mark.parametrize("folder", APPLICATIONS)
 
 
 def card_of(folder: str) -> ApplicationCard:
-    return load(f"sada_gym.envs.{folder}.catalogue:CARD")
+    return load(f"sada_gym.envs.{folder}.card:CARD")
 
 
 def page_of(folder: str) -> str:

@@ -23,9 +23,10 @@ from numpy.testing import assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
+from sada_gym import envs
 from sada_gym.application import Application, Outcomes
 from sada_gym.cards import APPLICATIONS, ApplicationCard, PurityCase, cards
-from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv, catalogue
+from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.ids import find_spec
 from sada_gym.lazy import load
@@ -430,10 +431,11 @@ def test_a_card_names_its_application(card: ApplicationCard) -> None:
     kind = load(card.application)
     assert (kind.name, kind.version) == (card.name, card.version)
     assert card.id == f"{card.name}-v{card.version}"
+    assert not card.clip or callable(load(card.clip))
 
 
 def test_every_folder_of_an_application_has_its_card_in_the_list() -> None:
-    folder = Path(catalogue.__file__).parent
+    folder = Path(envs.__file__).parent
     folders = {path.parent.name for path in folder.glob("*/application.py")}
     assert folders == {*APPLICATIONS, "wrapped"}  # whose environments are the users' own
     assert len({card.name for card in cards()}) == len(APPLICATIONS)

@@ -2,7 +2,7 @@
 
 It learns from the training digits for a fixed number of epochs and keeps the last weights: nothing
 is chosen by a score. Two more are trained with the next seeds, to show by how much they differ. The
-first is written with a model card to --out; `sada_gym/envs/digits/catalogue.py` has its SHA-256.
+first is written with a model card to --out; `sada_gym/envs/digits/card.py` has its SHA-256.
 
 --validation trains without the validation images, measures on them, and writes nothing: by that
 the hyper-parameters were chosen.

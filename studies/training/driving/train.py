@@ -2,7 +2,7 @@
 
 The last weights are kept (nothing is chosen by a score), measured on the benchmark's tasks, and
 written with a model card to --out. With --steps it is a trial: nothing is measured, and no card is
-written. The shipped drivers' names and SHA-256 stand in `sada_gym/envs/driving/catalogue.py`.
+written. The shipped drivers' names and SHA-256 stand in `sada_gym/envs/driving/card.py`.
 """
 
 from __future__ import annotations

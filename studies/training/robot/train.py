@@ -2,7 +2,7 @@
 
 The last weights are kept (nothing is chosen by a score), measured, and written with a model card to
 --out. With --steps it is a trial: nothing is measured, and no card is written. The shipped robots'
-names and SHA-256 stand in `sada_gym/envs/robot/catalogue.py`.
+names and SHA-256 stand in `sada_gym/envs/robot/card.py`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from sada_gym.cards import ApplicationCard, PurityCase, RegistryCase
-from sada_gym.envs.digits.catalogue import CNN, LOADER
+from sada_gym.envs.digits.card import CNN, LOADER
 
 CARD = ApplicationCard(
     name="SADA-Pixel",
