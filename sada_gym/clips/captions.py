@@ -6,11 +6,9 @@ from collections.abc import Iterator
 
 from PIL import Image, ImageDraw
 
-from sada_gym import frames
 from sada_gym.clips.shots import Shot
-from sada_gym.drawing import font
-from sada_gym.frames import Colour, Frame, rgb
-from sada_gym.panels import stacked
+from sada_gym.drawing import INK_RGB, font, stacked
+from sada_gym.frames import Colour, Frame
 
 WIDTH = 480
 """The width of a film in pixels."""
@@ -19,7 +17,7 @@ TALLEST = 400
 HOLD_S = 1.5
 """The time for which an ending stands."""
 
-INK, PAPER, SOFT = rgb(frames.INK), (255, 255, 255), (190, 199, 208)
+INK, PAPER, SOFT = INK_RGB, (255, 255, 255), (190, 199, 208)
 FAILED, DONE = (194, 65, 12), (0, 98, 155)
 """Orange and blue, which colour-blind people tell apart, dark enough for white letters on them; a
 cross and a tick say the same."""

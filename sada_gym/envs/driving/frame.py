@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import dashed, font
+from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
@@ -20,7 +20,6 @@ from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import BLUE, GREEN, VERMILLION, YELLOW, Frame, LegendEntry, rgb
-from sada_gym.panels import INK, beside, caption, stacked
 
 _LENS = Lens(198, 450)
 _MAP_LEVEL = 2
@@ -133,14 +132,16 @@ def _map(
         width = max(2, round(0.7 * unit))
         dashed(draw, way, _DRIVEN, width, 3 * unit, 1.2 * unit)
     for i, route in routes.items():
-        draw.circle(route[0], 1.3 * unit, (255, 255, 255), INK)
+        draw.circle(route[0], 1.3 * unit, (255, 255, 255), INK_RGB)
         x, y = route[-1]
-        draw.rectangle((x - 1.3 * unit, y - 1.3 * unit, x + 1.3 * unit, y + 1.3 * unit), _GOAL, INK)
+        draw.rectangle(
+            (x - 1.3 * unit, y - 1.3 * unit, x + 1.3 * unit, y + 1.3 * unit), _GOAL, INK_RGB
+        )
         for x, y in (route[0], route[-1]) if len(routes) > 1 else ():
             draw.text(
                 (x + 3 * unit, y - 3 * unit),
                 str(i + 1),
-                fill=INK,
+                fill=INK_RGB,
                 font=of,
                 anchor="mm",
                 stroke_width=round(0.4 * unit),
@@ -158,7 +159,7 @@ def _map(
                 ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
                 draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
         elif not over:
-            draw.circle((x, y), 1.3 * unit, _DRIVEN, INK)
+            draw.circle((x, y), 1.3 * unit, _DRIVEN, INK_RGB)
     return picture
 
 

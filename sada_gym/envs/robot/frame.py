@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import font
+from sada_gym.drawing import INK_RGB, beside, caption, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, TRIPS
 from sada_gym.envs.robot.world.robot import RADIUS_M
 from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
-from sada_gym.panels import INK, beside, caption, stacked
 
 WIDTH = 700
 """The width of a map in pixels."""
@@ -179,7 +178,7 @@ class _Chart:
         for x, y, radius in plan.barrels[: start.conditions.barrels]:
             self.disc(x, y, radius, _BARREL)
             self.disc(x, y, 0.7 * radius, _LID)
-        self._box(0.0, 0.0, *HALL_M, None, INK)
+        self._box(0.0, 0.0, *HALL_M, None, INK_RGB)
 
     def _at(self, x: float, y: float) -> tuple[float, float]:
         return x * self._unit, (HALL_M[1] - y) * self._unit
@@ -205,7 +204,7 @@ class _Chart:
 
     def disc(self, x: float, y: float, radius: float, colour: tuple[int, ...]) -> None:
         """Draw a disc with a rim."""
-        edge = INK if radius > 0.05 else None
+        edge = INK_RGB if radius > 0.05 else None
         width = max(1, round(0.02 * self._unit))
         self._draw.circle(self._at(x, y), radius * self._unit, colour, edge, width)
 
@@ -215,7 +214,7 @@ class _Chart:
             if x > 0.0:
                 self.disc(x, y, CART_RADIUS_M, _CART)
                 half = 0.5 * CART_RADIUS_M
-                self._box(x - half, y - half, x + half, y + half, (214, 226, 240), INK)
+                self._box(x - half, y - half, x + half, y + half, (214, 226, 240), INK_RGB)
 
     def robot(self, pose: Array) -> None:
         """Draw the robot: a disc with wheels and an arrow ahead."""
@@ -243,16 +242,16 @@ class _Chart:
 
     def flag(self, x: float, y: float, height: float) -> None:
         """Draw a flag at a goal, which tells it from barrels without its colour."""
-        self.line(np.array([[x, y], [x, y + height]]), INK, 0.05)
+        self.line(np.array([[x, y], [x, y + height]]), INK_RGB, 0.05)
         tip = [self._at(x + dx * height, y + dy * height) for dx, dy in _PENNANT]
-        self._draw.polygon(tip, (255, 255, 255), INK)
+        self._draw.polygon(tip, (255, 255, 255), INK_RGB)
 
     def text(self, x: float, y: float, text: str) -> None:
         """Write a number."""
         self._draw.text(
             self._at(x, y),
             text,
-            INK,
+            INK_RGB,
             font(0.9 * self._unit, bold=True),
             "mm",
             stroke_width=round(0.05 * self._unit),

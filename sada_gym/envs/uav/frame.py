@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import dashed, font
+from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
@@ -17,9 +17,7 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
-from sada_gym.frames import BLUE, GREEN, VERMILLION, Frame, LegendEntry, rgb
-from sada_gym.frames import INK as INK_HEX
-from sada_gym.panels import INK, beside, caption, stacked
+from sada_gym.frames import BLUE, GREEN, INK, VERMILLION, Frame, LegendEntry, rgb
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0
@@ -44,8 +42,8 @@ LEGEND = (
     LegendEntry("gate missed", VERMILLION, "dashed line"),
     LegendEntry("way flown", BLUE, "line"),
     LegendEntry("line of the track", "#b0bea0", "dotted line"),
-    LegendEntry("hit something here", INK_HEX, "cross"),
-    LegendEntry("the drone at the time of the view", INK_HEX, "arrow"),
+    LegendEntry("hit something here", INK, "cross"),
+    LegendEntry("the drone at the time of the view", INK, "arrow"),
     LegendEntry(
         "Left: what the drone's camera sees before the first miss. Right: the track from above. "
         "After a miss the drone is set back into the last gate that it passed."
@@ -192,7 +190,7 @@ class Plan:
             (place,) = self._pixels(aside[None])
             draw.text(place, str(number), fill=colour, font=of, anchor="mm")
         for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
-            for ink, width in (((255, 255, 255), 14), (INK, 6)):
+            for ink, width in (((255, 255, 255), 14), (INK_RGB, 6)):
                 for up in (-_CROSS, _CROSS):
                     draw.line([(x - _CROSS, y - up), (x + _CROSS, y + up)], fill=ink, width=width)
         if drone is not None:
@@ -218,7 +216,7 @@ class Plan:
             (x + float(s * np.cos(a)), y - float(s * np.sin(a)))
             for s, a in zip(size, turned, strict=True)
         ]
-        draw.polygon(corners, fill=INK, outline="white")
+        draw.polygon(corners, fill=INK_RGB, outline="white")
 
     def _pixels(self, points: Array) -> list[tuple[float, float]]:
         """Give the places in the picture of places in m, (k, 2)."""

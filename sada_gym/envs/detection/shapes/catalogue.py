@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sada_gym.envs.detection.catalogue import CARD
+from sada_gym.envs.detection.card import CARD
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import FileError, UserError
 
