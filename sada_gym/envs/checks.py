@@ -2,41 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
-from sada_gym.arrays import shaped
-from sada_gym.errors import UserError, check_integer
-from sada_gym.proposals import MAX_ENVS
+from sada_gym.errors import UserError
 
 MAX_TILE = 1_024
 """Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
-
-
-class RenderModes(list[str]):
-    """The render modes of an environment; what is no string counts as one of them.
-
-    `gymnasium.make` fails on such a mode before the environment can say what it expected.
-    """
-
-    def __contains__(self, mode: object) -> bool:
-        """Say whether a mode is known, or is no mode at all."""
-        return not isinstance(mode, str) or super().__contains__(mode)
-
-
-def checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
-    """Give a render mode back.
-
-    Raises:
-        ValueError: If the mode is not known.
-    """
-    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in known):
-        raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
-    return render_mode
 
 
 def checked_tile(tile: Any, network: str) -> int:
@@ -78,44 +51,6 @@ def refuse_training_mode(network: Any, kind: str) -> None:
                 f"Expected a {kind} in evaluation mode, got {type(network).__name__}{which} in "
                 "training mode, in which looking at images changes it. Call model.eval() first."
             )
-
-
-def warn_without_render_mode() -> None:
-    """Warn that nothing is drawn without a render mode."""
-    gym.logger.warn(
-        "render() draws nothing without a render mode. Make the environment with "
-        "render_mode='rgb_array'."
-    )
-
-
-def checked_num_envs(num_envs: int) -> int:
-    """Give a number of environments back.
-
-    Raises:
-        ValueError: If there are none.
-    """
-    whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
-    if not whole or num_envs < 1:
-        raise UserError(f"Expected at least one environment, got num_envs={num_envs!r}.")
-    check_integer("num_envs", num_envs, 1, MAX_ENVS)
-    return num_envs
-
-
-def checked_actions(actions: Any, space: gym.Space[Any], what: str) -> npt.NDArray[Any]:
-    """Give finite actions back as an array.
-
-    Args:
-        actions: One, or one an environment.
-        space: The space that they belong to.
-        what: `an action` or `actions`, for messages.
-
-    Raises:
-        ValueError: If they are of another shape or not finite numbers.
-    """
-    array = shaped(actions, space.shape, what, what.removeprefix("an "))
-    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise UserError(f"Expected {what} of finite numbers, got {actions}.")
-    return array
 
 
 def check_number(name: str, given: Any, least: float, greatest: float) -> None:

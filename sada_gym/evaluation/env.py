@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 
-from sada_gym.arrays import shaped
-from sada_gym.errors import BudgetExhausted, check_integer
-from sada_gym.proposals import MAX_ENVS, Observation, Proposals, proposal_spaces
-from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
+from sada_gym.errors import BudgetExhausted
+from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, Transition
+from sada_gym.proposals import Observation, Proposals
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle
 
 
-class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
+class OracleEnv(LockstepEnv[Observation]):
     """An oracle as an environment: the action is mu, the reward is -Q, a step costs one query.
 
     ## Description
@@ -65,35 +61,10 @@ class OracleEnv(gym.Env[Observation, npt.NDArray[Any]]):
 
     def __init__(self, oracle: Oracle, horizon: int = 1) -> None:
         self.oracle = oracle
-        self._proposals = Proposals(oracle.dimension, horizon, count=1)
-        self.action_space, self.observation_space = proposal_spaces(oracle.dimension)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; it costs no query."""
-        check_reset_options(options)
-        super().reset(seed=checked_seed(seed))
-        self._proposals.start(0)
-        return self._proposals.observation[0].copy(), {}
-
-    def step(
-        self, action: npt.NDArray[Any]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Query one mu of shape (d,).
-
-        Raises:
-            BudgetExhausted: If no query is left.
-        """
-        mu = shaped(action, self.action_space.shape, "an action")
-        score = float(_query(self.oracle, self._proposals, mu[None])[0])
-        terminated = bool(self._proposals.over[0])
-        truncated = not terminated and self.oracle.remaining == 0
-        info = {"score": score}
-        return self._proposals.observation[0].copy(), -score, terminated, truncated, info
+        super().__init__(_Queries(oracle, horizon, 1))
 
 
-class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.NDArray[Any]]):
+class OracleVectorEnv(LockstepVectorEnv[Observation]):
     """Many `OracleEnv` in lockstep: a step is one call of the oracle and keeps its workers busy.
 
     Where fewer queries are left than there are environments, a step evaluates the first of its mu,
@@ -105,80 +76,41 @@ class OracleVectorEnv(gym.vector.VectorEnv[Observation, npt.NDArray[Any], npt.ND
         oracle: The oracle to query. It is left open.
         num_envs: Number of environments, the queries of a step.
         horizon: Proposals in one episode.
-
-    Attributes:
-        autoreset_mode: The mode in `metadata`; some clients expect it as an attribute.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": [],
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata: dict[str, Any] = {**OracleEnv.metadata, **SAME_STEP}  # noqa: RUF012
 
     def __init__(self, oracle: Oracle, num_envs: int, horizon: int = 1) -> None:
-        check_integer("num_envs", num_envs, 1, MAX_ENVS)
-        self.num_envs = num_envs
-        self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
         self.oracle = oracle
-        self._proposals = Proposals(oracle.dimension, horizon, count=num_envs)
-        self.single_action_space, self.single_observation_space = proposal_spaces(oracle.dimension)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        super().__init__(_Queries(oracle, horizon, num_envs))
 
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin all episodes, or those in the boolean array `options["reset_mask"]`."""
-        spread_seeds(seed, self.num_envs)
-        for i in reset_mask(options, self.num_envs):
-            self._proposals.start(i)
-        return self._proposals.observation.copy(), {}
+
+class _Queries(Proposals):
+    """Proposals that an oracle scores."""
+
+    def __init__(self, oracle: Oracle, horizon: int, count: int) -> None:
+        super().__init__(oracle.dimension, horizon, count)
+        self._oracle = oracle
 
     def step(
-        self, actions: npt.NDArray[Any]
-    ) -> tuple[
-        Observation,
-        npt.NDArray[np.float64],
-        npt.NDArray[np.bool_],
-        npt.NDArray[np.bool_],
-        dict[str, Any],
-    ]:
-        """Query a batch of mu, (num_envs, d), and start new episodes where old ones ended.
+        self, actions: npt.NDArray[Any], generators: Sequence[np.random.Generator]
+    ) -> Transition:
+        made = super().step(actions, generators)
+        return made._replace(truncated=~made.terminated & (self._oracle.remaining == 0))
 
-        Raises:
-            BudgetExhausted: If fewer queries were left; these are spent then.
-        """
-        mu = shaped(actions, self.action_space.shape, "actions")
-        scores = _query(self.oracle, self._proposals, mu)
-        terminated = self._proposals.over
-        truncated = ~terminated & (self.oracle.remaining == 0)
-        infos: dict[str, Any] = {}
-        for i in range(self.num_envs):
-            info: dict[str, Any] = {"score": float(scores[i])}
-            if terminated[i] or truncated[i]:
-                last = self._proposals.observation[i].copy()
-                info = {"final_obs": last, "final_info": info}
-                self._proposals.start(i)
-            infos = self._add_info(infos, info, i)
-        return self._proposals.observation.copy(), -scores, terminated, truncated, infos
-
-
-def _query(
-    oracle: Oracle, proposals: Proposals, batch: npt.NDArray[Any]
-) -> npt.NDArray[np.float64]:
-    """Take a step of every episode: query a batch of mu, (n, d), as far as the budget goes."""
-    proposals.check_begun()
-    left = oracle.remaining
-    if left < len(batch):
-        if left:
-            oracle(batch[:left])
-        raise BudgetExhausted(
-            f"Expected at least {len(batch)} queries to be left for a step, got {left}. The "
-            "budget is spent: catch this around the training, as OracleEnv shows."
-        )
-    scores = oracle(batch)
-    proposals.record(batch, scores)
-    return scores
+    def _score(
+        self,
+        mu: npt.NDArray[Any],
+        generators: Sequence[np.random.Generator],  # noqa: ARG002
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Sequence[dict[str, Any]]]:
+        """Query the oracle; where fewer queries are left, spend these on the first mu and raise."""
+        left = self._oracle.remaining
+        if left < len(mu):
+            if left:
+                self._oracle(mu[:left])
+            raise BudgetExhausted(
+                f"Expected at least {len(mu)} queries to be left for a step, got {left}. The "
+                "budget is spent: catch this around the training, as OracleEnv shows."
+            )
+        score = self._oracle(mu)
+        return mu, score, [{"score": value} for value in score.tolist()]

@@ -297,9 +297,11 @@ def test_bad_keywords_are_refused(env_class: Any, keywords: dict[str, Any], mess
 
 
 def test_no_environments_are_refused() -> None:
-    for count in (0, "3", 1.5, None):
+    with pytest.raises(ValueError, match="Expected num_envs of at least 1, got 0"):
+        AdversaryVectorEnv(AnalyticApplication(), num_envs=0)
+    for count in ("3", 1.5, None):
         with pytest.raises(
-            ValueError, match=f"Expected at least one environment, got num_envs={count!r}"
+            ValueError, match=f"Expected num_envs to be a whole number, got {count!r}"
         ):
             AdversaryVectorEnv(AnalyticApplication(), num_envs=count)
     with pytest.raises(ValueError, match="Expected num_envs of at most 1,048,576, got 10,000,000,"):

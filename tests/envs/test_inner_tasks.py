@@ -221,7 +221,7 @@ def test_some_of_a_batch_can_set_off_anew(task):
 
 
 def test_a_batch_has_members_and_a_seed_for_each(task):
-    with pytest.raises(ValueError, match="at least one environment, got num_envs=0"):
+    with pytest.raises(ValueError, match="Expected num_envs of at least 1, got 0"):
         task.vector_env(num_envs=0)
     with pytest.raises(ValueError, match=r"Expected 2 seeds, .* got 1"):
         task.vector_env(num_envs=2).reset(seed=[1])

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
@@ -15,6 +14,7 @@ from sada_gym.envs.driving.start_distribution import StartDistribution
 from sada_gym.envs.driving.world.route import CRUISE_M_S
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
+from sada_gym.lockstep import SAME_STEP
 
 ARRIVAL_REWARD, FAILURE_REWARD = 10.0, -10.0
 
@@ -109,8 +109,5 @@ class DrivingTaskVectorEnv(TaskVectorEnv):
         render_mode: `"rgb_array"` gives each camera's image.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        **DrivingTaskEnv.metadata,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata: dict[str, Any] = {**DrivingTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = DrivingTask

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
@@ -16,6 +15,7 @@ from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
+from sada_gym.lockstep import SAME_STEP
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
 
@@ -145,8 +145,5 @@ class RobotTaskVectorEnv(TaskVectorEnv):
         render_mode: `"rgb_array"` draws the hall of each robot.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        **RobotTaskEnv.metadata,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata: dict[str, Any] = {**RobotTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = RobotTask

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode
 
 from sada_gym.envs.episodes.base import Array, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
@@ -15,6 +14,7 @@ from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes, RacingStart
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
+from sada_gym.lockstep import SAME_STEP
 
 PROGRESS_REWARD_PER_M, GATE_REWARD, MISS_REWARD = 0.5, 2.0, -5.0
 
@@ -122,8 +122,5 @@ class RacingTaskVectorEnv(TaskVectorEnv):
         render_mode: `"rgb_array"` gives the image of each drone's camera.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012
-        **RacingTaskEnv.metadata,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata: dict[str, Any] = {**RacingTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = RacingTask
