@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from sada_gym.submission.entry import read_entry, write_about, write_result, write_verified
-from sada_gym.submission.models import FORMAT, About, Result, SeedResult, Verified, VerifiedSeed
-from sada_gym.submission.today import find_target, today
 
 from sada_gym.cards import find_card
-from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.measure import measure
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.measure import Measures, measure
+from sada_gym.experiment.target import OpenTarget
+from sada_gym.results.entry import EntryResult, write_metadata, write_results
+from sada_gym.results.models import EntryMetadata, Result, SeedResult, Verified, VerifiedSeed
+from sada_gym.submission.current import current_experiment, current_target
 
 DIGITS = ("SADA-Digits-3-v0", "SADA-Digits-4-v0")
 RACING = tuple(f"SADA-UAV-{n}Anchors-v0" for n in (3, 4, 5))
@@ -38,7 +40,7 @@ class Made:
     flags: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     paper: str = ""
-    changes: tuple[tuple[str, object], ...] = ()
+    version: int | None = None
 
 
 ENTRIES = (
@@ -50,57 +52,58 @@ ENTRIES = (
     Made("ideal", 0.8, adversary="ideal"),
     Made("newcomer", 0.95, verified=False, paper="javascript:alert(1)"),
     Made("racer", 0.5, tracks=RACING, agent="ppo", verified=False),
-    Made("old", 0.97, changes=(("version", 99),)),
+    Made("old", 0.97, version=99),
 )
 
 
 def make_entries(parent: Path, entries: tuple[Made, ...] = ENTRIES) -> Path:
     """Write entries; their scores are made up, so that nothing is evaluated."""
-    for one in entries:
-        folder = parent / one.name
+    for entry in entries:
+        folder = parent / entry.name
         folder.mkdir(parents=True)
-        write_about(folder, _about(one))
-        for track in one.tracks:
-            _write(folder, one, track)
+        metadata = EntryMetadata(
+            name=entry.name,
+            title=entry.title or entry.name,
+            authors=("Ada <L.>",),
+            licence="CC-BY-4.0",
+            paper=entry.paper,
+            command="sada-gym attack && echo '</pre><script>'",
+        )
+        write_metadata(folder, metadata)
+        write_results(folder, [_make_result(entry, track) for track in entry.tracks])
     return parent
 
 
-def _about(one: Made) -> About:
-    return About(
-        format=FORMAT,
-        name=one.name,
-        title=one.title or one.name,
-        authors=("Ada <L.>",),
-        licence="CC-BY-4.0",
-        paper=one.paper,
-        adversary=one.adversary,
-        command="sada-gym attack && echo '</pre><script>'",
-    )
-
-
-def _write(folder: Path, one: Made, track: str) -> None:
-    identity = today(track, one.agent, "paper-budgets", one.adversary, None, {})
-    identity = identity.model_copy(update=dict(one.changes))
-    target = find_target(track, one.agent)
-    samples, claims, verified = {}, [], []
+def _make_result(entry: Made, track: str) -> EntryResult:
+    spec = AdversarySpec(name=entry.adversary)
+    experiment = current_experiment(track, entry.agent, "paper-budgets", spec)
+    if entry.version is not None:
+        target = experiment.target
+        application = target.application.model_copy(update={"version": entry.version})
+        target = target.model_copy(update={"application": application})
+        experiment = experiment.model_copy(update={"target": target})
+    current, count = current_target(track, entry.agent), experiment.protocol.samples
+    samples, claims, findings = {}, [], []
     for seed in range(2):
-        samples[seed], measures = _measured(one.rate, target, seed, identity.samples)
-        claims.append(SeedResult(seed=seed, queries=900, measures=measures, flags=one.notes))
-        rate = one.rate if one.verified_rate is None else one.verified_rate
-        found = _measured(rate, target, seed, identity.samples)[1]
-        verified.append(VerifiedSeed(seed=seed, measures=found))
-    write_result(folder, Result.make(identity, claims), samples)
-    if one.verified:
-        held = read_entry(folder).results[identity.stem]
-        found = Verified.make(held.claimed, held.samples, "1", verified, dict(one.flags))
-        write_verified(folder, identity.stem, found)
+        samples[seed], measures = _measured(entry.rate, current, seed, count)
+        claims.append(SeedResult(seed=seed, queries=900, measures=measures, flags=entry.notes))
+        rate = entry.rate if entry.verified_rate is None else entry.verified_rate
+        _, measures = _measured(rate, current, seed, count)
+        findings.append(VerifiedSeed(seed=seed, measures=measures))
+    claimed, verified = Result.make(experiment, claims), None
+    if entry.verified:
+        salt = entry.name, claimed.sha256
+        verified = Verified.make(claimed, samples, salt, "1", findings, dict(entry.flags))
+    return EntryResult(claimed, samples, verified)
 
 
-def _measured(rate, target, seed, count):
+def _measured(
+    rate: float, target: OpenTarget, seed: int, count: int
+) -> tuple[Evaluations, Measures]:
     rng = np.random.default_rng(seed)
     mu = rng.uniform(-1, 1, (count, target.dimension)).astype(np.float32)
     fooled = np.arange(count) < round(count * (rate - 0.02 * seed))
-    seeds = rng.integers(0, 2**31, count)
+    seeds = np.array(evaluation_seeds(seed, "test", 0, count), np.int64)
     samples = Evaluations(mu, np.where(fooled, 0.0, 1.0), seeds)
     ideal = None
     if target.ideal_set is not None:
@@ -108,8 +111,8 @@ def _measured(rate, target, seed, count):
         ideal = Evaluations(target.ideal_set[chosen], np.zeros(count), seeds)
     measures = measure(
         samples,
-        Evaluations(mu[:0], np.zeros(0), np.zeros(0, np.int64)),
-        target.fooling_threshold,
+        Evaluations.empty(target.dimension),
+        target.target.fooling_threshold,
         fooling_set=target.fooling_set,
         ideal=ideal,
         images=None,

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sada_gym.submission.entry import write_about, write_result
-from sada_gym.submission.models import FORMAT, About, Result, SeedResult
-from sada_gym.submission.today import find_target, today
 
-from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.measure import measure
+from sada_gym.experiment.record import Experiment
 from sada_gym.measures.rates import attack_fooling_rate
+from sada_gym.results.entry import (
+    EntryResult,
+    GroupFiles,
+    read_entry,
+    write_metadata,
+    write_results,
+)
+from sada_gym.results.models import EntryMetadata, Result, SeedResult
+from sada_gym.submission.current import current_experiment, current_target
 
 ANALYTIC = "SADA-Analytic-v0"
 PACKAGES = {"python": "3.11.2", "sada_gym": "0.1.0", "numpy": "2.0.0"}
-NOTHING = Evaluations(np.zeros((0, 2), np.float32), np.zeros(0), np.zeros(0, np.int64))
 
 
 def uniform(seed: int, count: int, dimension: int) -> npt.NDArray[np.float64]:
@@ -44,62 +49,95 @@ def make_entry(
     queries: int = 900,
     draw: Callable[[int, int, int], npt.ArrayLike] = uniform,
 ) -> Path:
-    """Write an entry of `draw(seed, M, d)`, by default uniform samples, and give its folder."""
+    """Write an entry of `draw(seed, M, d)`, by default uniform samples, and return its folder."""
     options = {"width": 0.5} if options is None else options
-    identity = today(track, agent, rule, adversary, preset, options)
-    target = find_target(track, agent)
-    evaluator = Evaluator(track, env_kwargs={"agent": agent} if agent else {})
+    spec = AdversarySpec(name=adversary, preset=preset, options=options)
+    experiment = current_experiment(track, agent, rule, spec)
+    target, count = current_target(track, agent), experiment.protocol.samples
     samples, claims = {}, []
-    for seed in range(seeds):
+    with experiment.target.open() as opened:
+        for seed in range(seeds):
 
-        def asked(mu, seed=seed):
-            oracle = Oracle(evaluator, budget=len(mu), seed=seed, stream="test")
-            oracle(mu)
-            return oracle.record
+            def evaluate(mu: npt.ArrayLike, seed: int = seed) -> Evaluations:
+                oracle = Oracle(opened.evaluator, budget=count, seed=seed, stream="test")
+                oracle(mu)
+                return oracle.record
 
-        samples[seed] = asked(draw(seed, identity.samples, target.dimension))
-        ideal = None
-        if target.ideal_set is not None:
-            drawn = Ideal(target.dimension, seed=seed, fooling_set=target.ideal_set)
-            ideal = asked(drawn.sample(identity.samples))
-        measures = measure(
-            samples[seed],
-            NOTHING,
-            target.fooling_threshold,
-            fooling_set=target.fooling_set,
-            ideal=ideal,
-            images=None,
-            seed=seed,
-        )
-        claims.append(SeedResult(seed=seed, queries=queries, measures=measures, packages=PACKAGES))
-    evaluator.close()
+            samples[seed] = evaluate(draw(seed, count, target.dimension))
+            ideal = None
+            if target.ideal_set is not None:
+                drawn = Ideal(target.dimension, seed=seed, fooling_set=target.ideal_set)
+                ideal = evaluate(drawn.sample(count))
+            measures = measure(
+                samples[seed],
+                Evaluations.empty(target.dimension),
+                experiment.target.fooling_threshold,
+                fooling_set=target.fooling_set,
+                ideal=ideal,
+                images=None,
+                seed=seed,
+            )
+            claims.append(
+                SeedResult(seed=seed, queries=queries, measures=measures, packages=PACKAGES)
+            )
     folder = parent / name
     folder.mkdir(parents=True, exist_ok=True)
-    about = About(
-        format=FORMAT,
+    metadata = EntryMetadata(
         name=name,
         title="My method",
         authors=("Ada L.", "Grace H."),
         licence="CC-BY-4.0",
         paper="https://example.org/paper",
         repository="https://example.org/code",
-        adversary=adversary,
-        preset=preset,
-        options=json.dumps(options),
     )
-    write_about(folder, about)
-    write_result(folder, Result.make(identity, claims), samples)
+    write_metadata(folder, metadata)
+    write_results(folder, [EntryResult(Result.make(experiment, claims), samples)])
     return folder
 
 
-def rescored(one: SeedResult, scores: npt.NDArray[np.float64], threshold: float) -> SeedResult:
+def with_changes(
+    experiment: Experiment,
+    target: dict[str, Any] | None = None,
+    application: dict[str, Any] | None = None,
+    adversary: dict[str, Any] | None = None,
+    protocol: dict[str, Any] | None = None,
+) -> Experiment:
+    """Return an experiment with other fields of its parts."""
+    changes = dict(target or {})
+    if application:
+        key = experiment.target.application
+        changes["application"] = key.model_copy(update=application)
+    return experiment.model_copy(
+        update={
+            "target": experiment.target.model_copy(update=changes),
+            "adversary": experiment.adversary.model_copy(update=adversary or {}),
+            "protocol": experiment.protocol.model_copy(update=protocol or {}),
+        }
+    )
+
+
+def only_result(folder: Path) -> EntryResult:
+    """Read the only result of an entry."""
+    (result,) = read_entry(folder).results.values()
+    return result
+
+
+def replace_result(folder: Path, result: EntryResult) -> None:
+    """Write a result as the only one of its entry; its hash fits its experiment."""
+    for path in folder.iterdir():
+        if path.name != "entry.toml":
+            path.unlink()
+    GroupFiles(folder, result.group).write([result])
+
+
+def rescored(claims: SeedResult, scores: npt.NDArray[np.float64], threshold: float) -> SeedResult:
     """Claim scores of a seed's samples, and all that follows from them."""
-    assert one.measures is not None
+    assert claims.measures is not None
     rate = attack_fooling_rate(scores, threshold)
-    told = {
+    changes = {
         "afr": rate.rate,
         "afr_interval_95": (rate.low, rate.high),
         "fooled": rate.fooled,
         "mean_score": float(scores.mean()),
     }
-    return one.model_copy(update={"measures": one.measures.model_copy(update=told)})
+    return claims.model_copy(update={"measures": claims.measures.model_copy(update=changes)})
