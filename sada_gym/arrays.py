@@ -29,7 +29,7 @@ def check_unmasked(given: Any, what: str) -> None:
 
 
 def as_array(given: Any, what: str) -> npt.NDArray[Any]:
-    """Give what a user handed over as an array of whatever dtype.
+    """Return what a user handed over as an array of whatever dtype.
 
     Raises:
         UserTypeError: If it has a mask, or its rows differ in length.
@@ -44,7 +44,7 @@ def as_array(given: Any, what: str) -> npt.NDArray[Any]:
 
 
 def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
-    """Give what a user handed over as an array of real numbers.
+    """Return what a user handed over as an array of real numbers.
 
     Raises:
         UserTypeError: If it has a mask, its rows differ in length, or it holds anything but
@@ -60,7 +60,7 @@ def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
 
 
 def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
-    """Give scores that a user's code returned as float64.
+    """Return scores that a user's code returned as float64.
 
     Args:
         given: The scores.
@@ -81,7 +81,7 @@ def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
 def shaped(
     given: Any, shape: tuple[int, ...] | None, what: str, noun: str = "mu"
 ) -> npt.NDArray[Any]:
-    """Give an action, or one an environment, as an array of this shape.
+    """Return an action, or one an environment, as an array of this shape.
 
     Args:
         given: What a user handed over.

@@ -100,7 +100,6 @@ def _homes() -> Iterator[Path]:
 
 
 def _remove_unused(home: Path, name: str) -> None:
-    """Remove a module's folders of other sources, except those that may still be in use."""
     for folder in home.glob(f"{name}-{'[0-9a-f]' * 16}"):
         try:
             unused_s = time.time() - folder.stat().st_mtime
@@ -144,7 +143,6 @@ def imported_sources(file: Path) -> tuple[Path, ...]:
 
 
 def _named(node: ast.Import | ast.ImportFrom, file: Path) -> Iterator[Path]:
-    """Yield the paths, without suffix, of the modules that an import may name."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             parts = alias.name.split(".")

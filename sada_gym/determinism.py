@@ -35,7 +35,7 @@ def generators_kept() -> Iterator[None]:
 
 
 def _used_gpus(torch: Any) -> Sequence[int]:
-    """List the GPUs whose generators can have moved; asking for states would start an idle one."""
+    # asking for the states of others would start an idle GPU
     return range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
 
 
@@ -82,7 +82,7 @@ _limiting = threading.Lock()
 
 @lru_cache(maxsize=1)
 def _thread_pools(modules: int) -> ThreadpoolController:  # noqa: ARG001
-    """Find the loaded libraries' pools; it takes milliseconds, so only where modules are new."""
+    # it takes milliseconds, so only where modules are new
     return ThreadpoolController()
 
 

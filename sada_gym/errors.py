@@ -55,14 +55,10 @@ class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
 
 
-def check_integer(name: str, value: object, least: int, most: int | None = None) -> None:
-    """Raise `UserError` for anything but a whole number in a range.
+def check_integer(name: str, value: object, minimum: int, maximum: int | None = None) -> None:
+    """Raise `UserError` for anything but a whole number from minimum to maximum, if there is one.
 
-    Args:
-        name: The number's name, for messages.
-        value: The value to check.
-        least: The least allowed number.
-        most: The greatest allowed number; None for no limit.
+    `name` is the number's name in the message.
     """
     try:
         if isinstance(value, bool):
@@ -70,10 +66,10 @@ def check_integer(name: str, value: object, least: int, most: int | None = None)
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError as error:
         raise UserTypeError(f"Expected {name} to be a whole number, got {value!r}.") from error
-    if number < least:
-        raise UserError(f"Expected {name} of at least {least}, got {number}.")
-    if most is not None and number > most:
-        raise UserError(f"Expected {name} of at most {most:,}, got {number:,}.")
+    if number < minimum:
+        raise UserError(f"Expected {name} of at least {minimum}, got {number}.")
+    if maximum is not None and number > maximum:
+        raise UserError(f"Expected {name} of at most {maximum:,}, got {number:,}.")
 
 
 def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> None:

@@ -82,7 +82,7 @@ OneLine = Annotated[str, AfterValidator(_printable)]
 
 
 def as_path(given: Any, what: str) -> Path:
-    """Give the path that a user handed over, of what messages call `what`.
+    """Return the path that a user handed over, of what messages call `what`.
 
     Raises:
         UserTypeError: If it is no path.
@@ -168,7 +168,6 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
 
 
 def _place_beside(path: Path) -> Path:
-    """Name the temporary place to write to, and clear what a killed run left there."""
     beside = path.with_name(f".{path.name}.tmp")
     if beside.is_dir() and not beside.is_symlink():
         shutil.rmtree(beside)
@@ -355,7 +354,6 @@ def _read_array(archive: zipfile.ZipFile, name: str, dtype: str, ndim: int) -> n
 
 
 def _parse_array(content: bytes, name: str) -> npt.NDArray[Any]:
-    """Give the array of an NPY file's content; one of objects is refused."""
     buffer = io.BytesIO(content)
     version = np.lib.format.read_magic(buffer)
     if version != (1, 0):

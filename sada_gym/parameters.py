@@ -103,7 +103,7 @@ class ParameterSpace:
         self._high = np.array([p.high for p in parameters])
 
     def __len__(self) -> int:
-        """Give the dimension d."""
+        """Return the dimension d."""
         return len(self.parameters)
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from sada_gym.adversaries.options import Options, choose_options
 from sada_gym.errors import check_integer
 from sada_gym.parameters import Mu
 
-MOST_DIMENSIONS = 1_000
+MAX_DIMENSIONS = 1_000
 """The most semantic parameters: no application has nearly as many, and a covariance fits memory."""
 
 
@@ -81,7 +81,7 @@ class Adversary(ABC):
         preset: str = "default",
         **options: Any,
     ) -> None:
-        check_integer("dimension", dimension, 1, MOST_DIMENSIONS)
+        check_integer("dimension", dimension, 1, MAX_DIMENSIONS)
         if seed is not None:
             check_integer("seed", seed, 0)
         name = getattr(self, "name", type(self).__name__)

@@ -11,14 +11,14 @@ from threadpoolctl import ThreadpoolController
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.gaussian_mixture import MixtureAdversary
-from sada_gym.adversaries.models.expected_improvement import LEAST_CANDIDATES, Search
+from sada_gym.adversaries.models.expected_improvement import MIN_CANDIDATES, Search
 from sada_gym.adversaries.models.mixture import fit_best_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform, select_fooling
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 
-_LEAST_GROWTH = 1.5
+_MIN_GROWTH = 1.5
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class BayesianOptions(Options):
     last: int = option(1000, 1, 10**9)
     induced_size: int = option(100, 0, 10**9)
     components: tuple[int, ...] = option((1, 2, 4, 8, 16, 32), 1, 1_000)
-    candidates: int = option(16_384, LEAST_CANDIDATES, 2**17)
+    candidates: int = option(16_384, MIN_CANDIDATES, 2**17)
     batch: int = option(1, 1, 10_000)
 
     def __post_init__(self) -> None:
@@ -136,11 +136,11 @@ def minimise(
 
 
 def stages(start: int, stop: int) -> list[int]:
-    """Give the numbers of evaluations at which a fit ends: halvings of stop, and stop itself."""
+    """Return the numbers of evaluations at which a fit ends: halvings of stop, and stop itself."""
     ends = []
     while stop > start:
         ends.append(stop)
         stop //= 2
-        if stop < _LEAST_GROWTH * start:
+        if stop < _MIN_GROWTH * start:
             break
     return ends[::-1]

@@ -14,7 +14,7 @@ from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.bbgan_networks import Discriminator, Generator
 from sada_gym.adversaries.bbgan_options import PAPER, BBGANOptions
 from sada_gym.adversaries.bbgan_training import train_gan
-from sada_gym.adversaries.fitted import Arrays, FittedAdversary, part, take
+from sada_gym.adversaries.fitted import Arrays, FittedAdversary, validate_array, without_prefix
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.adversaries.training_log import TrainingLog
@@ -86,7 +86,6 @@ class BBGAN(FittedAdversary):
         self._train_networks(queries)
 
     def _train_networks(self, queries: Evaluations) -> None:
-        """Train G and D afresh on the set induced from queries."""
         self.flags = []
         induced = self._select_fooling(queries, self.options.induced_size)
         with one_thread():
@@ -103,7 +102,6 @@ class BBGAN(FittedAdversary):
         return self._propose(n, 0.0)
 
     def _propose(self, n: int, noise: float) -> Mu:
-        """Draw samples of the generator; without noise, leave out those that D refuses."""
         n = 2 * n + 64
         with torch.no_grad(), one_thread():
             mu, _ = self._g(n, self._generator)
@@ -125,10 +123,10 @@ class BBGAN(FittedAdversary):
         self._g = Generator(self.dimension, self.options, self._generator)
         self._d = Discriminator(self.dimension, self.options, self._generator)
         for prefix, network in (("generator.", self._g), ("discriminator.", self._d)):
-            weights = part(arrays, prefix)
+            weights = without_prefix(arrays, prefix)
             network.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})
-        self._ceiling = torch.tensor(take(arrays, "ceiling"))
-        self._generator.set_state(torch.tensor(take(arrays, "random_state", None)))
+        self._ceiling = torch.tensor(validate_array(arrays, "ceiling"))
+        self._generator.set_state(torch.tensor(validate_array(arrays, "random_state", None)))
 
 
 @dataclass(frozen=True)
@@ -169,12 +167,11 @@ class BoostedBBGAN(BBGAN):
         return self.options.stages * round(queries * self.options.share)
 
     def _train(self, oracle: Query) -> Evaluations:
-        """Spend the budget on uniform points and on the samples of each stage's GAN."""
         uniform, share = split_budget(oracle.remaining, self.options)
         queries = boosted = evaluate_uniform(uniform, self.dimension, oracle, self.rng)
         self._fit(queries)
         for stage in range(self.options.stages if share else 0):
-            self._know(queries)
+            self._set_queries(queries)
             sampled = evaluate(self._fresh(share), oracle)
             queries += sampled
             for _ in range(self.options.copies):

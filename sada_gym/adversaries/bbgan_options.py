@@ -44,8 +44,8 @@ class BBGANOptions(Options):
     """
 
     latent: int = option(8, 1, 1_024)
-    generator: tuple[int, ...] = option((128, 128), 1, 1_024, most=32)
-    discriminator: tuple[int, ...] = option((256, 256), 1, 1_024, most=32)
+    generator: tuple[int, ...] = option((128, 128), 1, 1_024, max_items=32)
+    discriminator: tuple[int, ...] = option((256, 256), 1, 1_024, max_items=32)
     transport: bool = True
     fold: bool = True
     features: int = option(32, 0, 4_096)

@@ -119,7 +119,6 @@ def _draw(points: Tensor, n: int, generator: torch.Generator) -> Tensor:
 
 
 def _average(running: nn.Module, latest: nn.Module, keep: float) -> None:
-    """Move a running average of weights towards the latest ones."""
     with torch.no_grad():
         for old, new in zip(running.parameters(), latest.parameters(), strict=True):
             old.lerp_(new, 1.0 - keep)

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.fitted import Arrays, FittedAdversary, take
+from sada_gym.adversaries.fitted import Arrays, FittedAdversary, validate_array
 from sada_gym.adversaries.models.mixture import Array, reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
@@ -92,7 +92,6 @@ class CMAMAE(FittedAdversary):
         return queries
 
     def _scheduler(self, queries: Evaluations) -> Scheduler:
-        """Make archive and strategies; the uniform points are in the archive already."""
         from ribs.archives import CVTArchive
         from ribs.emitters import EvolutionStrategyEmitter
         from ribs.schedulers import Scheduler
@@ -105,6 +104,7 @@ class CMAMAE(FittedAdversary):
             threshold_min=_THRESHOLD_MIN,
             seed=self._seed(),
         )
+        # the uniform points are in the archive already
         archive.add(queries.mu, 1.0 - queries.score, queries.mu)
         elites = archive.data(["solution", "objective"])
         fools = elites["objective"] >= 1.0 - self.threshold
@@ -125,7 +125,6 @@ class CMAMAE(FittedAdversary):
         return Scheduler(archive, emitters)
 
     def _fit(self, queries: Evaluations) -> None:
-        """Weigh the points that fooled by their cells, and find the steps' deviations."""
         chosen = self._select_fooling(queries).chosen
         cells, count = KDTree(self._centroids), len(self._centroids)
         cell = cells.query(chosen)[1]
@@ -147,7 +146,7 @@ class CMAMAE(FittedAdversary):
         return {"centroids": self._centroids}
 
     def _restore(self, arrays: Arrays) -> None:
-        self._centroids = take(arrays, "centroids", self.options.cells, self.dimension)
+        self._centroids = validate_array(arrays, "centroids", self.options.cells, self.dimension)
         self._fit(self.queries)
 
     def _seed(self) -> int:

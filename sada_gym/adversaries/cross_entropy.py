@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, take
+from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, validate_array
 from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import FALLBACK_SIZE, evaluate, evaluate_uniform
@@ -109,13 +109,11 @@ class CrossEntropy(FittedAdversary):
         self._ceiling = float(np.quantile(odds, _ACCEPTANCE))
 
     def _split(self, budget: int) -> list[int]:
-        """Split the budget into the first, uniform stage and later ones, none of them empty."""
         uniform = math.ceil(budget * self.options.uniform_share)
         ends = np.linspace(uniform, budget, self.options.stages + 1).astype(int)
         return [uniform, *(int(count) for count in np.diff(ends) if count)]
 
     def _fit_mixture(self, queries: Evaluations, level: float) -> Mixture:
-        """Fit the uniform density over the points at or below the level."""
         elite = queries.mu[queries.score <= level].astype(np.float64)
         log_density = logsumexp(
             [self._log_density(elite, *stage) for stage in self._stages], axis=0
@@ -126,7 +124,7 @@ class CrossEntropy(FittedAdversary):
     def _log_density(
         self, points: Array, count: int, mixture: Mixture | None, mass: float
     ) -> Array:
-        """Give the log of a stage's points per volume at points (n, d), up to a constant: (n,)."""
+        """Return the log density of a stage's points at points (n, d), up to a constant: (n,)."""
         if mixture is None:
             return np.full(len(points), math.log(count))
         truncated = mixture.log_density(points) - math.log(mass)
@@ -166,7 +164,9 @@ class CrossEntropy(FittedAdversary):
         return arrays
 
     def _restore(self, arrays: Arrays) -> None:
-        self._log_odds, self._ceiling = (float(value) for value in take(arrays, "odds", 2))
+        self._log_odds, self._ceiling = (
+            float(value) for value in validate_array(arrays, "odds", 2)
+        )
         self._mixture, *self._classes = (
             Mixture.from_arrays(
                 {n: arrays[f"{i}.{n}"] for n in ("weights", "means", "factors")}, self.dimension

@@ -36,26 +36,16 @@ NONE_FOOLED = "no point of Omega fooled: learnt from the lowest scores instead"
 _RECORD, _ARRAYS = "adversary.json", "adversary.safetensors"
 
 
-class Record(Strict):
-    """The contents of `adversary.json`: a trained adversary without its arrays.
-
-    Attributes:
-        adversary: The adversary's name.
-        dimension: d.
-        options: All options of the adversary.
-        flags: The flags that the training set.
-        threshold: The fooling threshold of the training.
-        before_fit: The state of the adversary's generator before `_fit`.
-        generator: The state of the generator when it was saved.
-    """
+class _Record(Strict):
+    """The contents of `adversary.json`: a trained adversary without its arrays."""
 
     adversary: str
     dimension: int
     options: dict[str, Any]
     flags: tuple[OneLine, ...]
     threshold: float
-    before_fit: Mapping[str, Any]
-    generator: Mapping[str, Any]
+    before_fit: Mapping[str, Any]  # the generator's state before `_fit`
+    generator: Mapping[str, Any]  # its state when the adversary was saved
 
 
 class FittedAdversary(Adversary):
@@ -75,7 +65,7 @@ class FittedAdversary(Adversary):
     queries: Evaluations
     threshold: float
     _trained = False
-    _known: set[bytes]
+    _query_keys: set[bytes]
     _before_fit: Mapping[str, Any]
 
     def _query(self, oracle: Query) -> Evaluations:
@@ -91,7 +81,7 @@ class FittedAdversary(Adversary):
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
     def _arrays(self) -> Arrays:
-        """Give what was learnt as arrays, which are saved. Here there is nothing to save."""
+        """Return what was learnt as arrays, which are saved. Here there is nothing to save."""
         return {}
 
     def _restore(self, arrays: Arrays) -> None:  # noqa: ARG002 - there are none
@@ -108,7 +98,6 @@ class FittedAdversary(Adversary):
         return draw_uniform(n, self.dimension, self.rng)
 
     def _select_fooling(self, queries: Evaluations, size: int = 0) -> InducedSet:
-        """Pick the induced set, at most `size` points or all that fool; flag it if none does."""
         induced = select_fooling(queries, self.threshold, self.rng, size=size or None)
         if induced.fallback:
             self.flags.append(NONE_FOOLED)
@@ -122,11 +111,10 @@ class FittedAdversary(Adversary):
         """
         self.flags, self.threshold = [], float(oracle.threshold)
         self._before_fit = self.rng.bit_generator.state
-        self._know(self._train(oracle))
+        self._set_queries(self._train(oracle))
         self._trained = True
 
     def _train(self, oracle: Query) -> Evaluations:
-        """Query and fit. A subclass that alternates between the two overrides this method."""
         queries = self._query(oracle)
         self._before_fit = self.rng.bit_generator.state
         self._fit(queries)
@@ -139,16 +127,16 @@ class FittedAdversary(Adversary):
             RuntimeError: If it was neither trained nor loaded.
             ValueError: If n different ones cannot be drawn.
         """
-        self._refuse_untrained("sample")
+        self._check_trained("sample")
         return self._fresh(n)
 
     def _fresh(self, n: int) -> Mu:
-        return fresh_rows(self._propose, (n, self.dimension), self._known)
+        return fresh_rows(self._propose, (n, self.dimension), self._query_keys)
 
-    def _know(self, queries: Evaluations) -> None:
-        self.queries, self._known = queries, row_keys(queries.mu)
+    def _set_queries(self, queries: Evaluations) -> None:
+        self.queries, self._query_keys = queries, row_keys(queries.mu)
 
-    def _refuse_untrained(self, what: str) -> None:
+    def _check_trained(self, what: str) -> None:
         if not self._trained:
             raise RuntimeError(f"Expected a trained adversary to {what}; call train or load first.")
 
@@ -158,14 +146,14 @@ class FittedAdversary(Adversary):
         Raises:
             RuntimeError: If it was not trained.
         """
-        self._refuse_untrained("save")
+        self._check_trained("save")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         arrays = {**self._arrays(), "omega.mu": self.queries.mu, "omega.score": self.queries.score}
         # safetensors writes the memory as it lies, whatever the strides
         content = save({name: np.asarray(array, order="C") for name, array in arrays.items()})
         write_file(folder / _ARRAYS, content)
-        record = Record(
+        record = _Record(
             adversary=self.name,
             dimension=self.dimension,
             options=self.options.as_dict(),
@@ -193,19 +181,19 @@ class FittedAdversary(Adversary):
 
     @classmethod
     def _loaded(cls, folder: Path) -> Self:
-        record = Record.model_validate_json((folder / _RECORD).read_bytes())
+        record = _Record.model_validate_json((folder / _RECORD).read_bytes())
         check_known("saved adversary", [record.adversary], [cls.name])
         # options alone: a file must not choose other arguments, such as a path to write to
         options = choose_options(cls.name, cls.options_class(), {}, "default", record.options)
         adversary = cls(record.dimension, seed=0, **options.as_dict())
         adversary.threshold = record.threshold
         arrays = load((folder / _ARRAYS).read_bytes())
-        _refuse_bad_numbers(arrays)
-        score = take(arrays, "omega.score", None)
-        mu = take(arrays, "omega.mu", len(score), adversary.dimension)
+        _check_numbers(arrays)
+        score = validate_array(arrays, "omega.score", None)
+        mu = validate_array(arrays, "omega.mu", len(score), adversary.dimension)
         if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
             raise UserError("omega.mu is not float32 within [-1, 1], or omega.score not float64")
-        adversary._know(Evaluations.unseeded(mu, score))
+        adversary._set_queries(Evaluations.unseeded(mu, score))
         adversary._before_fit = record.before_fit
         adversary.rng.bit_generator.state = record.before_fit
         adversary._restore(arrays)
@@ -215,13 +203,8 @@ class FittedAdversary(Adversary):
         return adversary
 
 
-def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
-    """Give one of a file's arrays after checking its shape.
-
-    Args:
-        arrays: The file's arrays by name.
-        name: The array's name.
-        shape: The shape that it must have; None allows any length.
+def validate_array(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
+    """Return one of a file's arrays, which must have this shape; None allows any length.
 
     Raises:
         ValueError: If the array is missing or has another shape.
@@ -230,19 +213,19 @@ def take(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
         raise UserError(f"the array {name} is missing")
     array = arrays[name]
     if array.ndim != len(shape) or any(
-        length not in (None, own) for own, length in zip(array.shape, shape, strict=True)
+        wanted not in (None, length) for length, wanted in zip(array.shape, shape, strict=True)
     ):
-        wanted = ", ".join("any" if length is None else str(length) for length in shape)
-        raise UserError(f"{name} has the shape {array.shape}, not ({wanted})")
+        expected = ", ".join("any" if length is None else str(length) for length in shape)
+        raise UserError(f"{name} has the shape {array.shape}, not ({expected})")
     return array
 
 
-def part(arrays: Arrays, prefix: str) -> Arrays:
-    """Give the arrays whose names start with a prefix, by the rest of their names."""
+def without_prefix(arrays: Arrays, prefix: str) -> Arrays:
+    """Return the arrays whose names start with a prefix, by the rest of their names."""
     return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
 
-def _refuse_bad_numbers(arrays: Arrays) -> None:
+def _check_numbers(arrays: Arrays) -> None:
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
             raise UserError(f"{name} holds {array.dtype}, not numbers")

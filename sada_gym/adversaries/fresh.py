@@ -12,13 +12,13 @@ from sada_gym.errors import AdversaryError
 from sada_gym.parameters import Mu
 
 _ROUNDS_WITHOUT_NOISE = 100
-_FIRST_NOISE, _MOST_NOISE = 1e-4, 0.5
+_FIRST_NOISE, _MAX_NOISE = 1e-4, 0.5
 _WINDOW = 20
-_LEAST_NEW = 0.1
+_MIN_NEW = 0.1
 
 
 def row_keys(mu: Mu) -> set[bytes]:
-    """Give a key of each row of mu (n, d); equal rows have equal keys."""
+    """Return a key of each row of mu (n, d); equal rows have equal keys."""
     # adding 0 turns -0 into 0: equal rows have equal bytes
     return {row.tobytes() for row in mu + np.float32(0.0)}
 
@@ -65,8 +65,8 @@ def fresh_rows(
             continue
         proposed, found = proposed + len(drawn), found + len(chosen) - before
         if rounds % _WINDOW == 0:
-            if found <= _LEAST_NEW * proposed:
-                if noise > _MOST_NOISE:
+            if found <= _MIN_NEW * proposed:
+                if noise > _MAX_NOISE:
                     raise AdversaryError(
                         f"Expected {shape[0]:,} different samples, but after {len(chosen):,} the "
                         "adversary draws hardly anything new. Ask for fewer, or train it again."

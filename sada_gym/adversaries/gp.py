@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sada_gym.adversaries.fitted import Arrays, Floats, take
+from sada_gym.adversaries.fitted import Arrays, Floats, validate_array
 from sada_gym.adversaries.models.exact_gp import (
     Array,
     Kernel,
@@ -18,7 +18,7 @@ from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 
-MOST_POINTS = 20_000
+MAX_POINTS = 20_000
 """The most points that the process is fitted to: the paper's N. Memory grows with its square."""
 
 CONSTANT = "all scores of Omega are equal: samples are uniform"
@@ -37,11 +37,11 @@ class GP(Selection):
     packages = ()
 
     def _fit(self, queries: Evaluations) -> None:
-        if len(queries) > MOST_POINTS:
-            self.flags.append(f"fitted to the first {MOST_POINTS} points of Omega's {len(queries)}")
+        if len(queries) > MAX_POINTS:
+            self.flags.append(f"fitted to the first {MAX_POINTS} points of Omega's {len(queries)}")
         # Omega is in random order: its first points are a random subset
-        x = queries.mu[:MOST_POINTS].astype(np.float64)
-        score = queries.score[:MOST_POINTS]
+        x = queries.mu[:MAX_POINTS].astype(np.float64)
+        score = queries.score[:MAX_POINTS]
         self._mean, scale = float(score.mean()), float(score.std())
         if np.ptp(score) == 0.0:  # rounding may leave their deviation above 0
             self.flags.append(CONSTANT)
@@ -66,11 +66,11 @@ class GP(Selection):
         }
 
     def _restore(self, arrays: Arrays) -> None:
-        points = min(len(self.queries), MOST_POINTS)
-        self._mean = float(take(arrays, "mean"))
-        self._weights = take(arrays, "weights", points)
-        scales = take(arrays, "length_scales", self.dimension)
-        signal, noise = (float(take(arrays, name)) for name in ("signal", "noise"))
+        points = min(len(self.queries), MAX_POINTS)
+        self._mean = float(validate_array(arrays, "mean"))
+        self._weights = validate_array(arrays, "weights", points)
+        scales = validate_array(arrays, "length_scales", self.dimension)
+        signal, noise = (float(validate_array(arrays, name)) for name in ("signal", "noise"))
         if min(*scales, signal, noise) <= 0.0:
             raise UserError("a length-scale, the signal or the noise is not above 0")
         self._kernel = Kernel(scales, signal, noise)

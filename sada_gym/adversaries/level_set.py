@@ -19,12 +19,12 @@ from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import density_and_coverage
 from sada_gym.parameters import Mu
 
-LEAST_BUDGET = 20
+MIN_BUDGET = 20
 
 _POOL_PER_QUERY = 10
-_LEAST_POOL, _MOST_POOL = 2_000, 20_000
-_MOST_POOLS = 10
-_LEAST_SET = 1_000
+_MIN_POOL, _MAX_POOL = 2_000, 20_000
+_MAX_POOLS = 10
+_MIN_SET = 1_000
 _RARE = 0.002
 _WALK_STEPS = 60
 _LEVELS = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
@@ -49,7 +49,7 @@ class LevelSetOptions(Options):
     explore: float = option(0.25, 0, 1)
     coverage: float = option(0.98, 0, 1)
     volume: float = option(1.0 / 3.0, 0, 1)
-    models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), most=len(MODELS))
+    models: tuple[str, ...] = option(tuple(MODELS), choices=tuple(MODELS), max_items=len(MODELS))
 
 
 class LevelSet(FittedAdversary):
@@ -86,12 +86,12 @@ class LevelSet(FittedAdversary):
 
     def _query(self, oracle: Query) -> Evaluations:
         budget = oracle.remaining
-        if budget < LEAST_BUDGET:
+        if budget < MIN_BUDGET:
             raise BudgetTooSmall(
-                f"Expected a budget of at least {LEAST_BUDGET} queries, got {budget}. Raise it."
+                f"Expected a budget of at least {MIN_BUDGET} queries, got {budget}. Raise it."
             )
         rounds = self.options.rounds
-        first = max(int(self.options.uniform * budget), LEAST_BUDGET) if rounds else budget
+        first = max(int(self.options.uniform * budget), MIN_BUDGET) if rounds else budget
         queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for i in range(1, rounds + 1):
             part = first + (budget - first) * i // rounds - len(queries)
@@ -105,7 +105,6 @@ class LevelSet(FittedAdversary):
         return Surrogate(queries.mu, queries.score, self.threshold, rng, self.options.models)
 
     def _choose(self, surrogate: Surrogate, pool: Mu, count: int) -> Mu:
-        """Choose the next queries from the pool: (count, d)."""
         p = surrogate(pool)
         # too few fool to know the boundary: go where the scores are lowest
         odds = (p**4 if surrogate.raised else self._acquisition(surrogate, pool, p)) + 1e-12
@@ -113,11 +112,10 @@ class LevelSet(FittedAdversary):
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
     def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:  # noqa: ARG002
-        """Give the value of querying each mu of the pool, which fools with chance p: (m,)."""
+        """Return the value of querying each mu of the pool, which fools with chance p: (m,)."""
         return p * (1.0 - p)
 
     def _fit(self, queries: Evaluations) -> None:
-        """Fit the last surrogate, choose the level, and keep points for the walk to start from."""
         if not queries.fooled(self.threshold).any():
             self.flags.append(NONE_FOOLED)
         rng = np.random.default_rng(int(self.rng.integers(2**62)))
@@ -130,29 +128,27 @@ class LevelSet(FittedAdversary):
         least = max(self.options.volume * float(p.mean()), 0.0001)
         highest = float(np.quantile(p, 1.0 - least))
         self.level = min(0.5, highest)
-        if self.options.coverage < 1.0 and len(rows) >= 2 * _LEAST_SET:
+        if self.options.coverage < 1.0 and len(rows) >= 2 * _MIN_SET:
             self._raise_level(pool, p, rows, highest)
         inside = p >= self.level
         self._share = float(inside.mean())
-        self._starts = pool[inside][:_LEAST_SET]
+        self._starts = pool[inside][:_MIN_SET]
 
     def _raise_level(self, pool: Mu, p: Array, rows: npt.NDArray[np.intp], highest: float) -> None:
-        """Raise the level from 1/2 as far as the coverage of {p >= 1/2} and `highest` allow."""
-        real, others = pool[rows[:_LEAST_SET]], rows[_LEAST_SET:]
+        real, others = pool[rows[:_MIN_SET]], rows[_MIN_SET:]
         least = self.options.coverage * self._predict_coverage(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
-            if len(higher) < _LEAST_SET or self._predict_coverage(pool, p, higher, real) < least:
+            if len(higher) < _MIN_SET or self._predict_coverage(pool, p, higher, real) < least:
                 return
             self.level = level
 
     def _predict_pool(self, size: int) -> tuple[Mu, Array]:
-        """Draw uniform mu until enough are predicted to fool; give them and their probabilities."""
         pool, p = self._uniform(0), np.zeros(0)
-        for _ in range(_MOST_POOLS):
+        for _ in range(_MAX_POOLS):
             drawn = self._uniform(size)
             pool, p = np.concatenate([pool, drawn]), np.append(p, self._surrogate(drawn))
-            if (p >= 0.5).sum() >= 4 * _LEAST_SET:
+            if (p >= 0.5).sum() >= 4 * _MIN_SET:
                 break
         return pool, p
 
@@ -163,7 +159,6 @@ class LevelSet(FittedAdversary):
         rows: npt.NDArray[np.intp],
         real: Mu,
     ) -> float:
-        """Predict the coverage of samples from some rows of the pool, that fool with chance p."""
         covered = []
         for _ in range(_DRAWS):
             samples = self.rng.choice(rows, _SAMPLES, replace=False)
@@ -175,7 +170,7 @@ class LevelSet(FittedAdversary):
     def _draw(self, n: int) -> Floats:
         if self._share < _RARE:
             return self._walk(n)
-        pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MOST_POOLS * _MOST_POOL))
+        pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MAX_POOLS * _MAX_POOL))
         return pool[self._surrogate(pool) >= self.level]
 
     def _walk(self, n: int) -> Floats:
@@ -195,4 +190,4 @@ class LevelSet(FittedAdversary):
 
 
 def _pool_size(queries: int) -> int:
-    return min(max(_POOL_PER_QUERY * queries, _LEAST_POOL), _MOST_POOL)
+    return min(max(_POOL_PER_QUERY * queries, _MIN_POOL), _MAX_POOL)

@@ -27,20 +27,16 @@ class Rule:
     high: float | None = None
     inside: bool = False
     choices: tuple[str, ...] = ()
-    most: int = 0
+    max_items: int = 0
     optional: bool = False
 
     def accept(self, value: Any) -> Any:
-        """Give an allowed value in the rule's type.
-
-        Raises:
-            ValueError: If the value is not allowed.
-        """
+        """Return an allowed value in the rule's type; raise a bare ValueError for any other."""
         if value is None and self.optional:
             return None
-        if not self.most:
+        if not self.max_items:
             return self._accept_one(value)
-        if not isinstance(value, list | tuple) or not 1 <= len(value) <= self.most:
+        if not isinstance(value, list | tuple) or not 1 <= len(value) <= self.max_items:
             raise ValueError
         return tuple(map(self._accept_one, value))
 
@@ -62,16 +58,16 @@ class Rule:
 
     def __str__(self) -> str:
         """Say it as a part of a sentence: `an int from 1 to 100`."""
-        one = f"one of {', '.join(self.choices)}" if self.choices else _NAMES[self.kind]
+        rule = f"one of {', '.join(self.choices)}" if self.choices else _NAMES[self.kind]
         if self.low is not None and self.high is not None:
             low, high = (
                 f"{n:,}" if isinstance(n, int) else f"{n:g}" for n in (self.low, self.high)
             )
             between = f" between {low} and {high}, both excluded"
-            one += between if self.inside else f" from {low} to {high}"
-        if self.most:
-            one = f"a list of 1 to {self.most} items, each {one}"
-        return f"{one}, or None" if self.optional else one
+            rule += between if self.inside else f" from {low} to {high}"
+        if self.max_items:
+            rule = f"a list of 1 to {self.max_items} items, each {rule}"
+        return f"{rule}, or None" if self.optional else rule
 
 
 def option(
@@ -82,23 +78,23 @@ def option(
     kind: type | None = None,
     inside: bool = False,
     choices: tuple[str, ...] = (),
-    most: int = 64,
+    max_items: int = 64,
 ) -> T:
     """Declare an option as a field of `Options`: its default and what it may be.
 
     Args:
         default: The default; its type is the option's. None allows None beside `kind`. A tuple
             means a list of items of the type.
-        low: The least value of a number, or of each number of a tuple.
-        high: The greatest. Choose one that no user will miss and that memory can bear.
+        low: The minimum of a number, or of each number of a tuple.
+        high: The maximum. Choose one that no user will miss and that memory can bear.
         kind: The type where the default is None.
         inside: Whether `low` and `high` themselves are refused.
         choices: The texts allowed; none for any.
-        most: The most items of a tuple.
+        max_items: The maximum number of items of a tuple.
     """
     several = isinstance(default, tuple)
     kind = kind or type(default[0] if isinstance(default, tuple) else default)
-    rule = Rule(kind, low, high, inside, choices, most * several, optional=default is None)
+    rule = Rule(kind, low, high, inside, choices, max_items * several, optional=default is None)
     return field(default=default, metadata={_RULE: rule})
 
 
@@ -116,11 +112,11 @@ class Options:
     def __post_init__(self) -> None:
         """Check every option; whole numbers become floats, and lists tuples, where declared so."""
         for declared in fields(self):
-            value = _checked(declared, getattr(self, declared.name))
+            value = _validate(declared, getattr(self, declared.name))
             object.__setattr__(self, declared.name, value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the options by name; the class makes equal options from them."""
+        """Return the options by name; the class makes equal options from them."""
         return {declared.name: getattr(self, declared.name) for declared in fields(self)}
 
 
@@ -131,7 +127,7 @@ def choose_options(
     preset: str,
     given: Mapping[str, Any],
 ) -> Chosen:
-    """Give a preset's options and replace some of them.
+    """Return a preset's options and replace some of them.
 
     Args:
         adversary: The adversary's name, which error messages name.
@@ -152,8 +148,7 @@ def choose_options(
     return replace(default, **given)
 
 
-def _checked(declared: Field[Any], value: Any) -> Any:
-    """Give an option's value in the declared type; a default that is no text or number is free."""
+def _validate(declared: Field[Any], value: Any) -> Any:
     kind = type(declared.default)
     if _RULE not in declared.metadata and kind not in _NAMES:
         return value

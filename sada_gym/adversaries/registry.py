@@ -87,7 +87,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
 
 
 def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Give all options that `make` would use: those given, the preset's, the defaults.
+    """Return all options that `make` would use: those given, the preset's, the defaults.
 
     Args:
         name: A name as `make` takes it.
@@ -129,7 +129,6 @@ def find(name: str) -> type[Adversary]:
 
 
 def _options(kind: type[Adversary], preset: str = "default") -> dict[str, Any]:
-    """Give an adversary's options and their defaults: its preset's, and keywords of its own."""
     options = {
         p.name: None if p.default is p.empty else p.default
         for p in inspect.signature(kind).parameters.values()

@@ -12,7 +12,7 @@ import torch
 from scipy.special import softmax
 from torch import Tensor
 
-from sada_gym.adversaries.fitted import Arrays, take
+from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
@@ -86,7 +86,7 @@ class Reinforce(RLAdversary):
         return all(bool(parameter.isfinite().all()) for parameter in self._parameters.values())
 
     def _log_density(self, points: Tensor) -> Tensor:
-        """Give the mixture's log density at points (n, d), before reflection: (n,)."""
+        """Return the mixture's log density at points (n, d), before reflection: (n,)."""
         logits, means, log_deviations = self._parameters.values()
         scaled = (points[:, None] - means) / log_deviations.exp()
         normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - log_deviations
@@ -98,4 +98,6 @@ class Reinforce(RLAdversary):
     def _restore(self, arrays: Arrays) -> None:
         count, d = self.options.components, self.dimension
         shapes = {"logits": (count,), "means": (count, d), "log_deviations": (count, d)}
-        self._parameters = {k: torch.tensor(take(arrays, k, *s)) for k, s in shapes.items()}
+        self._parameters = {
+            k: torch.tensor(validate_array(arrays, k, *s)) for k, s in shapes.items()
+        }

@@ -91,7 +91,7 @@ class RLAdversary(FittedAdversary):
         rollouts = self._rollouts(budget)
         if rollouts < 1:
             raise BudgetTooSmall(
-                f"Expected a budget of at least {self.least_budget} queries for {self.name}, got "
+                f"Expected a budget of at least {self.minimum_budget} queries for {self.name}, got "
                 f"{budget}: it needs some uniform queries and a whole rollout of {size}. Raise the "
                 "budget, or lower the option rollout."
             )
@@ -114,7 +114,7 @@ class RLAdversary(FittedAdversary):
         self.flags = [] if queries.fooled(self.threshold).any() else [NONE_FOOLED]
 
     @property
-    def least_budget(self) -> int:
+    def minimum_budget(self) -> int:
         """The smallest budget that it can learn from, in queries."""
         budget = math.floor(self.options.rollout / (1.0 - self.options.uniform_share))
         while self._rollouts(budget) < 1:
@@ -122,7 +122,6 @@ class RLAdversary(FittedAdversary):
         return budget
 
     def _rollouts(self, budget: int) -> int:
-        """Count the whole rollouts that a budget has room for beside the uniform share."""
         uniform = max(1, math.ceil(self.options.uniform_share * budget))
         return (budget - uniform) // self.options.rollout
 
@@ -146,7 +145,7 @@ class RLAdversary(FittedAdversary):
 def failure_rewards(
     asked: Evaluations, seen: Evaluations, threshold: float, *, rank: float, dissimilarity: float
 ) -> Array:
-    """Give the rewards of a rollout's queries: (n,).
+    """Return the rewards of a rollout's queries: (n,).
 
     A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
     missed so far, these included, whose score is above its own (half of the equal ones count). So
@@ -176,7 +175,7 @@ def failure_rewards(
 
 
 def novelties(mu: Mu, failures: Mu) -> Array:
-    """Give how far from known failures each mu (n, d) lies: (n,) in [0, 1].
+    """Return how far from known failures each mu (n, d) lies: (n,) in [0, 1].
 
     A distance has no meaning by itself: in eight dimensions every two points are far apart. So it
     is compared to those among the failures themselves, (m, d): the result is the share of them

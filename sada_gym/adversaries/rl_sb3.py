@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sada_gym.adversaries.fitted import Arrays, part
+from sada_gym.adversaries.fitted import Arrays, without_prefix
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
@@ -58,11 +58,11 @@ class SB3Adversary(RLAdversary):
 
     @abstractmethod
     def _settings(self, budget: int) -> dict[str, Any]:
-        """Give the model's keywords beside those that all share, for so many queries."""
+        """Return the model's keywords beside those that all share, for so many queries."""
 
     @abstractmethod
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
-        """Give mean and standard deviation of the actions at the starts (n, d), each (n, d)."""
+        """Return mean and standard deviation of the actions at the starts (n, d), each (n, d)."""
 
     def _squash(self, drawn: Array) -> Array:
         """Turn draws of the Gaussian, (n, d), into actions."""
@@ -97,7 +97,6 @@ class SB3Adversary(RLAdversary):
         return Proposals(start, self._squash(drawn))
 
     def _update(self, **settings: Any) -> bool:
-        """Let the model train; return whether its weights are finite."""
         try:
             with self._seeded():
                 self._model.train(**settings)
@@ -107,7 +106,6 @@ class SB3Adversary(RLAdversary):
 
     @contextmanager
     def _seeded(self) -> Iterator[None]:
-        """Seed the global generators from ours and use one thread; restore both afterwards."""
         from stable_baselines3.common.utils import set_random_seed
 
         seed = int(self.rng.integers(2**31))
@@ -121,5 +119,5 @@ class SB3Adversary(RLAdversary):
 
     def _restore(self, arrays: Arrays) -> None:
         self._begin(budget=1)
-        weights = part(arrays, "policy.")
+        weights = without_prefix(arrays, "policy.")
         self._model.policy.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})

@@ -17,7 +17,7 @@ from sada_gym.evaluations import Evaluations
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
 
-_LEAST_POOL = 4
+_MIN_POOL = 4
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Selection(FittedAdversary):
         return queries
 
     def _draw(self, n: int) -> Floats:
-        size = max(self.options.pool or len(self.queries), _LEAST_POOL * n)
+        size = max(self.options.pool or len(self.queries), _MIN_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):
             predicted = self._predict(pool)

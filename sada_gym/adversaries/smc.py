@@ -18,7 +18,7 @@ from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
 from sada_gym.evaluations import Evaluations
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
-_LEAST_SPREAD = 1e-3
+_MIN_SPREAD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,11 +102,10 @@ class SMC(FittedAdversary):
     def _walk(
         self, population: Evaluations, level: float, n: int, oracle: Query
     ) -> tuple[Evaluations, Evaluations]:
-        """Let chains from the population take n steps in all: their states, and all queries."""
         chains = math.ceil(n / self.options.steps)
         start = self.rng.choice(len(population), chains, replace=chains > len(population))
         mu, score = population.mu[start], population.score[start]
-        spread = np.maximum(population.mu.std(axis=0), _LEAST_SPREAD)
+        spread = np.maximum(population.mu.std(axis=0), _MIN_SPREAD)
         states = proposals = population[:0]
         for taken in range(0, n, chains):
             mu, score = mu[: n - taken], score[: n - taken]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.fitted import Arrays, Floats, take
+from sada_gym.adversaries.fitted import Arrays, Floats, validate_array
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.selection import Selection
 from sada_gym.errors import UserError
@@ -71,7 +71,6 @@ class SVM(Selection):
             self._coefficients, self._intercepts = -self._coefficients, -self._intercepts
 
     def _predict(self, mu: Array) -> Floats:
-        """Give each mu the class that wins most of the pairs; the lower class wins ties."""
         votes = np.zeros((len(mu), len(self._classes)))
         x = _UNIT_VARIANCE * mu
         for start in range(0, len(mu), _BLOCK):
@@ -94,15 +93,15 @@ class SVM(Selection):
         }
 
     def _restore(self, arrays: Arrays) -> None:
-        self._classes = take(arrays, "classes", None)
+        self._classes = validate_array(arrays, "classes", None)
         count = len(self._classes)
         if not 1 <= count <= len(_EDGES) + 1:
             raise UserError(f"there are {count} classes, not 1 to {len(_EDGES) + 1}")
         pairs = count * (count - 1) // 2
-        self._gamma = float(take(arrays, "gamma"))
-        self._vectors = take(arrays, "vectors", None, self.dimension)
-        self._coefficients = take(arrays, "coefficients", len(self._vectors), pairs)
-        self._intercepts = take(arrays, "intercepts", pairs)
+        self._gamma = float(validate_array(arrays, "gamma"))
+        self._vectors = validate_array(arrays, "vectors", None, self.dimension)
+        self._coefficients = validate_array(arrays, "coefficients", len(self._vectors), pairs)
+        self._intercepts = validate_array(arrays, "intercepts", pairs)
 
 
 def _machine(penalty: float, gamma: float) -> SVC:
@@ -113,7 +112,6 @@ def _machine(penalty: float, gamma: float) -> SVC:
 
 
 def _cross_validate(x: Array, label: Labels, fold: Labels) -> tuple[float, float]:
-    """Choose C and gamma by the balanced accuracy over the folds; the smoother pair wins ties."""
     best, choice = -1.0, (_PENALTIES[0], _WIDTHS[0] / x.shape[1])
     for penalty, width in product(_PENALTIES, _WIDTHS):
         gamma = width / x.shape[1]

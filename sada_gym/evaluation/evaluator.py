@@ -194,9 +194,9 @@ class Evaluator:
 
 
 def _chunk_size(count: int, workers: int) -> int:
-    """Choose a size so that every worker gets at least two chunks: a slow one holds up less."""
     if workers == 1:
         return MAX_CHUNK
+    # at least two chunks for every worker: a slow one holds up less
     return max(1, min(MAX_CHUNK, -(-count // (2 * workers))))
 
 

@@ -144,7 +144,6 @@ class EvaluationStore:
         run("COMMIT")
 
     def _check_content(self) -> None:
-        """Refuse a file that SQLite finds sound, but that no run of this package wrote."""
         columns = self._connection.execute(
             "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
         ).fetchall()
@@ -210,7 +209,7 @@ class EvaluationStore:
     def evaluations(
         self, context: int, seeds: Sequence[int]
     ) -> tuple[Mu, npt.NDArray[np.float64]] | None:
-        """Give the mu and scores that are stored with seeds.
+        """Return the mu and scores that are stored with seeds.
 
         Of evaluations that share a seed, the order is not known.
 

@@ -119,7 +119,7 @@ def in_use(error: sqlite3.OperationalError) -> bool:
 
 
 def corrupt(path: Path, reason: str) -> StoreError:
-    """Give the error of a damaged store."""
+    """Return the error of a damaged store."""
     return StoreError(_BAD_CONTENT.format(path=path, error=reason))
 
 

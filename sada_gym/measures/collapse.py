@@ -10,10 +10,10 @@ import numpy.typing as npt
 from sada_gym.arrays import as_array
 from sada_gym.errors import UserError
 
-LEAST_SAMPLES = 10
+MIN_SAMPLES = 10
 """The least number of samples whose spread means something."""
 
-LEAST_SHARE = 0.05
+MIN_SHARE = 0.05
 """Samples collapsed where the spread is below this share of uniform's in every dimension."""
 
 _UNIFORM_STD = 1.0 / math.sqrt(3.0)
@@ -45,12 +45,12 @@ def collapse_flag(mu: npt.ArrayLike) -> str | None:
     samples = as_array(mu, "mu").astype(np.float64)
     if samples.ndim != 2 or not samples.shape[1] or not np.isfinite(samples).all():
         raise UserError(f"Expected finite mu of shape (n, d), d >= 1, got {samples.shape}.")
-    if len(samples) < LEAST_SAMPLES:
+    if len(samples) < MIN_SAMPLES:
         return None
     widest = float(samples.std(axis=0).max()) / _UNIFORM_STD
-    if widest >= LEAST_SHARE:
+    if widest >= MIN_SHARE:
         return None
     return (
         "the samples collapsed to nearly one point: in no dimension is their spread above "
-        f"{LEAST_SHARE:.0%} of a uniform sample's, so the fooling rate tells of one world only"
+        f"{MIN_SHARE:.0%} of a uniform sample's, so the fooling rate tells of one world only"
     ).replace("%", " %")

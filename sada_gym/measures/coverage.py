@@ -126,7 +126,7 @@ def fooling_coverage(
 
 
 def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
-    """Give the mean coverage of samples that come from the reference points' own distribution.
+    """Return the mean coverage of samples that come from the reference points' own distribution.
 
     1 - (n-1)...(n-k) / ((m+n-1)...(m+n-k)) for n real and m fake points, whatever the distribution,
     as long as it has no ties (Naeem et al. 2020, lemma 2): a point is uncovered where its k nearest
@@ -147,7 +147,7 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
 
 
 def relative_coverage(coverage: float, ideal: float) -> float:
-    """Give coverage in units of that of ideal samples: 1 is as good as the truth itself.
+    """Return coverage in units of that of ideal samples: 1 is as good as the truth itself.
 
     Args:
         coverage: The coverage of an adversary's M samples.

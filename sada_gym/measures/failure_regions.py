@@ -12,23 +12,23 @@ import numpy.typing as npt
 from sada_gym.files import OneLine, Strict
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
-LEAST_FAILURES = 10
+MIN_FAILURES = 10
 """The least number of different failures of which anything is said."""
 
-MOST_CONDITIONS = 3
+MAX_CONDITIONS = 3
 """A sentence with more of them is no answer."""
 
 ALPHA = 0.01
 """The chance that a condition is named although failures are uniform, whatever the dimension."""
 
-LEAST_GAINS, LEAST_SHARES = (0.15, 0.25, 0.25), (0.5, 0.6, 0.6)
+MIN_GAINS, MIN_SHARES = (0.15, 0.25, 0.25), (0.5, 0.6, 0.6)
 """The first, second and third condition has to hold for this much more of the failures than of
 uniform worlds, and all of them so far for this share of the failures."""
 
 _MOSTLY = 0.6
 
-_LEAST_CELLS = 10
-_MOST_CELLS = 50
+_MIN_CELLS = 10
+_MAX_CELLS = 50
 """Of more choices in an order neighbours share a cell: all ranges are tried."""
 _OCTANTS = 8
 
@@ -87,12 +87,12 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     """
     mu = space.validate(failures)
     different = np.unique(mu + np.float32(0.0), axis=0)
-    if len(different) < LEAST_FAILURES:
+    if len(different) < MIN_FAILURES:
         return FailureRegions(sentence=_too_few(len(mu), len(different)))
     values, among = space.physical(different), np.ones(len(different), dtype=np.bool_)
     found: dict[int, _Finding] = {}
     uniform = 1.0
-    while len(found) < MOST_CONDITIONS:
+    while len(found) < MAX_CONDITIONS:
         best = _strongest(space, values, among, found)
         if best is None:
             break
@@ -175,7 +175,6 @@ def _strongest(
     among: npt.NDArray[np.bool_],
     known: dict[int, _Finding],
 ) -> tuple[int, _Finding, npt.NDArray[np.bool_]] | None:
-    """Find the parameter with the strongest condition, and the failures for which that holds."""
     open_ = [index for index in range(len(space)) if index not in known]
     best, best_ratio = None, 0.0
     for index in open_:
@@ -191,8 +190,8 @@ def _strongest(
         ratio = _likelihood_ratio(inside / total, uniform) * total
         counts_as = (
             (ratio >= grid.log_tests + math.log(len(open_) / ALPHA))
-            & (inside / total >= uniform + LEAST_GAINS[len(known)])
-            & (inside >= LEAST_SHARES[len(known)] * len(values))
+            & (inside / total >= uniform + MIN_GAINS[len(known)])
+            & (inside >= MIN_SHARES[len(known)] * len(values))
         )
         ratio = np.where(counts_as, ratio, 0.0)
         row = int(np.argmax(ratio))
@@ -204,10 +203,7 @@ def _strongest(
 
 
 def _likelihood_ratio(share: Array, uniform: Array) -> Array:
-    """Give the Kullback-Leibler divergence of shares from those of uniform; 0 where they are less.
-
-    It is the logarithm of the likelihood ratio, for each failure.
-    """
+    """Return the log likelihood ratio of a failure: KL(share, uniform), 0 where share is less."""
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = np.where(share > 0.0, share * np.log(share / uniform), 0.0)
         outside = np.where(share < 1.0, (1.0 - share) * np.log((1.0 - share) / (1.0 - uniform)), 0)
@@ -222,10 +218,10 @@ def _grid(parameter: Parameter) -> _Grid:
         edges = np.linspace(low, high, len(choices) + 1)
         if not _is_ordered(parameter):
             return _Grid(edges, None)
-        edges = edges[:: -(-len(choices) // _MOST_CELLS)]
+        edges = edges[:: -(-len(choices) // _MAX_CELLS)]
         edges = np.append(edges[edges < high], high)
         return _Grid(edges, _ranges(len(edges) - 1))
-    step = _round_step((high - low) / _LEAST_CELLS)
+    step = _round_step((high - low) / _MIN_CELLS)
     first, last = math.floor(low / step + 1e-9) + 1, math.ceil(high / step - 1e-9)
     edges = np.array([low, *(step * i for i in range(first, last)), high])
     return _Grid(edges, _ranges(len(edges) - 1))
@@ -239,14 +235,12 @@ def _cells(parameter: Parameter, grid: _Grid, values: Array) -> npt.NDArray[np.i
 
 
 def _round_step(most: float) -> float:
-    """Give the largest of 1, 2 and 5 times a power of ten that is at most `most`."""
     power = 10.0 ** math.floor(math.log10(most) + 1e-9)
     return float(max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-9)) * power)
 
 
 @cache
 def _ranges(cells: int) -> npt.NDArray[np.bool_]:
-    """Give all ranges of neighbouring cells and what is outside of them, but none and all."""
     at = np.arange(cells)
     inside = [(at >= i) & (at < j) for i in range(cells) for j in range(i + 1, cells + 1)]
     outside = [(at < i) | (at >= j) for i in range(1, cells - 1) for j in range(i + 1, cells)]
@@ -255,7 +249,6 @@ def _ranges(cells: int) -> npt.NDArray[np.bool_]:
 
 @cache
 def _sectors() -> npt.NDArray[np.bool_]:
-    """Give sets of the four quarters around each direction, and the four between directions."""
     quarter = np.roll(np.arange(_OCTANTS) < 2, -1)  # from -45 to 45 degrees
     quarters = np.array([np.roll(quarter, 2 * i) for i in range(4)])
     members = np.arange(1, 15)[:, None] >> np.arange(4) & 1
@@ -264,7 +257,6 @@ def _sectors() -> npt.NDArray[np.bool_]:
 
 
 def _largest_sets(counts: Array) -> npt.NDArray[np.bool_]:
-    """Give for each size the set of choices that holds most: no other set of its size is better."""
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(len(counts), np.intp)
     rank[order] = np.arange(len(counts))
@@ -274,7 +266,6 @@ def _largest_sets(counts: Array) -> npt.NDArray[np.bool_]:
 
 
 def _is_ordered(parameter: Parameter) -> bool:
-    """Whether the choices are whole numbers one after another."""
     names = parameter.choices
     try:
         numbers = list(map(int, names))
@@ -292,7 +283,6 @@ def _condition(parameter: Parameter, finding: _Finding) -> Condition:
 
 
 def _runs(cells: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Give the runs of cells that belong to a set, as (first, last + 1)."""
     changes = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(np.int8), [0]])))
     return [(int(i), int(j)) for i, j in changes.reshape(-1, 2)]
 
@@ -351,7 +341,6 @@ def _either(parts: list[str]) -> str:
 
 
 def _label(parameter: Parameter) -> str:
-    """Give a parameter's name; what has directions needs no `azimuth`."""
     return parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
 
 

@@ -57,7 +57,7 @@ class Neighbour:
 
     @property
     def pixel_distance(self) -> float:
-        """Give the root mean square over the pixels' values, which holds for any image's size."""
+        """Return the root mean square over the pixels' values, which holds for any image's size."""
         return float(self.image_distance / self.frame.size**0.5)
 
 

@@ -57,7 +57,7 @@ def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Give the 95 % interval of a rate (Wilson 1927).
+    """Return the 95 % interval of a rate (Wilson 1927).
 
     Unlike the normal approximation it stays within [0, 1] and has a width at 0 and 1 as well.
     """
@@ -74,7 +74,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def lead_interval(ours: FoolingRate, theirs: FoolingRate) -> tuple[float, float]:
-    """Give the 95 % interval of the difference of two independent rates, ours minus theirs.
+    """Return the 95 % interval of the difference of two independent rates, ours minus theirs.
 
     Newcombe 1998, method 10: built from the two Wilson intervals.
     """

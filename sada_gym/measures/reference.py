@@ -59,7 +59,7 @@ class ReferenceEntry(Strict):
 
     @property
     def file(self) -> str:
-        """Give the file's name."""
+        """Return the file's name."""
         return f"{self.track}.{self.agent}.npz"
 
 
@@ -87,7 +87,7 @@ class Reference:
 
     @property
     def fooling_rate(self) -> npt.NDArray[np.float64]:
-        """Give the share of its seeds on which each point fooled, (n,)."""
+        """Return the share of its seeds on which each point fooled, (n,)."""
         return self.fooled / self.entry.seeds
 
     @property
@@ -97,12 +97,12 @@ class Reference:
 
     @property
     def fooling_set(self) -> Mu:
-        """Give the points of the fooling set, (m, d)."""
+        """Return the points of the fooling set, (m, d)."""
         return self.mu[self.fooling]
 
     @property
     def uniform_rate(self) -> float:
-        """Give the share of all evaluations that fooled: the AFR of uniform samples."""
+        """Return the share of all evaluations that fooled: the AFR of uniform samples."""
         return float(self.fooled.sum(dtype=int) / (self.entry.points * self.entry.seeds))
 
     def split(self) -> tuple[Mu, Mu]:
@@ -131,7 +131,7 @@ def reference_mu(dimension: int, points: int, sobol_seed: int) -> Mu:
 
 
 def reference_seeds(point: int, seeds: int) -> list[int]:
-    """Give the evaluation seeds of a point, from a stream that no attack draws from."""
+    """Return the evaluation seeds of a point, from a stream that no attack draws from."""
     return evaluation_seeds(_STREAM_SEED, "validation", point * seeds, seeds)
 
 

@@ -96,7 +96,6 @@ def _coverage(
     fooling_set: npt.ArrayLike,
     k: int,
 ) -> list[float]:
-    """Cover the fooling set with the first `counts` of what was found."""
     reference, fooling = validate_points(fooling_set, found, k)
     radii = neighbourhood_radii(reference, k)
     nearest = np.full(len(reference), np.inf)

@@ -228,7 +228,7 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
 
 
 def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
-    """Give M of each track, (tracks,)."""
+    """Return M of each track, (tracks,)."""
     given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
         raise UserError(

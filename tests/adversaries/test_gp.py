@@ -79,7 +79,7 @@ def test_hyper_parameters_tell_the_dimension_that_matters():
 
 
 def by_gradients(monkeypatch, inducing=200):
-    monkeypatch.setattr(exact_gp, "_MOST_FACTORISED", 0)
+    monkeypatch.setattr(exact_gp, "_MAX_FACTORISED", 0)
     monkeypatch.setattr(exact_gp, "_INDUCING", inducing)
 
 
@@ -100,7 +100,7 @@ def test_what_too_few_steps_do_not_solve_is_factorised(monkeypatch):
     kernel, x, y, _ = case(3, n=300)
     expected = fit_weights(kernel, x, y)
     by_gradients(monkeypatch)
-    monkeypatch.setattr(exact_gp, "_MOST_STEPS", 1)
+    monkeypatch.setattr(exact_gp, "_MAX_STEPS", 1)
     assert (fit_weights(kernel, x, y) == expected).all()
 
 
@@ -159,7 +159,7 @@ def test_few_or_many_dimensions(dimension, budget):
 
 
 def test_more_points_than_memory_allows_are_left_out_and_flagged(monkeypatch, tmp_path):
-    monkeypatch.setattr(gp, "MOST_POINTS", 50)
+    monkeypatch.setattr(gp, "MAX_POINTS", 50)
     adversary = trained(lambda mu: np.abs(mu[:, 0]), budget=80)
     assert adversary.flags == ["fitted to the first 50 points of Omega's 80"]
     adversary.save(tmp_path)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sada_gym.adversaries.fitted import NONE_FOOLED
-from sada_gym.adversaries.level_set import LEAST_BUDGET, LevelSet
+from sada_gym.adversaries.level_set import MIN_BUDGET, LevelSet
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.envs.digits.application import DigitsApplication
 from sada_gym.measures.coverage import fooling_coverage
@@ -160,7 +160,7 @@ def test_extreme_dimensions(dimension):
 
 
 def test_too_small_a_budget_is_refused():
-    with pytest.raises(ValueError, match=f"budget of at least {LEAST_BUDGET} queries, got 19"):
+    with pytest.raises(ValueError, match=f"budget of at least {MIN_BUDGET} queries, got 19"):
         trained(lambda mu: mu[:, 0], dimension=1, budget=19)
 
 

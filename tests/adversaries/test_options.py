@@ -12,7 +12,7 @@ class Some(Options):
     width: float = option(0.5, 0, 1, inside=True)
     count: int = option(3, 1, 1_000)
     pool: int | None = option(None, 1, 10, kind=int)
-    sizes: tuple[int, ...] = option((1, 2), 1, 9, most=3)
+    sizes: tuple[int, ...] = option((1, 2), 1, 9, max_items=3)
     kind: str = option("fast", choices=("fast", "slow"))
     plain: float = 2.0
     flag: bool = True

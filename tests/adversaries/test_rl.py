@@ -97,7 +97,7 @@ def test_a_budget_below_a_rollout_is_refused_with_the_least_that_suffices(
     adversary = adversaries.make(
         name, 2, seed=0, **QUICK[name], rollout=rollout, uniform_share=uniform_share
     )
-    least = adversary.least_budget
+    least = adversary.minimum_budget
     assert adversary._rollouts(least) == 1
     assert adversary._rollouts(least - 1) == 0
     oracle = RecordingOracle(AnalyticApplication(), budget=least - 1)

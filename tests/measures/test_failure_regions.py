@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sada_gym import Parameter, ParameterSpace, make_application
-from sada_gym.measures.failure_regions import ALPHA, LEAST_FAILURES, failure_regions
+from sada_gym.measures.failure_regions import ALPHA, MIN_FAILURES, failure_regions
 
 AROUND = ("in front", "on the left", "behind", "on the right")
 WEATHERS = ("sun", "rain", "fog", "snow", "hail")
@@ -95,7 +95,7 @@ def test_a_range_is_named_only_if_it_holds_more_by_a_clear_margin():
     assert found.uniform == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize("n", [LEAST_FAILURES, 15, 40, 250, 2_000])
+@pytest.mark.parametrize("n", [MIN_FAILURES, 15, 40, 250, 2_000])
 @pytest.mark.parametrize("dimension", [1, 6, 60])
 def test_uniform_failures_stand_out_nowhere(n, dimension):
     space = SPACE if dimension == 6 else ParameterSpace(
@@ -111,7 +111,7 @@ def test_uniform_failures_stand_out_nowhere(n, dimension):
 
 
 def test_few_failures_are_enough_where_they_crowd_and_too_few_else():
-    crowd = worlds(LEAST_FAILURES, camera_pitch_deg=(40, 45), payload_kg=(0, 0.5))
+    crowd = worlds(MIN_FAILURES, camera_pitch_deg=(40, 45), payload_kg=(0, 0.5))
     assert failure_regions(SPACE, crowd).conditions
     expected = "Only 4 samples fooled the agent, too few to say where it fails."
     assert failure_regions(SPACE, worlds(4)).sentence == expected

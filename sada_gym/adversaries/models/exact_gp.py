@@ -20,9 +20,9 @@ from scipy.spatial.distance import cdist
 Array = npt.NDArray[np.float64]
 
 _BLOCK = 200  # larger arrays would be mapped, and their pages cleared, anew for each block
-_MOST_FACTORISED = 4_000
+_MAX_FACTORISED = 4_000
 _INDUCING, _JITTER = 1_000, 1e-8
-_TOLERANCE, _MOST_STEPS = 1e-11, 300
+_TOLERANCE, _MAX_STEPS = 1e-11, 300
 _START = (2.0, 1.0, 0.1)
 _LENGTH_SCALE_BOUNDS, _SIGNAL_BOUNDS, _NOISE_BOUNDS = (0.02, 200.0), (0.01, 100.0), (1e-4, 10.0)
 _ITERATIONS = 50
@@ -45,7 +45,7 @@ class Kernel:
     noise: float
 
     def __call__(self, a: Array, b: Array) -> Array:
-        """Give the covariances of a (n, d) and b (m, d) without noise: (n, m)."""
+        """Return the covariances of a (n, d) and b (m, d) without noise: (n, m)."""
         covariance: Array = cdist(a / self.length_scales, b / self.length_scales)
         np.negative(covariance, out=covariance)
         np.exp(covariance, out=covariance)
@@ -54,7 +54,7 @@ class Kernel:
 
 
 def log_marginal_likelihood(kernel: Kernel, x: Array, y: Array) -> tuple[float, Array]:
-    """Give log p(y | x) and its gradient (Rasmussen & Williams 2006, equations 2.30 and 5.9).
+    """Return log p(y | x) and its gradient (Rasmussen & Williams 2006, equations 2.30 and 5.9).
 
     Args:
         kernel: The hyper-parameters.
@@ -133,26 +133,26 @@ def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
         upper[start : start + _BLOCK, start:] = kernel(x[start : start + _BLOCK], x[start:])
     # the transpose is LAPACK's own order, so that nothing is copied
     covariance = upper.T
-    if n > _MOST_FACTORISED:
+    if n > _MAX_FACTORISED:
         np.fill_diagonal(covariance, kernel.signal + kernel.noise)
         product = LinearOperator(
             (n, n), lambda v: blas.dsymv(1.0, covariance, v, lower=1), dtype=y.dtype
         )
         rough = _rough_inverse(kernel, x)
-        weights, left = cg(product, y, rtol=_TOLERANCE, maxiter=_MOST_STEPS, M=rough)
+        weights, left = cg(product, y, rtol=_TOLERANCE, maxiter=_MAX_STEPS, M=rough)
         if not left:
             return np.asarray(weights)
     return _solve(_factorise(kernel, covariance), y)
 
 
 def predict_mean(kernel: Kernel, x: Array, weights: Array, at: Array) -> Array:
-    """Give the posterior mean at (m, d): (m,)."""
+    """Return the posterior mean at (m, d): (m,)."""
     blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
     return np.concatenate([kernel(block, x) @ weights for block in blocks])
 
 
 def _rough_inverse(kernel: Kernel, x: Array) -> LinearOperator:
-    """Give the inverse of an approximation of K + noise I, which makes conjugate gradients short.
+    """Return the inverse of an approximation of K + noise I, which makes conjugate gradients short.
 
     The approximation is exact on the diagonal and of rank 1,000 elsewhere: FITC (Snelson &
     Ghahramani 2006, "Sparse Gaussian processes using pseudo-inputs"), inverted by Woodbury's
@@ -179,7 +179,6 @@ def _kernel(logs: Array) -> Kernel:
 
 
 def _factorise(kernel: Kernel, covariance: Array) -> Array:
-    """Add the noise and factorise in place: the lower triangle holds the Cholesky factor."""
     np.fill_diagonal(covariance, kernel.signal + kernel.noise)
     factor, info = lapack.dpotrf(covariance, lower=1, clean=0, overwrite_a=1)
     # the least noise is far above the rounding errors

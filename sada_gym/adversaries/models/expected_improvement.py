@@ -12,7 +12,7 @@ from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.pool_posterior import Matern, PoolPosterior, fit_matern
 from sada_gym.errors import AdversaryError
 
-LEAST_CANDIDATES = 512
+MIN_CANDIDATES = 512
 
 _FIT_POINTS = 1024
 _ROUND, _CENTRES, _NEIGHBOURS = 8, 8, 4
@@ -21,7 +21,7 @@ _WATCHED = 256
 
 
 def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Array:
-    """Give how far below the incumbent normal variables are expected to fall: (m,).
+    """Return how far below the incumbent normal variables are expected to fall: (m,).
 
     Jones, Schonlau & Welch 1998 ("Efficient global optimization of expensive black-box functions"),
     equation 15.
@@ -38,7 +38,7 @@ def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Arr
 
 
 def lowest(values: Array, count: int) -> npt.NDArray[np.intp]:
-    """Give the indices of the lowest values, lowest first, earlier ones first among equals."""
+    """Return the indices of the lowest values, lowest first, earlier ones first among equals."""
     if count < len(values):
         among = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
     else:
@@ -92,7 +92,7 @@ class Search:
         self._evaluated[: len(best)] = True
 
     def choose(self) -> npt.NDArray[np.float32]:
-        """Give the candidate (d,) of the largest expected improvement, never one evaluated."""
+        """Return the candidate (d,) of the largest expected improvement, never one evaluated."""
         if self._steps % _ROUND == 0:
             self._refine()
         self._steps += 1
@@ -121,7 +121,6 @@ class Search:
         return values
 
     def _improvement(self) -> Array:
-        """Give each candidate's expected improvement, -1 where it was evaluated."""
         mean = self._posterior.mean
         deviation = np.sqrt(np.maximum(self._posterior.variance, 1e-12))
         incumbent = float(mean[self._evaluated].min())

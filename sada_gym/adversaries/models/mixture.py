@@ -20,7 +20,7 @@ from sada_gym.errors import UserError
 Array = npt.NDArray[np.float64]
 
 _VARIANCE_FLOOR = 1e-6
-_LEAST_SHARE = 1e-9
+_MIN_SHARE = 1e-9
 _STEPS, _TOLERANCE = 100, 1e-3
 _TRIES = 100
 _TRIAL_POINTS, _FOLDS = 2000, 5
@@ -74,7 +74,7 @@ class Mixture:
         return points
 
     def log_density(self, points: npt.ArrayLike) -> Array:
-        """Give the log density of the mixture, not truncated, at points (n, d): (n,).
+        """Return the log density of the mixture, not truncated, at points (n, d): (n,).
 
         Its mean over points that were held out compares mixtures. The truncated mixture's is higher
         by -log of the mixture's mass inside the box.
@@ -89,7 +89,7 @@ class Mixture:
         return max(float(inside), 0.5) / draws
 
     def to_arrays(self) -> dict[str, Array]:
-        """Give the fields by name, to be saved."""
+        """Return the fields by name, to be saved."""
         return {"weights": self.weights, "means": self.means, "factors": self.factors}
 
     @classmethod
@@ -117,7 +117,7 @@ class Mixture:
         return points
 
     def _log_joint(self, points: Array) -> Array:
-        """Give log(weight_k N_k) at points (n, d): (n, k)."""
+        """Return log(weight_k N_k) at points (n, d): (n, k)."""
         joint = np.empty((len(points), len(self.weights)))
         constant = -0.5 * points.shape[1] * np.log(2.0 * np.pi) + np.log(self.weights)
         for k, factor in enumerate(self.factors):
@@ -202,7 +202,6 @@ def reflect(points: Array) -> Array:
 
 
 def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixture:
-    """Start from k-means and run EM; the weights' sum is the effective sample size."""
     if components < 1:
         raise UserError(f"Expected at least 1 component, got {components}.")
     k = min(components, len(np.unique(x, axis=0)))
@@ -218,7 +217,6 @@ def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixtu
 
 
 def _checked(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Array, Array]:
-    """Give points of positive weight and their weights, which sum to the effective sample size."""
     x = np.asarray(points, np.float64)
     if x.ndim != 2 or 0 in x.shape or not np.isfinite(x).all():
         raise UserError(f"Expected finite points of shape (n, d), n >= 1, got shape {x.shape}.")
@@ -232,7 +230,7 @@ def _checked(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Arra
 
 
 def _covariance(offset: Array, w: Array) -> Array:
-    """Give the weighted covariance of centred points (n, d), shrunk towards a sphere by OAS."""
+    """Return the weighted covariance of centred points (n, d), shrunk towards a sphere by OAS."""
     d = offset.shape[1]
     covariance: Array = (offset * (w / w.sum())[:, None]).T @ offset
     variance = float(np.trace(covariance)) / d
@@ -258,10 +256,10 @@ def _expectation_maximisation(x: Array, w: Array, shares: Array, prior: Array) -
 
 
 def _maximise(x: Array, shares: Array, prior: Array) -> Mixture:
-    """Give the mixture of the posterior mode for weighted shares (n, k)."""
+    """Return the mixture of the posterior mode for weighted shares (n, k)."""
     d = x.shape[1]
     counts = shares.sum(axis=0)
-    alive = counts > _LEAST_SHARE * counts.sum()
+    alive = counts > _MIN_SHARE * counts.sum()
     counts, shares = counts[alive], shares[:, alive]
     means = (shares.T @ x) / counts[:, None]
     covariances = np.empty((len(counts), d, d))

@@ -13,11 +13,11 @@ from sada_gym.adversaries.models.exact_gp import Array, Kernel
 
 Floats = npt.NDArray[np.floating[Any]]
 
-LEAST_NOISE = 1e-3
+MIN_NOISE = 1e-3
 """Least noise variance of a fit as a share of the signal's: float32 factors stay exact enough."""
 
 _BLOCK, _PADDING = 256, 32
-_LENGTHS, _SIGNALS, _NOISES = (0.02, 200.0), (0.05, 20.0), (LEAST_NOISE, 10.0)
+_LENGTHS, _SIGNALS, _NOISES = (0.02, 200.0), (0.05, 20.0), (MIN_NOISE, 10.0)
 _FIT_STEPS = 60
 
 
@@ -28,7 +28,7 @@ class Matern(Kernel):
     """
 
     def __call__(self, a: Floats, b: Floats) -> Array:
-        """Give the covariances of the function at a (n, d) and b (m, d): (n, m)."""
+        """Return the covariances of the function at a (n, d) and b (m, d): (n, m)."""
         r = _scaled_distances(a / self.length_scales, b / self.length_scales)
         covariance: Array = 1.0 + r
         covariance += r * r / 3.0
@@ -144,14 +144,13 @@ class PoolPosterior:
         self.pool[slots] = points
 
     def mean_at_observations(self) -> Array:
-        """Give the posterior mean at every observation that has a value: (n,)."""
+        """Return the posterior mean at every observation that has a value: (n,)."""
         n = self._valued
         weights = solve_triangular(self._l[:n, :n], self._z[:n], lower=True, trans=1)
         smooth: Array = self._y[:n] - self._kernel.noise * weights
         return smooth
 
     def _append(self, points: Floats, values: Array) -> None:
-        """Take in a block of observations, before there is a pool."""
         n, stop = self._rows, self._rows + len(points)
         columns = np.empty((n, len(points)), self._l.dtype)
         mean, _ = self._solve(points, columns)
@@ -176,7 +175,7 @@ class PoolPosterior:
 
 
 def _scaled_distances(a: Floats, b: Floats) -> Array:
-    """Give sqrt(5) |a - b|, pairwise: (n, m)."""
+    """Return sqrt(5) |a - b|, pairwise: (n, m)."""
     a, b = a.astype(np.float64), b.astype(np.float64)
     squares: Array = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
     squares -= 2.0 * (a @ b.T)
@@ -186,7 +185,7 @@ def _scaled_distances(a: Floats, b: Floats) -> Array:
 
 
 def _loss(theta: Array, x: Array, y: Array, mode: float) -> tuple[float, Array]:
-    """Give the negative log posterior of the log hyper-parameters, and its gradient.
+    """Return the negative log posterior of the log hyper-parameters, and its gradient.
 
     theta holds the logs of the length-scales, the signal, and the noise's ratio to it.
     """

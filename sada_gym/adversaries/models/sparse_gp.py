@@ -9,7 +9,7 @@ from sada_gym.adversaries.models.exact_gp import Array, Kernel, fit_kernel
 
 _JITTER = 1e-6
 _BLOCK = 4_000
-_MOST_LEVERAGE = 0.999
+_MAX_LEVERAGE = 0.999
 
 
 class SparseGP:
@@ -58,12 +58,12 @@ class SparseGP:
         self._weights = solve_triangular(root, coefficients, lower=True, trans="T")
 
         half = solve_triangular(factor[0], features, lower=True)
-        leverage = np.minimum((half**2).sum(axis=0), _MOST_LEVERAGE)
+        leverage = np.minimum((half**2).sum(axis=0), _MAX_LEVERAGE)
         left_out = z - (z - features.T @ coefficients) / (1.0 - leverage)
         self.held_out: Array = self._mean + self._scale * left_out
 
     def __call__(self, x: Array) -> Array:
-        """Give the mean at x (m, d): (m,)."""
+        """Return the mean at x (m, d): (m,)."""
         blocks = [x[start : start + _BLOCK] for start in range(0, len(x), _BLOCK)]
         means = [self._kernel(block, self._points) @ self._weights for block in blocks]
         return self._mean + self._scale * np.concatenate(means)

@@ -15,7 +15,7 @@ from sada_gym.adversaries.models.exact_gp import Array
 from sada_gym.adversaries.models.sparse_gp import SparseGP
 
 _FOLDS = 4
-_LEAST_FOOLING = 20
+_MIN_FOOLING = 20
 
 
 class CrossFittedTrees:
@@ -97,7 +97,7 @@ class Surrogate:
         models: Sequence[str] = tuple(MODELS),
     ) -> None:
         x = mu.astype(np.float64)
-        least = min(_LEAST_FOOLING, len(score))
+        least = min(_MIN_FOOLING, len(score))
         level = max(threshold, float(np.partition(score, least - 1)[least - 1]))
         self.raised = level > threshold
         fooled = score <= level
@@ -114,7 +114,7 @@ class Surrogate:
             self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
 
     def __call__(self, mu: npt.NDArray[np.floating]) -> Array:
-        """Give the probability of fooling at mu (m, d): (m,)."""
+        """Return the probability of fooling at mu (m, d): (m,)."""
         if self._stack is None or not len(mu):
             return np.ones(len(mu))
         x = mu.astype(np.float64)
@@ -122,7 +122,7 @@ class Surrogate:
             return self.calibrated([r(x) for r in self.regressions])
 
     def calibrated(self, predicted: Sequence[Array]) -> Array:
-        """Give the probability of fooling where each regression predicts (m,) ranks: (m,)."""
+        """Return the probability of fooling where each regression predicts (m,) ranks: (m,)."""
         assert self._stack is not None
         standard = (np.stack(predicted, axis=1) - self._centre) / self._scale
         probability: Array = self._stack.predict_proba(standard)[:, 1]

@@ -7,7 +7,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, WhiteKernel
 from sklearn.gaussian_process.kernels import Matern as Reference
 
 from sada_gym.adversaries.models.pool_posterior import (
-    LEAST_NOISE,
+    MIN_NOISE,
     Matern,
     PoolPosterior,
     _loss,
@@ -96,7 +96,7 @@ def test_float32_holds_where_the_noise_is_least_and_points_crowd():
     rng = np.random.default_rng(2)
     x = (0.05 * rng.normal(size=(1000, 3))).astype(np.float32)
     y = np.sin(9 * x[:, 0]) + 0.03 * rng.normal(size=1000)
-    kernel = Matern(KERNEL.length_scales, 1.0, LEAST_NOISE)
+    kernel = Matern(KERNEL.length_scales, 1.0, MIN_NOISE)
     single, double = (
         PoolPosterior(kernel, POOL, x, y, capacity=1000, dtype=dtype)
         for dtype in (np.float32, np.float64)
@@ -138,4 +138,4 @@ def test_fit_survives_constant_values(n):
     x, _ = problem(n)
     kernel = fit_matern(x, np.zeros(n))
     assert np.isfinite(kernel.length_scales).all()
-    assert kernel.noise >= LEAST_NOISE * kernel.signal * (1 - 1e-9)
+    assert kernel.noise >= MIN_NOISE * kernel.signal * (1 - 1e-9)
