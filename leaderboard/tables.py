@@ -86,7 +86,10 @@ def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
 
 COMPARISONS = {
     suite.name: Comparison(
-        suite.name.capitalize(), suite.name, suite.tables[0], card.agents[0].name
+        suite.name.capitalize(),
+        suite.name,
+        suite.tables[0],
+        card.agents[0].name if card.agents else "",
     )
     for card in cards()
     if (suite := card.suite) is not None

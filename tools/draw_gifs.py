@@ -1,4 +1,4 @@
-"""Draw the landing page's films, docs/images/failure-*.gif: `python -m tools.draw_gifs [NAME]`.
+"""Draw the landing page's videos, docs/images/failure-*.gif: `python -m tools.draw_gifs [NAME]`.
 
 Each is a sample of an attack, replayed as `sada-gym replay` does it. It takes about ten minutes.
 """
@@ -23,15 +23,15 @@ WORKERS = 2
 
 
 @dataclass(frozen=True)
-class Film:
-    """A film of the landing page.
+class Video:
+    """A video of the landing page.
 
     Attributes:
         track: What is attacked.
         adversary: By what.
         budget: The training queries.
         samples: The test samples.
-        liking: How well a sample that fools suits the film, by its info.
+        liking: How well a sample that fools suits the video, by its info.
         ending: What its ending must say, so that a person sees the failure.
     """
 
@@ -60,41 +60,41 @@ def hits_late(info: dict[str, Any]) -> float:
     return min(next((i for i, one in enumerate(endings) if one == "hit"), 0), 3)
 
 
-FILMS = {
-    "driving": Film("SADA-Driving-Navigation-v0", "cross-entropy", 60, 20, rainy, "on the right"),
-    "racing": Film("SADA-UAV-4Anchors-v0", "bbgan", 500, 60, hits_late),
-    "detection": Film("SADA-Detection-Car-v0", "bbgan", 2_000, 120, wrongly_sure),
+VIDEOS = {
+    "driving": Video("SADA-Driving-Navigation-v0", "cross-entropy", 60, 20, rainy, "on the right"),
+    "racing": Video("SADA-UAV-4Anchors-v0", "bbgan", 500, 60, hits_late),
+    "detection": Video("SADA-Detection-Car-v0", "bbgan", 2_000, 120, wrongly_sure),
 }
 
 
-def chosen(film: Film, result: AttackResult) -> int:
-    """Choose the sample that suits best, of those whose film ends as it should."""
-    application, samples = make_application(film.track), result.samples
+def chosen(video: Video, result: AttackResult) -> int:
+    """Choose the sample that suits best, of those whose video ends as it should."""
+    application, samples = make_application(video.track), result.samples
     infos = application.evaluate(samples.mu, samples.seed.tolist()).infos
     rows = [row for row, info in enumerate(infos) if info["fooled"]]
-    rows.sort(key=lambda row: -film.liking(infos[row]))
-    for row in rows if film.ending else ():
+    rows.sort(key=lambda row: -video.liking(infos[row]))
+    for row in rows if video.ending else ():
         (played,) = replay(result.folder, sample=row, seconds=1, application=application).samples
-        if film.ending in played.endings[0]:
+        if video.ending in played.endings[0]:
             return row
     return rows[0]
 
 
 def draw(name: str, folder: Path) -> None:
-    """Attack, choose a sample, and write its film."""
-    film = FILMS[name]
+    """Attack, choose a sample, and write its video."""
+    video = VIDEOS[name]
     result = attack(
-        film.track,
-        film.adversary,
+        video.track,
+        video.adversary,
         out=folder / name,
-        budget=film.budget,
-        samples=film.samples,
+        budget=video.budget,
+        samples=video.samples,
         seed=0,
         workers=WORKERS,
         pictures=False,
         resume=True,
     )
-    row = chosen(film, result)
+    row = chosen(video, result)
     made = replay(result.folder, sample=row, out=IMAGES / f"failure-{name}.gif", seconds=SECONDS)
     assert made.size <= MOST_BYTES, made.size
     said = "; ".join(made.samples[0].endings)
@@ -103,5 +103,5 @@ def draw(name: str, folder: Path) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as runs:
-        for each in sys.argv[1:] or FILMS:
+        for each in sys.argv[1:] or VIDEOS:
             draw(each, Path(runs))

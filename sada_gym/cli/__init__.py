@@ -18,7 +18,7 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "agents": ("catalogue:agents", "List the trained agents.", {}),
     "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
-    "replay": ("replay:replay", "Make a film of how an agent fails.", {}),
+    "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "check": ("check:check", "Check an environment of your own.", _STRAY),
     "benchmark": ("benchmark:benchmark", "Compare adversaries.", _STRAY),
     "submit": ("submit:submit", "Make an entry of the leaderboard.", {}),

@@ -1,4 +1,4 @@
-"""`sada-gym replay`: a film of how the agent fails."""
+"""`sada-gym replay`: a video of how the agent fails."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def replay(
     ],
     out_file: Annotated[
         Path,
-        option("The film; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"),
+        option("The video; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"),
     ],
     worst: Annotated[
         int | None, option("Show so many of the samples with the lowest scores.", default="1")
@@ -36,9 +36,9 @@ def replay(
         ),
     ] = None,
 ) -> None:
-    """Replay samples of a run as a film, so that a person sees how the agent fails.
+    """Replay samples of a run as a video, so that a person sees how the agent fails.
 
-    The film shows how the episodes that failed end, and says why. Each score must be the one that
+    The video shows how the episodes that failed end, and says why. Each score must be the one that
     the run stored. A GIF has at most 2 MB for ten seconds.
     """
     with errors_as_sentences():
@@ -67,7 +67,7 @@ def replay(
         if err.is_terminal:
             status.start()
         try:
-            film = make(
+            video = make(
                 run,
                 worst=worst,
                 sample=sample,
@@ -78,8 +78,8 @@ def replay(
             )
         finally:
             status.stop()
-    for one in film.samples:
+    for one in video.samples:
         say("", f"Sample {one.sample}: Q = {one.score:.3g}; {'; '.join(one.endings)}")
         if one.score != one.stored:
             say("", f"  The run stored {one.stored!r}: another processor rounds otherwise.")
-    say("", f"{film.path}: {film.seconds:.1f} s, {film.size / 1e6:.2f} MB")
+    say("", f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")

@@ -1,4 +1,4 @@
-"""Puts the words below a film's pictures: one width, one style, for all applications."""
+"""Puts the words below a video's pictures: one width, one style, for all applications."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sada_gym.drawing import INK_RGB, font, stacked
 from sada_gym.frames import Colour, Frame
 
 WIDTH = 480
-"""The width of a film in pixels."""
+"""The width of a video in pixels."""
 TALLEST = 400
 """Pictures are not drawn higher than this."""
 HOLD_S = 1.5
@@ -47,7 +47,7 @@ def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
 
 
 def fit(picture: Image.Image) -> Image.Image:
-    """Give a picture of the film's width: scaled, and on a dark ground where it is too high."""
+    """Give a picture of the video's width: scaled, and on a dark ground where it is too high."""
     scale = min(WIDTH / picture.width, TALLEST / picture.height)
     # the pixels of small pictures, such as those of games, stay sharp
     way = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS

@@ -1,4 +1,4 @@
-"""Replays the samples of a run as a film, so that a person sees how the agent fails."""
+"""Replays the samples of a run as a video, so that a person sees how the agent fails."""
 
 from sada_gym.replay.video import Replay, Replayed, replay
 

@@ -1,4 +1,4 @@
-"""Writes a film as a GIF that loops, small enough for a web page."""
+"""Writes a video as a GIF that loops, small enough for a web page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _HELD_S = 1.0
 
 
 def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> bytes:
-    """Give a film as the bytes of a GIF.
+    """Give a video as the bytes of a GIF.
 
     All frames share one palette. A frame holds only those pixels that changed. Where the file would
     be too large, it gets fewer colours, a smaller picture and in the end fewer frames.
@@ -40,7 +40,7 @@ def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> b
     Args:
         frames: The frames, all of one size.
         times_s: How long each is shown.
-        most_bytes: What the file may have. A film that cannot be made so small is as small as it
+        most_bytes: What the file may have. A video that cannot be made so small is as small as it
             gets.
     """
     content = b""
@@ -61,7 +61,7 @@ def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> b
 def _thinner(
     frames: Sequence[Frame], times_s: Sequence[float]
 ) -> Iterator[tuple[Sequence[Frame], Sequence[float]]]:
-    """Give the film, then with every second, and with every third frame; endings stay."""
+    """Give the video, then with every second, and with every third frame; endings stay."""
     yield frames, times_s
     for share in (2, 3):
         kept: list[Frame] = []

@@ -1,4 +1,4 @@
-"""Writes a film as an MP4 that browsers and slides play."""
+"""Writes a video as an MP4 that browsers and slides play."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def require_encoder() -> None:
 
 
 def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
-    """Give a film as the bytes of an MP4 (H.264).
+    """Give a video as the bytes of an MP4 (H.264).
 
     Args:
         frames: The frames, all of one size.
@@ -45,7 +45,7 @@ def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
 
     height, width = (side + side % 2 for side in frames[0].shape[:2])  # H.264 takes even sides
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "film.mp4")
+        path = Path(folder, "video.mp4")
         writer = imageio_ffmpeg.write_frames(
             str(path),
             (width, height),

@@ -1,4 +1,4 @@
-"""One palette for all frames of a film, chosen so that small coloured things keep their colour."""
+"""One palette for all frames of a video, chosen so that small coloured things keep their colour."""
 
 from __future__ import annotations
 

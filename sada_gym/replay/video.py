@@ -1,4 +1,4 @@
-"""Replays the samples of a run, and writes them as a film."""
+"""Replays the samples of a run, and writes them as a video."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sada_gym.replay.run import choose, open_target, read_run
 
 SECONDS = 10.0
 MOST_SECONDS = 60.0
-"""A film is kept in memory while it is made."""
+"""A video is kept in memory while it is made."""
 CLOSE = 1e-4
 """Another processor rounds otherwise: a score may be so far from the stored one."""
 
@@ -55,7 +55,7 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Replay:
-    """A film.
+    """A video.
 
     Attributes:
         frames: Its frames, (height, width, 3) uint8.
@@ -91,11 +91,11 @@ def replay(
     seconds: float = SECONDS,
     on_progress: OnProgress = _ignore,
 ) -> Replay:
-    """Play samples of a run again, and write them as a film.
+    """Play samples of a run again, and write them as a video.
 
-    Each sample's score must be the one that the run stored. A film shows how episodes end: a
-    failure stands for 1.5 s with its reason. Where an episode is a single image, the film goes from
-    the nominal world to the sample's.
+    Each sample's score must be the one that the run stored. A video shows how episodes end: a
+    failure stands for 1.5 s with its reason. Where an episode is a single image, the video goes
+    from the nominal world to the sample's.
 
     Args:
         run: The folder that `attack` wrote.
@@ -105,12 +105,12 @@ def replay(
         application: What was attacked: an `Application`, an environment's id, or a TOML file. None
             opens what the run's settings name.
         seconds: The length of a sample, about. A longer episode shows its end, and several failures
-            share the time. With 1.5 s for each ending the film gets a little longer.
-        on_progress: Called as the film is made.
+            share the time. With 1.5 s for each ending the video gets a little longer.
+        on_progress: Called as the video is made.
 
     Raises:
         UserError: If an argument is bad, the application is another one, or a score differs.
-        FileError: If the folder holds no finished run, or the film cannot be written.
+        FileError: If the folder holds no finished run, or the video cannot be written.
         MissingExtra: If an MP4 is asked for and imageio-ffmpeg is not installed.
     """
     path = None if out is None else _checked_out(out)
@@ -134,29 +134,29 @@ def replay(
                     frames.append(frame)
                     times.append(time_s)
     even = _one_size(frames)
-    film = Replay(tuple(even), tuple(times), tuple(shown), path)
+    video = Replay(tuple(even), tuple(times), tuple(shown), path)
     if path is None:
-        return film
+        return video
     on_progress("write", len(rows), len(rows))
-    content = _content(film, path)
+    content = _content(video, path)
     write_file(path, content)
-    return Replay(film.frames, film.times_s, film.samples, path, len(content))
+    return Replay(video.frames, video.times_s, video.samples, path, len(content))
 
 
-def _content(film: Replay, path: Path) -> bytes:
+def _content(video: Replay, path: Path) -> bytes:
     if path.suffix.lower() == ".mp4":
         from sada_gym.replay.mp4 import mp4
 
-        return mp4(film.frames, film.times_s)
+        return mp4(video.frames, video.times_s)
     from sada_gym.replay.gif import BYTES_PER_10_S, gif
 
-    most = round(BYTES_PER_10_S * max(1.0, film.seconds / 10.0))
-    return gif(film.frames, film.times_s, most)
+    most = round(BYTES_PER_10_S * max(1.0, video.seconds / 10.0))
+    return gif(video.frames, video.times_s, most)
 
 
 def _checked_out(out: str | Path) -> Path:
     """Refuse a file of another kind, before anything is played."""
-    path = as_path(out, "the film")
+    path = as_path(out, "the video")
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise UserError(f"Expected a file that ends in .gif or .mp4, got {path}.")
     if path.is_dir():
@@ -179,8 +179,8 @@ def _check_seconds(seconds: float, count: int) -> None:
         raise UserError(f"Expected seconds from 1 to {MOST_SECONDS:g}, got {seconds:g}.")
     if seconds * count > MOST_SECONDS:
         raise UserError(
-            f"Expected a film of at most {MOST_SECONDS:g} s, got {count} samples of {seconds:g} s. "
-            f"Take --seconds {int(MOST_SECONDS / count) or 1}, or fewer samples."
+            f"Expected a video of at most {MOST_SECONDS:g} s, got {count} samples of {seconds:g} "
+            f"s. Take --seconds {int(MOST_SECONDS / count) or 1}, or fewer samples."
         )
 
 

@@ -33,23 +33,23 @@ def digits(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_film_is_written_and_summed_up(digits, tmp_path):
-    out = tmp_path / "film.gif"
+def test_a_video_is_written_and_summed_up(digits, tmp_path):
+    out = tmp_path / "video.gif"
     result = run("replay", digits, "--out", out, "--worst", "2", "--seconds", "2")
     assert result.exit_code == 0, result.output
     assert "Replaying sample 2 of 2" in result.stderr  # stdout is the summary alone
     assert result.stdout.count("takes the 3 for a") == 2
     assert f"{out}: 7.0 s" in result.stdout
-    with Image.open(out) as film:
-        assert film.is_animated
-        assert film.info["loop"] == 0
+    with Image.open(out) as video:
+        assert video.is_animated
+        assert video.info["loop"] == 0
 
 
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (["{run}", "--out", "film.avi"], "Expected a file that ends in .gif or .mp4"),
-        (["{run}", "--out", "none/film.gif"], "its folder does not exist"),
+        (["{run}", "--out", "video.avi"], "Expected a file that ends in .gif or .mp4"),
+        (["{run}", "--out", "none/video.gif"], "its folder does not exist"),
         (["{run}", "--out", "x.gif", "--sample", "20"], "Expected sample of at most 19, got 20"),
         (["{run}", "--out", "x.gif", "--sample", "-1"], "Expected sample of at least 0, got -1"),
         (["{run}", "--out", "x.gif", "--worst", "0"], "Expected worst of at least 1, got 0"),
@@ -79,10 +79,10 @@ def test_a_toml_file_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = "attack cart.toml -a random --budget 0 --samples 4 --workers 1 --out run"
     assert run(*words.split()).exit_code == 0
-    refused = run("replay", "run", "--out", "film.gif")
+    refused = run("replay", "run", "--out", "video.gif")
     assert refused.exit_code == 2
     assert "name that by --application FILE.toml" in refused.stderr
-    result = run("replay", "run", "--out", "film.gif", "--application", "cart.toml")
+    result = run("replay", "run", "--out", "video.gif", "--application", "cart.toml")
     assert result.exit_code == 0, result.output
     assert "steps" in result.stdout
-    assert (tmp_path / "film.gif").stat().st_size > 1_000
+    assert (tmp_path / "video.gif").stat().st_size > 1_000

@@ -26,20 +26,20 @@ def moving(count: int = 12, side: int = 64) -> list[np.ndarray]:
 
 
 def decoded(content: bytes) -> tuple[list[np.ndarray], list[int], Image.Image]:
-    film = Image.open(io.BytesIO(content))
+    video = Image.open(io.BytesIO(content))
     frames, times = [], []
-    for frame in ImageSequence.Iterator(film):
+    for frame in ImageSequence.Iterator(video):
         times.append(frame.info["duration"])
         frames.append(np.asarray(frame.convert("RGB")))
-    return frames, times, film
+    return frames, times, video
 
 
 def test_a_gif_keeps_colours_times_and_loops():
     frames = moving()
-    found, times, film = decoded(gif(frames, [0.1] * 11 + [1.5], 10**6))
+    found, times, video = decoded(gif(frames, [0.1] * 11 + [1.5], 10**6))
     assert len(found) == 12
     assert times == [100] * 11 + [1500]
-    assert film.info["loop"] == 0
+    assert video.info["loop"] == 0
     for before, after in zip(frames, found, strict=True):
         off = np.abs(before.astype(int) - after)
         assert off.mean() < 2.5
@@ -76,12 +76,12 @@ def test_what_cannot_be_made_small_enough_is_as_small_as_it_gets():
 
 def test_thinning_keeps_the_last_frame_and_the_time():
     frames = moving(9)
-    films = [*_thinner(frames, [0.05] * 8 + [1.5])]
-    for kept, times in films:
+    videos = [*_thinner(frames, [0.05] * 8 + [1.5])]
+    for kept, times in videos:
         assert sum(times) == pytest.approx(1.9)
         assert kept[-1] is frames[-1]
         assert times[-1] == 1.5
-    assert [len(kept) for kept, _ in films] == [9, 5, 4]
+    assert [len(kept) for kept, _ in videos] == [9, 5, 4]
 
 
 def test_times_are_rounded_without_drift():

@@ -24,7 +24,7 @@ def test_frames_stand_for_their_time():
     assert len(shown) == round(1.66 * FPS)
 
 
-def test_a_film_of_odd_size_is_written():
+def test_a_video_of_odd_size_is_written():
     pytest.importorskip("imageio_ffmpeg")
     content = mp4([np.full((33, 47, 3), i, np.uint8) for i in range(0, 250, 25)], [0.1] * 10)
     assert content[4:8] == b"ftyp"

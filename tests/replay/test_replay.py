@@ -67,23 +67,23 @@ class Counting(Application):
 
 def test_the_worst_samples_follow_one_another(analytic):
     samples = read_samples(analytic / "samples.npz")
-    film = replay(analytic, worst=3, seconds=2)
-    scores = [one.score for one in film.samples]
+    video = replay(analytic, worst=3, seconds=2)
+    scores = [one.score for one in video.samples]
     assert scores == sorted(samples.score.tolist())[:3]
-    assert [one.sample for one in film.samples] == np.argsort(samples.score)[:3].tolist()
-    assert film.times_s.count(HOLD_S) == 3
-    assert {frame.shape for frame in film.frames} == {(400 + BAR, WIDTH, 3)}
-    assert replay(analytic, seconds=2).samples == film.samples[:1]
+    assert [one.sample for one in video.samples] == np.argsort(samples.score)[:3].tolist()
+    assert video.times_s.count(HOLD_S) == 3
+    assert {frame.shape for frame in video.frames} == {(400 + BAR, WIDTH, 3)}
+    assert replay(analytic, seconds=2).samples == video.samples[:1]
 
 
 def test_one_sample_by_its_row_ends_in_blue_where_the_agent_did_well(analytic):
     samples = read_samples(analytic / "samples.npz")
     best, worst = int(samples.score.argmax()), int(samples.score.argmin())
     for row, colour in ((best, DONE), (worst, FAILED)):
-        film = replay(analytic, sample=row, seconds=2)
-        assert film.samples[0].sample == row
-        assert tuple(film.frames[-1][-1, -1]) == colour
-        assert film.samples[0].fooled == (colour == FAILED)
+        video = replay(analytic, sample=row, seconds=2)
+        assert video.samples[0].sample == row
+        assert tuple(video.frames[-1][-1, -1]) == colour
+        assert video.samples[0].fooled == (colour == FAILED)
 
 
 @pytest.mark.parametrize(
@@ -106,11 +106,11 @@ def test_an_application_of_ones_own_is_passed(tmp_path):
     folder = run(tmp_path / "run", Counting(), samples=3)
     with pytest.raises(UserError, match=r"In Python|in Python: sada_gym.replay.replay\("):
         replay(folder)
-    film = replay(folder, application=Counting(), seconds=2)
-    assert film.samples[0].endings == (f"stopped at {film.samples[0].score:.1f}",)
+    video = replay(folder, application=Counting(), seconds=2)
+    assert video.samples[0].endings == (f"stopped at {video.samples[0].score:.1f}",)
     # the last two seconds, and the ending
-    assert len(film.frames) == 21
-    assert film.seconds == pytest.approx(2 + HOLD_S)
+    assert len(video.frames) == 21
+    assert video.seconds == pytest.approx(2 + HOLD_S)
 
 
 def test_an_application_that_differs_is_refused(tmp_path, analytic):
@@ -151,8 +151,8 @@ def test_another_score_is_refused_and_a_rounding_is_told(tmp_path, analytic):
         write_samples(folder / "samples.npz", type(samples)(samples.mu, score, samples.seed))
         if refused:
             with pytest.raises(UserError, match=rf"Expected Q = \S+ of sample {row}, as the run"):
-                replay(folder, sample=row, out=tmp_path / "film.gif")
-            assert not (tmp_path / "film.gif").exists()
+                replay(folder, sample=row, out=tmp_path / "video.gif")
+            assert not (tmp_path / "video.gif").exists()
         else:
             (one,) = replay(folder, sample=row, seconds=1).samples
             assert one.score != one.stored
@@ -285,8 +285,8 @@ def test_frames_may_differ_in_size_and_come_one_by_one(tmp_path):
             return drawn, super().replay(mu, seed)[1]
 
     folder = run(tmp_path / "run", Growing(), samples=2)
-    film = replay(folder, application=Growing(), seconds=np.int64(3))
-    assert len({frame.shape for frame in film.frames}) == 1
+    video = replay(folder, application=Growing(), seconds=np.int64(3))
+    assert len({frame.shape for frame in video.frames}) == 1
 
 
 def test_an_own_replay_goes_before_ours():
@@ -364,22 +364,22 @@ TRACKS = family(
 
 @pytest.mark.parametrize("track", TRACKS)
 def test_every_application_tells_its_endings(tmp_path, track):
-    """The score is the application's own, and so is the verdict that the film gives."""
+    """The score is the application's own, and so is the verdict that the video gives."""
     folder = run(tmp_path / "run", track, samples=4)
-    film = replay(folder, worst=2, seconds=5, out=tmp_path / "film.gif")
+    video = replay(folder, worst=2, seconds=5, out=tmp_path / "video.gif")
     samples = read_samples(folder / "samples.npz")
     application = make_application(track)
-    for one in film.samples:
+    for one in video.samples:
         assert one.score == samples.score[one.sample]
         colour = FAILED if one.fooled else DONE
         assert all(one.endings)
         if track.startswith(("SADA-Digits", "SADA-Pixel", "SADA-Detection")):
-            held = [f for f, t in zip(film.frames, film.times_s, strict=True) if t == HOLD_S]
-            assert tuple(held[film.samples.index(one)][-1, -1]) == colour
+            held = [f for f, t in zip(video.frames, video.times_s, strict=True) if t == HOLD_S]
+            assert tuple(held[video.samples.index(one)][-1, -1]) == colour
         (info,) = application.evaluate(samples.mu[[one.sample]], [one.seed]).infos
         said = {"left_lane": "left its lane on the ", "hit": "hit the", "collided": "hit "}
         for ending in info.get("endings", [])[:1]:
             assert said.get(ending, "") in one.endings[0]
-    assert film.size <= 2_000_000 * max(1, film.seconds / 10)
-    assert film.path is not None
-    assert Image.open(film.path).is_animated
+    assert video.size <= 2_000_000 * max(1, video.seconds / 10)
+    assert video.path is not None
+    assert Image.open(video.path).is_animated

@@ -1,0 +1,71 @@
+"""A new application is a folder and one edit outside it: its name in `APPLICATIONS`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import sada_gym
+
+PACKAGE = Path(sada_gym.__file__).parent
+TOY = Path(__file__).parents[1] / "support" / "toy_application"
+
+USES = """
+import gymnasium as gym
+import sada_gym
+from leaderboard import tables
+from leaderboard.groups import TrackGroup
+from sada_gym.attack import attack
+from sada_gym.benchmark.suite import find_suite
+from sada_gym.cards import find_card
+from sada_gym.replay import replay
+
+track = "SADA-Toy-Three-v0"
+assert track in sada_gym.tracks()
+assert gym.make(track).action_space.shape == (3,)
+assert gym.make_vec("SADA-Toy-v0", num_envs=2).single_action_space.shape == (2,)
+suite = find_suite("toys")
+assert suite.tracks == ("SADA-Toy-Two-v0", track), suite.tracks
+assert [*suite.seeds_on(track)] == [0, 1]
+assert "toys" in tables.MEASURED and "toys" in tables.SUITES
+comparison = tables.COMPARISONS["toys"]
+assert (comparison.table, comparison.agent) == ("equal-queries", ""), comparison
+group = TrackGroup.of(find_card("SADA-Toy"))
+assert (group.name, group.title) == ("toys", "Toy slopes")
+assert "slopes" in group.summary
+
+run = attack(track, "random", budget=5, seed=0, out="run", progress=False).folder
+video = replay(run, out="toy.gif")
+assert video.samples[0].endings == ("the ball has stopped",), video.samples
+assert len(video.frames) == 4
+print("all of it")
+"""
+
+
+def test_a_folder_and_a_line_make_an_application(tmp_path: Path) -> None:
+    package = tmp_path / "sada_gym"
+    (package / "envs").mkdir(parents=True)
+    for source in (*PACKAGE.iterdir(), *(PACKAGE / "envs").iterdir()):
+        copy = package / source.relative_to(PACKAGE)
+        if source.name not in ("__pycache__", "envs", "cards.py"):
+            copy.symlink_to(source)
+    (package / "envs" / TOY.name).symlink_to(TOY)
+    cards, end = (PACKAGE / "cards.py").read_text(encoding="utf-8"), '"pixel")\n'
+    assert cards.count(end) == 1
+    edited = cards.replace(end, f'"pixel", "{TOY.name}")\n')
+    (package / "cards.py").write_text(edited, encoding="utf-8")
+
+    path = os.pathsep.join((str(tmp_path), str(PACKAGE.parent)))
+    done = subprocess.run(
+        [sys.executable, "-c", USES],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "all of it"
