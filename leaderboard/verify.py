@@ -32,7 +32,7 @@ def verify(
             default="none; with --check, that of each file",
         ),
     ] = None,
-    workers: Annotated[int, option(WORKERS_HELP, least=1)] = 1,
+    workers: Annotated[int, option(WORKERS_HELP, minimum=1)] = 1,
     again: Annotated[
         bool, option("Evaluate again what was verified with this nonce.", "--again")
     ] = False,

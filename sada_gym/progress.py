@@ -41,14 +41,9 @@ _BESIDE_BAR = 66  # columns that the rest of a line takes
 
 
 class Display:
-    """A context manager that shows progress: live on a terminal, elsewhere by a line now and then.
+    """A context manager that shows progress: live on a terminal, elsewhere by lines."""
 
-    Args:
-        console: The console to print to.
-    """
-
-    _live: Live | Progress
-    """What a terminal shows."""
+    _live: Live | Progress  # what a terminal shows
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -69,7 +64,7 @@ class Display:
             self._thread.join()
 
     def _print(self, line: str) -> None:
-        """Print a line where the output is no terminal."""
+        # a terminal shows it live
         if not self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
@@ -78,23 +73,20 @@ class Display:
             self._print(self._line())
 
     def _line(self) -> str:
-        """Write one line on what is going on; a thread of its own calls this."""
+        """Return one line on what is going on; another thread calls this."""
         raise NotImplementedError
 
 
 @dataclass
 class _Count:
-    """The progress of one stage.
-
-    `spent_s` leaves the current visit out. `first` counts the evaluations of the first chunk, which
-    compiles kernels and starts workers; `first_s` is the time until its end. A stage that counts
-    from 0 again, such as a second training, starts both anew.
-    """
+    """The progress of one stage."""
 
     done: int = 0
     total: int = 0
     cached: int = 0
-    spent_s: float = 0.0
+    spent_s: float = 0.0  # without the current visit
+    # The rate leaves the first chunk out, which compiles kernels and starts workers. A stage that
+    # counts from 0 again, such as a second training, has a first chunk again.
     first: int = 0
     first_s: float | None = None
 
@@ -103,9 +95,6 @@ class AttackProgress(Display):
     """A context manager that shows an attack's progress: pass it on as `on_progress`.
 
     Each stage shows its own time: training switches between querying and learning.
-
-    Args:
-        console: The console to print to.
     """
 
     def __init__(self, console: Console) -> None:
@@ -119,7 +108,7 @@ class AttackProgress(Display):
             get_renderable=self._render,
             console=console,
             refresh_per_second=8,
-            # what an agent prints belongs into the file that it is written to
+            # what an agent prints goes to stdout, also where stdout is a file
             redirect_stdout=getattr(sys.stdout, "isatty", bool)(),
         )
 
@@ -131,8 +120,7 @@ class AttackProgress(Display):
 
     def __call__(self, progress: RunProgress) -> None:
         """Show how far the run is."""
-        stage, done, total = progress.stage, progress.done, progress.total
-        cached = progress.cached
+        stage, done, cached = progress.stage, progress.done, progress.cached
         if stage != self._current:
             self._leave()
             self._counts.setdefault(stage, _Count())
@@ -140,19 +128,18 @@ class AttackProgress(Display):
         count = self._counts[stage]
         if done < count.done and stage in _STEPS:
             count.first, count.first_s = done, self._spent(stage)
-        count.done, count.total, count.cached = done, total, cached
+        count.done, count.total, count.cached = done, progress.total, cached
         if count.first_s is None and done > cached:
             count.first, count.first_s = done - cached, self._spent(stage)
         if stage in _STEPS:
             return
         if done > cached and not self._started:
             self._started, self._compiling = True, False
-        elif total and not self._started and not self._compiling and will_compile():
+        elif count.total and not self._started and not self._compiling and will_compile():
             self._compiling = True
             self._print(COMPILING)
 
     def _leave(self) -> None:
-        """Add up the time of the stage that ends."""
         now = time.monotonic()
         if self._current is not None:
             self._counts[self._current].spent_s += now - self._since
@@ -163,14 +150,13 @@ class AttackProgress(Display):
         return self._counts[stage].spent_s + visit
 
     def _rate(self, stage: Stage) -> float | None:
-        """Count evaluations a second, without the first chunk and those that the store knew."""
         count = self._counts[stage]
         made = count.done - count.cached - count.first
         took = self._spent(stage) - (count.first_s or 0.0)
         return made / took if made > 0 and took > 0 else None
 
     def _left_s(self, stage: Stage) -> float | None:
-        """Estimate the time left, learning between the queries included."""
+        # training also learns between the queries
         count, rate = self._counts[stage], self._rate(stage)
         if rate is None or stage != self._current or count.done >= count.total:
             return None
@@ -191,7 +177,6 @@ class AttackProgress(Display):
         return parts
 
     def _render(self) -> Table:
-        """Draw a line for each stage so far."""
         table = Table.grid(padding=(0, 1))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)  # the name; what follows wraps between words
@@ -211,7 +196,6 @@ class AttackProgress(Display):
         return table
 
     def _line(self) -> str:
-        """Write one line on the current stage."""
         if self._current is None:
             return "Starting"
         doing = " (compiling kernels)" if self._compiling else ""
@@ -219,7 +203,7 @@ class AttackProgress(Display):
 
 
 def clock(seconds: float) -> str:
-    """Write a time span as h:mm:ss, or m:ss where it is shorter than an hour."""
+    """Format a time span as h:mm:ss, or as m:ss below an hour."""
     whole = int(seconds)
     hours, minutes = whole // 3600, whole // 60 % 60
     return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"
@@ -230,18 +214,18 @@ def will_compile(package: str = "sada_gym") -> bool:
 
     Numba compiles a kernel once, on its first call.
     """
-    modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
-    return any(kept and not any(kept) for kept in (list(_kept(name)) for name in modules))
-
-
-def _kept(name: str) -> Iterator[bool]:
-    """Yield, for each kernel of a module that can be kept on disk, whether it is there."""
     if "numba" not in sys.modules:
-        return
+        return False
+    modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
+    return any(kept and not any(kept) for kept in (list(_kernels_kept(name)) for name in modules))
+
+
+def _kernels_kept(module: str) -> Iterator[bool]:
+    """Yield, for each kernel of a module that can be kept on disk, whether it is there."""
     from numba.core.dispatcher import Dispatcher
 
-    for member in list(vars(sys.modules[name]).values()):
-        if not isinstance(member, Dispatcher) or member.__module__ != name:
+    for member in list(vars(sys.modules[module]).values()):
+        if not isinstance(member, Dispatcher) or member.__module__ != module:
             continue
         kernel: Any = member
         folder, code = kernel.stats.cache_path, kernel.py_func.__code__

@@ -62,14 +62,14 @@ def attack(
         option("An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"),
     ] = None,
     budget: Annotated[
-        int, option("Number of training queries; with 0 only `random` and `ideal` work.", least=0)
+        int, option("Number of training queries; with 0 only `random` and `ideal` work.", minimum=0)
     ] = 2_000,
     samples: Annotated[
-        int | None, option("Number of test samples.", least=1, default="the environment's own")
+        int | None, option("Number of test samples.", minimum=1, default="the environment's own")
     ] = None,
-    seed: Annotated[int, option("Fixes the whole result.", least=0)] = 0,
+    seed: Annotated[int, option("Fixes the whole result.", minimum=0)] = 0,
     workers: Annotated[
-        int | None, option(WORKERS_HELP, least=1, default=f"the cores, at most {_MANY}")
+        int | None, option(WORKERS_HELP, minimum=1, default=f"the cores, at most {_MANY}")
     ] = None,
     executor: ExecutorName = "processes",
     out_folder: Annotated[

@@ -16,6 +16,7 @@ from sada_gym.cli.console import (
     ExecutorName,
     cores,
     errors_as_sentences,
+    make_table,
     option,
     out,
     refuse_stray,
@@ -57,23 +58,23 @@ def benchmark(
         ),
     ] = None,
     seeds: Annotated[
-        int | None, option("Seeds on every track.", least=1, default="the suite's own")
+        int | None, option("Seeds on every track.", minimum=1, default="the suite's own")
     ] = None,
     budget: Annotated[
-        int | None, option("Training queries.", least=1, default="the tables' own")
+        int | None, option("Training queries.", minimum=1, default="the tables' own")
     ] = None,
     samples: Annotated[
-        int | None, option("Test samples.", least=1, default="the environments' own")
+        int | None, option("Test samples.", minimum=1, default="the environments' own")
     ] = None,
     images: Annotated[
         int | None,
         option(
             "Samples, on the first seed, whose nearest queries are compared as images.",
-            least=0,
+            minimum=0,
             default="the suite's own",
         ),
     ] = None,
-    workers: Annotated[int | None, option(WORKERS_HELP, least=1, default="the cores")] = None,
+    workers: Annotated[int | None, option(WORKERS_HELP, minimum=1, default="the cores")] = None,
     executor: ExecutorName = "processes",
     out_folder: Annotated[
         Path | None,
@@ -137,10 +138,7 @@ def benchmark(
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         progress = BenchmarkProgress(out)
         try:
-            with (
-                open_executor(executor, workers or cores()) as opened,
-                progress,
-            ):
+            with open_executor(executor, workers or cores()) as opened, progress:
                 result = run_benchmark(
                     chosen,
                     folder,
@@ -157,7 +155,6 @@ def benchmark(
 
 
 def _kept(runs: int, folder: Path, entries: Path | None) -> str:
-    """Say what a stopped benchmark has kept."""
     if entries is None:
         return f"{runs:,} finished runs and all evaluations are kept in {folder}."
     return f"{runs:,} finished runs are kept in {entries}, and all evaluations in {folder}."
@@ -167,30 +164,27 @@ def _show_outlook(outlook: Outlook) -> None:
     from sada_gym.cli.benchmark_progress import describe_missing
 
     say("", describe_missing(outlook.missing))
-    table = Table(header_style="bold")
-    for column in ("table", "track", "runs", "evaluations", "core hours"):
-        table.add_column(column, justify="left" if column in ("table", "track") else "right")
-    for one in outlook.estimates:
-        name, runs = escape(one.table), f"{one.runs:,}"
-        table.add_row(name, escape(one.track), runs, f"{one.evaluations:,}", _hours(one))
-    if outlook.estimates:
+    costs = outlook.estimates
+    table = make_table("table", "track", "runs", "evaluations", "core hours", left=2)
+    for cost in costs:
+        counts = f"{cost.runs:,}", f"{cost.evaluations:,}"
+        table.add_row(escape(cost.table), escape(cost.track), *counts, _hours(cost))
+    if costs:
         out.print(table)
-        hours = sum(one.core_hours for one in outlook.estimates)
-        unknown = sum(one.unknown for one in outlook.estimates)
-        all_runs = sum(one.runs for one in outlook.estimates)
-        if unknown == all_runs:
-            say("", "Nothing like these runs was timed yet, so the core hours are not known.")
+        unknown = sum(cost.unknown for cost in costs)
+        if unknown == sum(cost.runs for cost in costs):
+            say("", "No run like these was timed yet, so the core hours are not known.")
         else:
-            rest = f", without {unknown:,} runs whose like was not timed yet" if unknown else ""
-            say("", f"About {hours:.1f} core hours{rest}.")
+            rest = f", without {unknown:,} runs of kinds that were never timed" if unknown else ""
+            say("", f"About {sum(cost.core_hours for cost in costs):.1f} core hours{rest}.")
     for note in outlook.notes:
-        say("[yellow]Mind:[/] ", note)
+        say("[yellow]Warning:[/] ", note)
 
 
-def _hours(one: Estimate) -> str:
-    if one.unknown == one.runs:
+def _hours(cost: Estimate) -> str:
+    if cost.unknown == cost.runs:
         return "unknown"
-    return f"{one.core_hours:.2f}" + (f" + {one.unknown:,} unknown" if one.unknown else "")
+    return f"{cost.core_hours:.2f}" + (f" + {cost.unknown:,} unknown" if cost.unknown else "")
 
 
 def _show_result(result: BenchmarkResult) -> None:
@@ -210,5 +204,5 @@ def _show_result(result: BenchmarkResult) -> None:
             table.add_row(*cells, f"{row.runs}{failed}")
         out.print(table)
     for note in result.notes:
-        say("[yellow]Mind:[/] ", note)
+        say("[yellow]Warning:[/] ", note)
     say("", f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")

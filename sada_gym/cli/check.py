@@ -6,9 +6,15 @@ from typing import Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
-from sada_gym.cli.console import EnvKwargs, errors_as_sentences, key_values, out, refuse_stray
+from sada_gym.cli.console import (
+    EnvKwargs,
+    errors_as_sentences,
+    key_values,
+    make_table,
+    out,
+    refuse_stray,
+)
 from sada_gym.errors import UserError
 
 
@@ -39,9 +45,7 @@ def check(
         else:
             reports = check_environment(subject, **key_values(env_kwargs or [], "--env-kwargs"))
     for report in reports:
-        table = Table(title=escape(report.subject), header_style="bold", title_justify="left")
-        for column in ("", "check", "finding"):
-            table.add_column(column)
+        table = make_table("", "check", "finding", title=escape(report.subject))
         for item in report.checks:
             mark = "[green]ok[/]" if item.passed else "[bold red]fails[/]"
             table.add_row(mark, escape(item.name), escape(item.sentence))

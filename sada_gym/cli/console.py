@@ -1,4 +1,4 @@
-"""What the commands share: the two consoles, k=v options, and errors as sentences."""
+"""What the commands share: the two consoles, tables, options, and errors as sentences."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from sada_gym.errors import BudgetExhausted, UserError, WorkerError
 
@@ -25,19 +26,19 @@ def option(
     text: str,
     *names: str,
     metavar: str | None = None,
-    least: int | None = None,
+    minimum: int | None = None,
     default: str | bool = True,
 ) -> Any:
-    """Describe an option of a command.
+    """Declare an option of a command.
 
     Args:
         text: Its help.
-        names: Its names; none takes the parameter's name.
+        names: Its names; without any it is named as the parameter.
         metavar: What the help calls its value.
-        least: The smallest number that it takes.
+        minimum: The smallest number that it takes.
         default: What the help says of its default; True shows the value.
     """
-    return typer.Option(*names, help=text, metavar=metavar, min=least, show_default=default)
+    return typer.Option(*names, help=text, metavar=metavar, min=minimum, show_default=default)
 
 
 EnvKwargs = Annotated[
@@ -53,7 +54,7 @@ ExecutorName = Annotated[
 
 
 def set_debug(on: bool) -> None:
-    """Say whether errors keep their tracebacks."""
+    """Choose whether errors keep their tracebacks."""
     global _debug
     _debug = on
 
@@ -87,13 +88,16 @@ def say(style: str, text: str = "", *, console: Console = out) -> None:
     console.print(line, highlight=False, soft_wrap=soft, overflow="ignore", crop=False)
 
 
-def show_resume_hint(kept: str, *more: str) -> None:
-    """Say after Ctrl-C what is kept, and by which command the run goes on.
+def make_table(*columns: str, title: str | None = None, left: int | None = None) -> Table:
+    """Make a table of which the first columns, by default all, are aligned on the left."""
+    table = Table(title=title, header_style="bold", title_justify="left")
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if left is None or i < left else "right")
+    return table
 
-    Args:
-        kept: A sentence on what was kept.
-        more: Options to add to the command line.
-    """
+
+def show_resume_hint(kept: str, *more: str) -> None:
+    """Print after Ctrl-C what is kept, and the command line, with `more`, that goes on."""
     given = sys.argv[1:]
     command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
     say("", f"\nStopped. {kept}", console=err)
@@ -102,15 +106,7 @@ def show_resume_hint(kept: str, *more: str) -> None:
 
 
 def refuse_stray(words: Sequence[str], example: str) -> None:
-    """Refuse words that belong to no option, such as the second of `--set a=1 b=2`.
-
-    Args:
-        words: The words that are neither arguments nor options.
-        example: A command line that is right.
-
-    Raises:
-        UserError: If there is such a word.
-    """
+    """Refuse words that belong to no option, such as the second of `--set a=1 b=2`."""
     if words:
         raise UserError(
             f"Expected an option before each value, got {words[0]!r} without one. "
@@ -119,11 +115,7 @@ def refuse_stray(words: Sequence[str], example: str) -> None:
 
 
 def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
-    """Parse `k=v` pairs; a value is JSON where it parses as such, else a string.
-
-    Raises:
-        UserError: If a pair has no key or no `=`, or a key stands twice.
-    """
+    """Parse `k=v` pairs; a value is JSON where it parses as such, else a string."""
     parsed: dict[str, Any] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
@@ -140,6 +132,6 @@ def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
 
 def cores() -> int:
     """Count the cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # what a container or a queue grants, not what there is
+    if hasattr(os, "sched_getaffinity"):  # counts what a container or a queue grants
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -58,7 +58,7 @@ def submit(
         option("The agent that they fool.", metavar="NAME", default="the track's first"),
     ] = None,
     queries: Annotated[
-        int | None, option("The training queries that each seed spent.", least=0)
+        int | None, option("The training queries that each seed spent.", minimum=0)
     ] = None,
     adversary: Annotated[
         str | None, option("What you call the adversary that found them.", metavar="NAME")
@@ -66,7 +66,7 @@ def submit(
     options: Annotated[
         str | None, option("The adversary's options, as a JSON object.", metavar="JSON")
     ] = None,
-    workers: Annotated[int, option(WORKERS_HELP, least=1)] = 1,
+    workers: Annotated[int, option(WORKERS_HELP, minimum=1)] = 1,
     out_folder: Annotated[
         Path, option("The folder of the entries.", "--out", metavar="DIR")
     ] = Path("leaderboard/entries"),

@@ -44,7 +44,7 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
     if report.novelty is not None:
         yield "novelty", f"median distance {report.novelty.median:.3f} to the nearest query"
     for flag in report.flags:
-        yield "mind", flag
+        yield "warning", flag
 
 
 def results_line(folder: Path, pictures: Iterable[Path]) -> str:

@@ -159,7 +159,7 @@ def test_a_plan_tells_of_runs_and_costs_and_makes_nothing(done, references, tmp_
     cells = [cell.strip() for cell in row.strip("│┃ ").split("│")]
     assert cells[:4] == ["equal-queries", ANALYTIC, "4", "320"]  # 60 + 20 each
     assert re.fullmatch(r"\d+\.\d\d \+ 2 unknown", cells[4])
-    assert "without 2 runs whose like was not timed yet" in result.stdout
+    assert "without 2 runs of kinds that were never timed" in result.stdout
     result = run(*SMALL, *chosen, "--out", tmp_path / "new", "--plan")
     assert result.stdout.startswith("3 runs to do")
     assert "unknown" in result.stdout
