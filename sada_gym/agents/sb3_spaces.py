@@ -86,7 +86,8 @@ def _refuse_observations(path: Path, found: Mapping[str, Any], space: gym.Space[
     raise UserError(
         f"Expected an agent for observations {space} in {path}, got one for "
         f"{', '.join(words) or 'another kind'}. Name an agent that was trained on this "
-        "environment; one that was trained on pictures under VecNormalize needs trust=True."
+        "environment; one that was trained on pictures under VecNormalize needs "
+        "allow_pickle=True."
     )
 
 

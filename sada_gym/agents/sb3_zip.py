@@ -54,9 +54,9 @@ _CLASSES = {
 """The classes in a policy's arguments that are known by the words that a file has for them."""
 
 _TRAINING_ONLY = {"optimizer_class", "optimizer_kwargs", "device"}
-_TRUST = (
-    "Load it yourself and pass the model, such as agent=PPO.load(file), or let trust=True unpickle "
-    "a file of your own."
+_PICKLE_HINT = (
+    "Load it yourself and pass the model, such as agent=PPO.load(file), or let "
+    "allow_pickle=True unpickle a file of your own."
 )
 _DAMAGE = (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, RuntimeError, OSError)
 
@@ -66,7 +66,7 @@ def load_sb3(
     observation_space: gym.Space[Any],
     action_space: gym.Space[Any],
     *,
-    trust: bool = False,
+    allow_pickle: bool = False,
 ) -> Any:
     """Load a model of PPO, A2C, DQN, SAC, TD3 or DDPG, on the CPU, for acting.
 
@@ -79,7 +79,7 @@ def load_sb3(
         path: The zip file.
         observation_space: The environment's observations.
         action_space: The environment's actions.
-        trust: Whether to unpickle the file as SB3 does, which can run any code that it holds.
+        allow_pickle: Whether to unpickle the file as SB3 does, which can run any code in it.
 
     Raises:
         FileError: If the file is missing, damaged, too large, or none of SB3's.
@@ -91,7 +91,7 @@ def load_sb3(
     policy_class = _referenced_class(data.get("policy_class"))
     algorithm = _algorithm(path, data, policy_class)
     with generators_kept():
-        if trust:
+        if allow_pickle:
             return _unpickled(path, content, algorithm)
         known = {f"{kind.__module__}.{kind.__name__}": kind for kind in _policies(algorithm)}
         if policy_class not in known:
@@ -147,7 +147,7 @@ def _rebuilt(
         raise UserError(
             f"Expected policy_kwargs in {path} that {policy_class.__name__} takes with "
             f"observations {observation_space} and actions {action_space}, got {arguments} "
-            f"({error}). Name an agent that was trained on this environment. {_TRUST}"
+            f"({error}). Name an agent that was trained on this environment. {_PICKLE_HINT}"
         ) from error
     shapes = {name: tuple(part.shape) for name, part in policy.state_dict().items()}
     weights = _with_shared_extractors(weights, shapes)
@@ -303,7 +303,7 @@ def _can_hold(argument: Any, stored: int) -> bool:
 def _refuse_words(path: Path, expected: str, found: str) -> NoReturn:
     raise UserError(
         f"Expected {expected} in {path}, got {found}, which cannot be known without unpickling. "
-        f"{_TRUST}"
+        f"{_PICKLE_HINT}"
     )
 
 

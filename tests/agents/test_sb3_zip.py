@@ -204,9 +204,11 @@ def test_agents_of_normalised_pictures_need_trust(tmp_path):
     path = tmp_path / "model.zip"
     env = VecNormalize(VecTransposeImage(DummyVecEnv([lambda: Fake(PICTURE)])))
     new_model(PPO, "CnnPolicy", env, policy_kwargs={"normalize_images": False}).save(path)
-    with pytest.raises(UserError, match=r"of float32.*VecNormalize needs trust=True"):
+    with pytest.raises(UserError, match=r"of float32.*VecNormalize needs allow_pickle=True"):
         load_sb3(path, PICTURE, DISCRETE)
-    assert load_sb3(path, PICTURE, DISCRETE, trust=True).observation_space.dtype == np.float32
+    assert (
+        load_sb3(path, PICTURE, DISCRETE, allow_pickle=True).observation_space.dtype == np.float32
+    )
 
 
 def test_a_file_of_an_old_sb3_has_shared_extractors_once_and_layers_in_a_list(tmp_path):
@@ -260,7 +262,7 @@ def test_arguments_that_only_a_pickle_knows_are_never_guessed(arguments, named, 
         data["policy_kwargs"] = stored
 
     rewrite(path, data=put)
-    with pytest.raises(UserError, match=rf"{named}.*without unpickling.*trust=True"):
+    with pytest.raises(UserError, match=rf"{named}.*without unpickling.*allow_pickle=True"):
         load_sb3(path, VECTOR, DISCRETE)
 
 
@@ -270,23 +272,25 @@ def test_trust_unpickles_what_only_a_pickle_knows(tmp_path):
     new_model(PPO, policy_kwargs=arguments).save(path)
     with pytest.raises(UserError, match="activation_fn=<function"):
         load_sb3(path, VECTOR, DISCRETE)
-    loaded = load_sb3(path, VECTOR, DISCRETE, trust=True)
+    loaded = load_sb3(path, VECTOR, DISCRETE, allow_pickle=True)
     assert loaded.predict(samples(VECTOR), deterministic=True)[0].shape == (20,)
 
 
 def test_a_policy_class_of_ones_own_needs_trust(tmp_path):
     path = tmp_path / "model.zip"
     new_model(PPO, OwnPolicy).save(path)
-    with pytest.raises(UserError, match=r"a policy of SB3's.*without unpickling.*trust=True"):
+    with pytest.raises(
+        UserError, match=r"a policy of SB3's.*without unpickling.*allow_pickle=True"
+    ):
         load_sb3(path, VECTOR, DISCRETE)
-    assert type(load_sb3(path, VECTOR, DISCRETE, trust=True).policy).__name__ == "OwnPolicy"
+    assert type(load_sb3(path, VECTOR, DISCRETE, allow_pickle=True).policy).__name__ == "OwnPolicy"
 
 
 def test_trust_says_what_cannot_be_unpickled(path):
     broken = {":type:": "<class 'dict'>", ":serialized:": "AAAA"}
     rewrite(path, data=lambda data: data.update(policy_kwargs=broken))
     with pytest.raises(FileError, match=r"that can be unpickled in .*, got UnpicklingError"):
-        load_sb3(path, VECTOR, DISCRETE, trust=True)
+        load_sb3(path, VECTOR, DISCRETE, allow_pickle=True)
 
 
 @pytest.mark.parametrize("module", ["sb3_contrib.tqc.policies", "sb3_contrib.qrdqn.policies"])

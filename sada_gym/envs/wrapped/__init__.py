@@ -1,4 +1,4 @@
-"""Any Gymnasium environment under attack, and the places to which its parameters go."""
+"""Any Gymnasium environment under attack, and what its parameters set."""
 
 from typing import TYPE_CHECKING
 
@@ -6,6 +6,14 @@ from sada_gym.lazy import lazy_names
 
 if TYPE_CHECKING:
     from sada_gym.envs.wrapped.application import GymnasiumApplication
+    from sada_gym.envs.wrapped.bindings import (
+        Attribute,
+        Config,
+        Function,
+        Keyword,
+        ParameterBinding,
+        ResetOption,
+    )
     from sada_gym.envs.wrapped.disturbances import (
         ActionDelay,
         ActionGain,
@@ -14,14 +22,6 @@ if TYPE_CHECKING:
         ObservationDropout,
         ObservationNoise,
         RepeatedActions,
-    )
-    from sada_gym.envs.wrapped.places import (
-        Attribute,
-        Config,
-        Function,
-        Keyword,
-        Place,
-        ResetOption,
     )
     from sada_gym.envs.wrapped.scores import Episode
 
@@ -38,18 +38,18 @@ __all__ = [
     "ObservationDelay",
     "ObservationDropout",
     "ObservationNoise",
-    "Place",
+    "ParameterBinding",
     "RepeatedActions",
     "ResetOption",
 ]
 
-_PLACES = ("Attribute", "Config", "Function", "Keyword", "Place", "ResetOption")
+_BINDINGS = ("Attribute", "Config", "Function", "Keyword", "ParameterBinding", "ResetOption")
 
 __getattr__ = lazy_names(
     __name__,
     {
         **dict.fromkeys(__all__, "disturbances"),
-        **dict.fromkeys(_PLACES, "places"),
+        **dict.fromkeys(_BINDINGS, "bindings"),
         "Episode": "scores",
         "GymnasiumApplication": "application",
     },

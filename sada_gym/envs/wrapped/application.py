@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,18 +15,24 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.error import DependencyNotInstalled
+from gymnasium.wrappers import TimeLimit
 
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import Scored, refuse_undeclared, validate_world
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
-from sada_gym.envs.wrapped.disturbances import refuse_doubles
-from sada_gym.envs.wrapped.episodes import Game, GymnasiumEpisodes, World
-from sada_gym.envs.wrapped.maker import EnvLike, Maker, layers, own_limit
-from sada_gym.envs.wrapped.places import Function, Place, found_place, plain
-from sada_gym.envs.wrapped.plain import PlainAgent
-from sada_gym.envs.wrapped.scores import Own, ScoreLike, as_score
+from sada_gym.envs.wrapped.bindings import (
+    Function,
+    ParameterBinding,
+    as_binding,
+    as_json,
+    check_distinct,
+)
+from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
+from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, function_name, layers
+from sada_gym.envs.wrapped.function_agent import FunctionAgent
+from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
@@ -55,12 +61,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`.
             A function is called for one observation at a time, and must remember nothing, because
             many episodes go on at once. Box actions are clipped to their space.
-        parameters: The parameters by name: (low, high), or a place of `sada_gym.envs.wrapped`.
+        parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
             (low, high) is a keyword of the environment's constructor of that name, else an
             attribute of `env.unwrapped`.
         score: ("return", low, high), which clips; "success", which reads `info["is_success"]`;
-            ("length", most); or a function of an `Episode` that gives a number in [0, 1]. A high
-            score is good for the agent.
+            ("length", maximum); or a function of an `Episode` that returns a number in [0, 1]. A
+            high score is good for the agent.
         fooling_threshold: The agent is fooled where the score is at most this.
         episodes: The episodes whose mean score counts.
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
@@ -69,9 +75,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         name: The application's name in reports; None takes the environment's.
         agent_id: Names the agent in evaluation stores, together with all functions of your own;
             change it whenever you change one of them. SB3 models have a hash of their weights.
-        trust: Whether files may be unpickled, which can run code: do it only with your own.
-        statistics: The file of the `VecNormalize` that the agent was trained with, a pickle, or
-            the object itself. A model that holds its training environment needs none.
+        allow_pickle: Whether files may be unpickled, which can run code: do it only with your own.
+        vec_normalize: The `VecNormalize` that the agent was trained with, or its file, a pickle. A
+            model that holds its training environment needs none.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -84,7 +90,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         ... )
     """
 
-    game: Game
+    episode_spec: EpisodeSpec
     packages: tuple[str, ...]
     _other_cause = (
         "If it is the environment that is random, let it draw from its own np_random and not from "
@@ -96,7 +102,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         environment: EnvLike,
         *,
         agent: Any,
-        parameters: Mapping[str, Place | tuple[float, float]],
+        parameters: Mapping[str, ParameterBinding | tuple[float, float]],
         score: ScoreLike,
         fooling_threshold: float,
         episodes: int = 1,
@@ -105,40 +111,46 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         env_kwargs: Mapping[str, Any] | None = None,
         name: str | None = None,
         agent_id: str | None = None,
-        trust: bool = False,
-        statistics: str | Path | VecNormalize | None = None,
+        allow_pickle: bool = False,
+        vec_normalize: str | Path | VecNormalize | None = None,
     ) -> None:
         check_integer("episodes", episodes, 1)
         check_integer("sample_size", sample_size, 1)
         if max_steps is not None:
             check_integer("max_steps", max_steps, 1)
+        if name is not None and (not isinstance(name, str) or not name):
+            raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
         check_agent_id(agent_id)
-        maker = Maker(environment, {} if env_kwargs is None else env_kwargs, max_steps)
+        factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
-        self._count, self._trust = episodes, trust
-        self._normalisation = _statistics(statistics, trust=trust)
-        with closing(maker.make({})) as env:
-            self._explore(env, maker, parameters, as_score(score))
+        self._episode_count, self._allow_pickle = episodes, allow_pickle
+        self._vec_normalize = None
+        if vec_normalize is not None:
+            load_statistics = load("sada_gym.agents.vec_normalize:load_vec_normalize")
+            self._vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
+        with closing(factory.make({})) as env:
+            self.episode_spec = self._explore(env, factory, parameters, as_score(score))
         if name is not None:
-            if not isinstance(name, str) or not name:
-                raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
             self.name = name  # type: ignore[misc]
         refuse_undeclared(self)
         if isinstance(agent, str | Path):
             file = Path(agent)
-            agent, title = self._load(file), agent_id or file.stem
-            super().__init__(agent, agent_id)
-            self.agent_name = title
+            super().__init__(self._load(file), agent_id)
+            self.agent_name = agent_id or file.stem
         else:
             super().__init__(agent, agent_id)
-        self.game = Game(**{**vars(self.game), "agent": self.agent_name})
+        self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._clipped = self._scores = 0
         self._try_corners()
 
     def _explore(
-        self, env: gym.Env[Any, Any], maker: Maker, parameters: Mapping[str, Any], score: Any
-    ) -> None:
-        """Learn from one environment what all have in common, and find the parameters' places."""
+        self,
+        env: gym.Env[Any, Any],
+        factory: EnvFactory,
+        parameters: Mapping[str, Any],
+        score: Score,
+    ) -> EpisodeSpec:
+        """Read off one environment what all have in common, and check the parameters on it."""
         self._metadata = dict(env.metadata)
         self.render_fps = int(self._metadata.get("render_fps") or 30)  # type: ignore[misc]
         self._wrapped_by = tuple(
@@ -147,52 +159,28 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             if any(isinstance(layer, kind) for layer in layers(env))
         )
         self.packages = _packages(env)
-        self.name, self.version = _named(maker, env)  # type: ignore[misc]
-        learning = [
-            one for one in layers(env) if getattr(one, "update_running_mean", False) is True
-        ]
-        if learning:
-            wrapper = type(learning[0]).__name__
-            raise UserError(
-                f"Expected wrappers in {maker.name} that learn nothing, got {wrapper}, whose "
-                "statistics begin anew in each episode and are not those of the training. Let a "
-                "function make the environment, and set the wrapper's statistics and "
-                "update_running_mean = False there."
-            )
-        if not isinstance(env.action_space, _ACTIONS):
-            raise UserError(
-                "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
-                f"{env.action_space} in {maker.name}. Wrap the environment in one that has them."
-            )
-        if maker.max_steps is None and not own_limit(env):
-            raise UserError(
-                f"Expected a limit of steps, because {maker.name} has none of its own and its "
-                "episodes might never end. Pass max_steps=1000, say."
-            )
-        try:
-            env.reset(seed=0)
-        except Exception as error:  # whatever an environment may raise
-            raise UserError(
-                f"Expected {maker.name} to be reset, got {type(error).__name__}: {error}."
-            ) from error
+        self.name, self.version = _name_and_version(factory, env)  # type: ignore[misc]
+        _check_environment(env, factory)
         if not isinstance(parameters, Mapping) or not parameters:
             raise UserTypeError(
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
                 f"{parameters!r}."
             )
-        places = {key: found_place(key, given, maker) for key, given in parameters.items()}
-        self.parameters = ParameterSpace(*(place.parameter(key) for key, place in places.items()))
-        for key, place in places.items():
-            place.check(key, maker, env)
-        refuse_doubles(places)
-        self.game = Game(maker, places, env.observation_space, env.action_space, score, "the agent")
+        bindings = {key: as_binding(key, given, factory) for key, given in parameters.items()}
+        self.parameters = ParameterSpace(*(b.parameter(key) for key, b in bindings.items()))
+        for key, binding in bindings.items():
+            binding.check(key, factory, env)
+        check_distinct(bindings)
+        seen, done = env.observation_space, env.action_space
+        return EpisodeSpec(factory, bindings, seen, done, score, "the agent")
 
     def _load(self, path: Path) -> Any:
-        """Load an SB3 zip."""
         if not path.is_file():
             raise FileError(f"Expected an SB3 zip as the agent, got {path}: no such file.")
-        game, load_sb3 = self.game, load("sada_gym.agents.sb3_zip:load_sb3")
-        return load_sb3(path, game.observation_space, game.action_space, trust=self._trust)
+        load_sb3, spec = load("sada_gym.agents.sb3_zip:load_sb3"), self.episode_spec
+        return load_sb3(
+            path, spec.observation_space, spec.action_space, allow_pickle=self._allow_pickle
+        )
 
     def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
         if isinstance(given, type):
@@ -205,13 +193,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if hasattr(given, "predict"):
             from sada_gym.agents.policy import Interface, Policy
 
-            game = self.game
-            seen = Interface(
-                game.maker.name, game.observation_space, game.action_space, self._wrapped_by
+            spec = self.episode_spec
+            interface = Interface(
+                spec.factory.name, spec.observation_space, spec.action_space, self._wrapped_by
             )
-            return Policy(given, seen, normalisation=self._normalisation)
+            return Policy(given, interface, normalisation=self._vec_normalize)
         if callable(given):
-            return PlainAgent(given, self.agent_name)
+            return FunctionAgent(given, self.agent_name)
         raise UserTypeError(
             "Expected an SB3 model, the path of an SB3 zip, an object with `predict`, or a "
             f"function of an observation as the agent, got {given!r}."
@@ -236,44 +224,44 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     @property
     def settings(self) -> dict[str, Any]:
         """All that a score depends on besides the agent."""
-        maker = self.game.maker
+        factory, bindings = self.episode_spec.factory, self.episode_spec.bindings
         return {
-            "environment": maker.identity,
-            "env_kwargs": plain(maker.env_kwargs),
-            "parameters": {key: place.settings for key, place in self.game.places.items()},
-            "order": [*self.game.places],
-            "score": self.game.score.settings,
+            "environment": factory.identity,
+            "env_kwargs": as_json(factory.env_kwargs),
+            "parameters": {key: binding.settings for key, binding in bindings.items()},
+            "order": [*bindings],
+            "score": self.episode_spec.score.settings,
             "fooling_threshold": float(self.fooling_threshold),
-            "episodes": self._count,
-            "max_steps": maker.max_steps,
+            "episodes": self._episode_count,
+            "max_steps": factory.max_steps,
         }
 
     @property
     def fingerprint(self) -> str | None:
         """SHA-256 over the agent, or None where a function of the user's has no `agent_id`."""
+        spec = self.episode_spec
         own_code = (
-            callable(self.game.maker.environment)
-            or isinstance(self.game.score, Own)
-            or any(place.own_code for place in self.game.places.values())
+            callable(spec.factory.environment)
+            or isinstance(spec.score, FunctionScore)
+            or any(binding.own_code for binding in spec.bindings.values())
         )
         return None if own_code and not self._agent_id else super().fingerprint
 
     @property
     def without_fingerprint(self) -> str:
         """Says which function makes an `agent_id` necessary."""
-        maker, score = self.game.maker, self.game.score
-        functions = {
-            **({"environment": maker.environment} if callable(maker.environment) else {}),
-            **({"score": score.function} if isinstance(score, Own) else {}),
-            **{
-                f"parameter {key!r}": place.set
-                for key, place in self.game.places.items()
-                if isinstance(place, Function)
-            },
-        }
+        environment, score = self.episode_spec.factory.environment, self.episode_spec.score
+        functions: dict[str, Any] = {}
+        if callable(environment):
+            functions["environment"] = environment
+        if isinstance(score, FunctionScore):
+            functions["score"] = score.function
+        for key, binding in self.episode_spec.bindings.items():
+            if isinstance(binding, Function):
+                functions[f"parameter {key!r}"] = binding.set
         if not functions or self._agent_id:
             return super().without_fingerprint
-        named = [f"the {of} ({_function_name(given)})" for of, given in functions.items()]
+        named = [f"the {role} ({function_name(given)})" for role, given in functions.items()]
         return (
             f"Expected agent_id in {self.name}, because {' and '.join(named)} "
             f"{'are functions' if len(named) > 1 else 'is a function'} of your own, and nobody "
@@ -285,107 +273,113 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self, mu: Mu, seeds: Sequence[int], *, pictures: bool = False
     ) -> GymnasiumEpisodes:
         """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row."""
-        worlds = []
+        starts = []
+        bindings = self.episode_spec.bindings.items()
         for row, seed in zip(self.parameters.physical(mu).tolist(), seeds, strict=True):
             values = {
-                key: place.value(number)
-                for (key, place), number in zip(self.game.places.items(), row, strict=True)
+                key: binding.value(number)
+                for (key, binding), number in zip(bindings, row, strict=True)
             }
-            worlds += [World(values, seed, number) for number in range(self._count)]
-        return GymnasiumEpisodes(self.game, worlds, pictures=pictures)
+            starts += [EpisodeStart(values, seed, i) for i in range(self._episode_count)]
+        return GymnasiumEpisodes(self.episode_spec, starts, pictures=pictures)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        count = self._episode_count
         with closing(self.episodes(mu, seeds)) as episodes:
             self.play(episodes)
-            score = episodes.score.reshape(len(mu), self._count).mean(axis=1)
+            score = episodes.score.reshape(len(mu), count).mean(axis=1)
             running = episodes.running
         extras = []
-        for first in range(0, len(running), self._count):
-            together = running[first : first + self._count]
+        for first in range(0, len(running), count):
+            together = running[first : first + count]
             extras.append(
                 {
-                    "return": float(np.mean([sum(one.rewards) for one in together])),
-                    "length": float(np.mean([len(one.rewards) for one in together])),
-                    "clipped": any(one.clipped for one in together),
-                    **self._whole(together[0].world.values),
+                    "return": float(np.mean([sum(episode.rewards) for episode in together])),
+                    "length": float(np.mean([len(episode.rewards) for episode in together])),
+                    "clipped": any(episode.clipped for episode in together),
+                    **self._discrete_values(together[0].start.values),
                 }
             )
         self._warn_of_clipping(extras)
         return Scored(score, extras)
 
-    def _whole(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Give what choices and whole numbers were set, which `parameters` shows as a place."""
-        places = self.game.places.items()
-        chosen = {key: str(values[key]) for key, place in places if place.choices}
-        whole = {key: values[key] for key, place in places if place.integer}
+    def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the choices and whole numbers that were set; `parameters` shows only positions."""
+        bindings = self.episode_spec.bindings.items()
+        chosen = {key: str(values[key]) for key, binding in bindings if binding.choices}
+        whole = {key: values[key] for key, binding in bindings if binding.integer}
         return {"values": chosen | whole} if chosen or whole else {}
 
     def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:
         """Warn once where many returns lie outside the range of the score."""
-        before = self._scores >= _MANY and self._clipped > _FEW_CLIPPED * self._scores
+        before = self._many_clipped
         self._scores += len(extras)
         self._clipped += sum(extra["clipped"] for extra in extras)
-        if self._scores >= _MANY and self._clipped > _FEW_CLIPPED * self._scores and not before:
+        if self._many_clipped and not before:
             warnings.warn(
-                f"More than {_FEW_CLIPPED:.0%} of the evaluations of {self.game.maker.name} had a "
-                f"return outside the range of score={self.game.score.settings}. Their scores were "
-                "clipped, so that an adversary cannot tell them apart. Widen the range.",
+                f"More than {_FEW_CLIPPED:.0%} of the evaluations of "
+                f"{self.episode_spec.factory.name} had a return outside the range of "
+                f"score={self.episode_spec.score.settings}. Their scores were clipped, so that an "
+                "adversary cannot tell them apart. Widen the range.",
                 stacklevel=2,
             )
+
+    @property
+    def _many_clipped(self) -> bool:
+        return self._scores >= _MANY and self._clipped > _FEW_CLIPPED * self._scores
 
     @property
     def can_render(self) -> bool:
         """Whether the environment renders as `rgb_array`."""
         modes = self._metadata.get("render_modes") or ()
-        return "rgb_array" in modes and self.game.maker.takes_render_mode
+        return "rgb_array" in modes and self.episode_spec.factory.takes_render_mode
 
-    def _drawn(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
+    def _rendering(self, mu: npt.ArrayLike, seed: int) -> GymnasiumEpisodes:
         row, seed = validate_world(self.parameters, mu, seed)
         if not self.can_render:
             raise NotImplementedError(
-                f"{self.game.maker.name} draws no pictures: it has no render_mode='rgb_array'."
+                f"{self.episode_spec.factory.name} draws no pictures: it has no "
+                "render_mode='rgb_array'."
             )
         return self.episodes(row, [seed], pictures=True)
 
     @property
     def legend(self) -> tuple[LegendEntry, ...]:
         """Which frame of an episode is drawn."""
-        of = "the episode" if self._count == 1 else f"the worst of {self._count} episodes"
-        return (LegendEntry(f"The last frame of {of}, as {self.game.maker.name} draws it."),)
+        count, name = self._episode_count, self.episode_spec.factory.name
+        which = "the episode" if count == 1 else f"the worst of {count} episodes"
+        return (LegendEntry(f"The last frame of {which}, as {name} draws it."),)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the last frame of the episode, of several that with the lowest score."""
-        with closing(self._drawn(mu, seed)) as episodes, _drawing():
+        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
             play(self.policy, episodes)
             return np.asarray(episodes.render(episodes.score.argsort(kind="stable")[:1])[0])
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the first frame of the first episode."""
-        with closing(self._drawn(mu, seed)) as episodes, _drawing():
+        with closing(self._rendering(mu, seed)) as episodes, _missing_drawing_library():
             return np.asarray(episodes.render(np.zeros(1, np.intp))[0])
 
     def rollouts(self, mu: npt.ArrayLike, seed: int) -> list[Rollout[Any]]:
         """Play all episodes in the world of one mu, (d,), and keep returns, and frames if any."""
         row, seed = validate_world(self.parameters, mu, seed)
-        with closing(self.episodes(row, [seed], pictures=self.can_render)) as episodes, _drawing():
+        episodes = self.episodes(row, [seed], pictures=self.can_render)
+        with closing(episodes), _missing_drawing_library():
             return record(self.policy, episodes)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Play the episodes again, one after another: all frames, and the score."""
         if not self.can_render:
-            self._drawn(mu, seed)
+            self._rendering(mu, seed)
         return super().replay(mu, seed)
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
         return [frame for rollout in rollouts for frame in rollout["frame"]]
 
 
-def _function_name(function: Any) -> str:
-    return getattr(function, "__name__", type(function).__name__)
-
-
 @contextmanager
-def _drawing() -> Iterator[None]:
+def _missing_drawing_library() -> Iterator[None]:
     """Let a missing drawing library mean that there are no pictures."""
     try:
         yield
@@ -406,43 +400,36 @@ def _packages(env: gym.Env[Any, Any]) -> tuple[str, ...]:
     return tuple(sorted({"torch", "stable-baselines3", *engines, *homes}))
 
 
-def _named(maker: Maker, env: gym.Env[Any, Any]) -> tuple[str, int]:
-    """Give the name and version of the environment's id, or its class's name and 0."""
-    if not isinstance(maker.environment, str):
+def _name_and_version(factory: EnvFactory, env: gym.Env[Any, Any]) -> tuple[str, int]:
+    """Return the name and version of the environment's id, or its class's name and 0."""
+    if not isinstance(factory.environment, str):
         return type(env.unwrapped).__name__, 0
-    match = _ID.fullmatch(maker.name)
-    return (maker.name, 0) if match is None else (match[1], int(match[2]))
+    match = _ID.fullmatch(factory.name)
+    return (factory.name, 0) if match is None else (match[1], int(match[2]))
 
 
-def _statistics(given: Any, *, trust: bool) -> VecNormalize | None:
-    """Load the statistics of a `VecNormalize`."""
-    if given is None:
-        return None
-    from stable_baselines3.common.vec_env import VecNormalize
-
-    if isinstance(given, VecNormalize):
-        return given
-    if not isinstance(given, str | Path):
-        raise UserTypeError(
-            f"Expected statistics to be a VecNormalize or the path of its file, got {given!r}."
-        )
-    if not trust:
+def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> None:
+    for layer in layers(env):
+        if getattr(layer, "update_running_mean", False) is True:
+            raise UserError(
+                f"Expected wrappers in {factory.name} that learn nothing, got "
+                f"{type(layer).__name__}, whose statistics begin anew in each episode and are not "
+                "those of the training. Let a function make the environment, and set the wrapper's "
+                "statistics and update_running_mean = False there."
+            )
+    if not isinstance(env.action_space, _ACTIONS):
         raise UserError(
-            f"Expected trust=True with statistics={str(given)!r}: the file is a pickle, which can "
-            "run code when it is loaded. Pass trust=True if it is your own."
+            "Expected Box, Discrete, MultiDiscrete or MultiBinary actions, got "
+            f"{env.action_space} in {factory.name}. Wrap the environment in one that has them."
+        )
+    if not any(isinstance(layer, TimeLimit) for layer in layers(env)):
+        raise UserError(
+            f"Expected a limit of steps, because {factory.name} has none of its own and its "
+            "episodes might never end. Pass max_steps=1000, say."
         )
     try:
-        with Path(given).open("rb") as file:
-            found = pickle.load(file)
-    except Exception as error:  # whatever an unpickled file may raise
-        raise FileError(
-            f"Expected the file of a VecNormalize in {given}, got {type(error).__name__}: {error}."
+        env.reset(seed=0)
+    except Exception as error:  # whatever an environment may raise
+        raise UserError(
+            f"Expected {factory.name} to be reset, got {type(error).__name__}: {error}."
         ) from error
-    if not isinstance(found, VecNormalize):
-        raise FileError(
-            f"Expected the file of a VecNormalize in {given}, got a {type(found).__name__}. Write "
-            "it by VecNormalize.save."
-        )
-    # what its file leaves out, without which it could not be sent to worker processes
-    vars(found).update(venv=None, class_attributes={}, returns=None)
-    return found

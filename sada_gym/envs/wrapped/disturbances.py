@@ -8,8 +8,6 @@ command is late, and the actuator is worn and noisy. A step is one of the enviro
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,61 +15,62 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from sada_gym.envs.wrapped.maker import Maker
-from sada_gym.envs.wrapped.places import Place, Setup
+from sada_gym.envs.wrapped import wrappers
+from sada_gym.envs.wrapped.bindings import ParameterBinding
+from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.parameters import Parameter
 
-Space = spaces.Space[Any]
+Env = gym.Env[Any, Any]
 
 
 @dataclass(frozen=True)
-class Disturbance(Place):
-    """A disturbance of what the agent sees or does."""
+class Disturbance(ParameterBinding):
+    """A disturbance of what the agent sees or does: it wraps the environment for one episode."""
 
-    least: ClassVar[float] = 0.0
-    most: ClassVar[float] = np.inf
+    minimum: ClassVar[float] = 0.0
+    maximum: ClassVar[float] = np.inf
     whole: ClassVar[bool] = False
+    layer: ClassVar[int]
+    """Where its wrapper stands among those of an episode, from the inside out."""
 
     def __post_init__(self) -> None:
         """Make numbers of steps whole."""
         if self.whole and not self.choices:
             object.__setattr__(self, "integer", True)
 
+    @abstractmethod
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
+        """Wrap the environment of one episode.
+
+        Args:
+            env: The environment.
+            value: The parameter's value.
+            rng: The generator of this disturbance in this episode.
+        """
+
     def parameter(self, name: str) -> Parameter:
-        """Give the parameter of this name.
+        """Return the parameter of this name.
 
         Raises:
             UserError: If the range is empty, or reaches beyond what the disturbance can be.
         """
-        if self.choices:
-            ends = [*self.choices]
-            numbers = all(isinstance(end, int | float) for end in ends)
-        else:
-            ends, numbers = [*self._range(name)], True
-        if not numbers or min(ends) < self.least or max(ends) > self.most:
-            most = "" if self.most == np.inf else f" and at most {self.most:g}"
+        values = self._values(name)
+        numbers = all(isinstance(value, int | float) for value in values)
+        if not numbers or min(values) < self.minimum or max(values) > self.maximum:
+            limit = "" if self.maximum == np.inf else f" and at most {self.maximum:g}"
             raise UserError(
-                f"Expected {type(self).__name__} {name!r} of at least {self.least:g}{most}, got "
-                f"{ends}. Mend its range."
+                f"Expected {type(self).__name__} {name!r} of at least {self.minimum:g}{limit}, got "
+                f"{values}. Mend its range."
             )
         return super().parameter(name)
 
     def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
-        """Say that there is one of each kind."""
+        """Return one target for all: there is one disturbance of each kind."""
         return ("all",)
 
-    def check(self, name: str, maker: Maker, env: gym.Env[Any, Any]) -> None:
-        """Check that it fits the environment's spaces."""
-        self.fit(name, maker, env.observation_space, env.action_space)
-
-    @abstractmethod
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:
-        """Check that it fits the space of what is seen and that of what is done.
-
-        Raises:
-            UserError: If it does not.
-        """
+    def _values(self, name: str) -> list[Any]:
+        return [*(self.choices or self._range(name))]
 
 
 @dataclass(frozen=True)
@@ -87,96 +86,61 @@ class ObservationNoise(Disturbance):
         entries: The entries of the flattened Box that are noisy; None means all.
     """
 
+    layer = 3
     key: str | None = None
     entries: tuple[int, ...] | None = None
 
     def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
-        """Name the entries that are noisy."""
+        """Return the entries that are noisy."""
         return ((self.key, tuple(self.entries or ())),)
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:  # noqa: ARG002
+    def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that there are Boxes to be noisy."""
-        parts = self._parts(name, maker, seen)
-        for part in parts.values():
-            size = int(np.prod(part.shape))
-            for entry in self.entries or ():
-                check_integer(f"the entries of {name!r}", entry, 0, size - 1)
-
-    def _parts(self, name: str, maker: Maker, seen: Space) -> dict[str | None, spaces.Box[Any]]:
-        found: dict[str | None, Space] = {None: seen}
-        if isinstance(seen, spaces.Dict):
-            if self.key is not None:
-                check_known(f"key of the observations of {maker.name}", [self.key], [*seen])
-                found = {self.key: seen[self.key]}
-            else:
-                found = {key: one for key, one in seen.items() if _is_float(one)}
+        space = env.observation_space
+        if isinstance(space, spaces.Dict) and self.key is not None:
+            check_known(f"key of the observations of {factory.name}", [self.key], [*space])
         elif self.key is not None:
             raise UserError(
-                f"Expected no key of {name!r}, because the observations of {maker.name} are no "
+                f"Expected no key of {name!r}, because the observations of {factory.name} are no "
                 f"dictionary, got {self.key!r}."
             )
-        boxes = {key: one for key, one in found.items() if isinstance(one, spaces.Box)}
-        if not boxes or len(boxes) < len(found):
+        boxes = self._boxes(space)
+        if not boxes or not all(isinstance(box, spaces.Box) for box in boxes.values()):
             raise UserError(
-                f"Expected observations of numbers (Box) in {maker.name} for the noise {name!r}, "
-                f"got {seen}. Use ObservationDropout or ObservationDelay, which fit all."
+                f"Expected observations of numbers (Box) in {factory.name} for the noise {name!r}, "
+                f"got {space}. Use ObservationDropout or ObservationDelay, which fit all."
             )
-        return boxes
+        for box in boxes.values():
+            for entry in self.entries or ():
+                check_integer(f"the entries of {name!r}", entry, 0, int(np.prod(box.shape)) - 1)
 
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:
+    def _boxes(self, space: spaces.Space[Any]) -> dict[str | None, Any]:
+        if not isinstance(space, spaces.Dict):
+            return {None: space}
+        if self.key is not None:
+            return {self.key: space[self.key]}
+        return {
+            key: part
+            for key, part in space.items()
+            if isinstance(part, spaces.Box) and part.dtype.kind == "f"
+        }
+
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
         """Add noise to each observation."""
-        rng = setup.generator(name)
-        chosen = None if self.entries is None else [*self.entries]
-
-        def disturb(number: Any, box: spaces.Box[Any]) -> Any:
-            noise = rng.standard_normal(np.shape(number))
-            if chosen is not None:
-                kept = noise.reshape(-1)[chosen]
-                noise = np.zeros_like(noise)
-                noise.reshape(-1)[chosen] = kept
-            if not value:
-                return number
-            clean = np.asarray(number, np.float64)
-            noisy = clean + value * noise
-            if box.dtype.kind in "iu":
-                noisy = np.rint(noisy)
-            # an environment may leave its own bounds: only noise does not
-            low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
-            return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
-
-        def sense(observation: Any) -> Any:
-            seen = setup.observation_space
-            if isinstance(seen, spaces.Dict):
-                noisy = {
-                    key: disturb(observation[key], box)
-                    for key, box in parts.items()
-                    if key is not None
-                }
-                return {**observation, **noisy}
-            return disturb(observation, parts[None])
-
-        parts = self._parts(name, setup.maker, setup.observation_space)
-        setup.sensors.append((0, sense))
+        boxes = self._boxes(env.observation_space)
+        return wrappers.NoisyObservations(env, value, boxes, self.entries, rng)
 
 
 @dataclass(frozen=True)
 class ObservationDelay(Disturbance):
     """The agent sees what was the case some steps ago; until then, the first observation."""
 
+    layer = 4
     whole = True
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:
-        """It fits all spaces."""
-
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:  # noqa: ARG002
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
         """Hold observations back."""
-        line: deque[Any] = deque(maxlen=value + 1)
-
-        def sense(observation: Any) -> Any:
-            line.append(observation)
-            return line[0]
-
-        setup.sensors.append((1, sense))
+        return wrappers.LateObservations(env, value)
 
 
 @dataclass(frozen=True)
@@ -186,23 +150,12 @@ class ObservationDropout(Disturbance):
     The first observation of an episode always arrives.
     """
 
-    most = 1.0
+    layer = 5
+    maximum = 1.0
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:
-        """It fits all spaces."""
-
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
         """Lose observations."""
-        rng = setup.generator(name)
-        last: list[Any] = []
-
-        def sense(observation: Any) -> Any:
-            lost = rng.random() < value
-            if not last or not lost:
-                last[:] = [observation]
-            return last[0]
-
-        setup.sensors.append((2, sense))
+        return wrappers.LostObservations(env, value, rng)
 
 
 @dataclass(frozen=True)
@@ -213,37 +166,33 @@ class ActionDelay(Disturbance):
     another kind of action has no zero, and the first one acts from the beginning.
     """
 
+    layer = 2
     whole = True
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:
-        """It fits all spaces."""
-
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:  # noqa: ARG002
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
         """Hold actions back."""
-        line: deque[Any] = deque(maxlen=value + 1)
-        if isinstance(setup.action_space, spaces.Box):
-            line.extend([np.zeros(setup.action_space.shape)] * value)
-
-        def act(action: Any) -> Any:
-            line.append(action)
-            return line[0]
-
-        setup.actuators.append((0, act))
+        return wrappers.LateActions(env, value)
 
 
 @dataclass(frozen=True)
 class ActionGain(Disturbance):
     """Box actions are multiplied by the value, and clipped to their space."""
 
-    least = -np.inf
+    layer = 1
+    minimum = -np.inf
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:  # noqa: ARG002
+    def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that actions are numbers."""
-        _refuse_choices(f"the gain {name!r}", maker, done)
+        if not isinstance(env.action_space, spaces.Box):
+            raise UserError(
+                f"Expected actions that are numbers (Box) in {factory.name} for the gain {name!r}, "
+                f"got {env.action_space}. Use ActionNoise, ActionDelay or RepeatedActions, which "
+                "fit all."
+            )
 
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:  # noqa: ARG002
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
         """Multiply actions."""
-        setup.actuators.append((1, lambda action: np.asarray(action, np.float64) * value))
+        return wrappers.ScaledActions(env, value)
 
 
 @dataclass(frozen=True)
@@ -255,90 +204,36 @@ class ActionNoise(Disturbance):
     that a uniformly drawn action acts instead.
     """
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:  # noqa: ARG002
+    layer = 0
+
+    def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that a Box has a range, and that a probability is one."""
-        if isinstance(done, spaces.Box):
-            if not done.is_bounded():
+        space = env.action_space
+        if isinstance(space, spaces.Box):
+            if not space.is_bounded():
                 raise UserError(
-                    f"Expected finite bounds of the actions of {maker.name} for the noise "
-                    f"{name!r}, which is a share of their range, got {done}. Leave it out."
+                    f"Expected finite bounds of the actions of {factory.name} for the noise "
+                    f"{name!r}, which is a share of their range, got {space}. Leave it out."
                 )
-        elif max([*self.choices] or [*self._range(name)]) > 1.0:
+        elif max(self._values(name)) > 1.0:
             raise UserError(
-                f"Expected the noise {name!r} of at most 1, because the actions of {maker.name} "
+                f"Expected the noise {name!r} of at most 1, because the actions of {factory.name} "
                 f"are no numbers and it is a probability, got {self.choices or self.high}."
             )
 
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
         """Disturb actions."""
-        rng, space = setup.generator(name), setup.action_space
-        if isinstance(space, spaces.Box):
-            half = (space.high.astype(np.float64) - space.low) / 2.0
-
-            def disturb(action: Any) -> Any:
-                return action + value * half * rng.standard_normal(half.shape)
-
-        else:
-            draw = _drawing(space, rng)
-
-            def disturb(action: Any) -> Any:
-                other, swapped = draw(), rng.random() < value
-                return other if swapped else action
-
-        setup.actuators.append((2, disturb))
+        return wrappers.NoisyActions(env, value, rng)
 
 
 @dataclass(frozen=True)
 class RepeatedActions(Disturbance):
     """Each action of the agent acts for some steps, at least one, before it is asked again."""
 
-    least = 1.0
+    layer = 6
+    minimum = 1.0
     whole = True
 
-    def fit(self, name: str, maker: Maker, seen: Space, done: Space) -> None:
-        """It fits all spaces."""
-
-    def prepare(self, name: str, value: Any, setup: Setup) -> None:  # noqa: ARG002
-        """Set the number of steps."""
-        setup.repeats = int(value)
-
-
-def refuse_doubles(places: dict[str, Place]) -> None:
-    """Refuse two parameters of one place, of which one would be without effect.
-
-    Noise on other entries is another place.
-
-    Raises:
-        UserError: If there are two.
-    """
-    seen: dict[Any, str] = {}
-    for name, place in places.items():
-        for target in dict.fromkeys(place.targets(name)):
-            where = (type(place), target)
-            if where in seen:
-                raise UserError(
-                    f"Expected one {type(place).__name__}, got {seen[where]!r} and {name!r} for "
-                    "the same place. Leave one out."
-                )
-            seen[where] = name
-
-
-def _is_float(space: Space) -> bool:
-    return isinstance(space, spaces.Box) and space.dtype.kind == "f"
-
-
-def _refuse_choices(what: str, maker: Maker, space: Space) -> None:
-    if not isinstance(space, spaces.Box):
-        raise UserError(
-            f"Expected actions that are numbers (Box) in {maker.name} for {what}, got {space}. "
-            "Use ActionNoise, ActionDelay or RepeatedActions, which fit all."
-        )
-
-
-def _drawing(space: Space, rng: np.random.Generator) -> Callable[[], Any]:
-    """Give a function that draws a member of a space of choices."""
-    if isinstance(space, spaces.Discrete):
-        return lambda: space.dtype.type(space.start + rng.integers(space.n))
-    if isinstance(space, spaces.MultiDiscrete):
-        return lambda: (space.start + rng.integers(space.nvec)).astype(space.dtype)
-    return lambda: rng.integers(2, size=space.shape).astype(space.dtype)
+    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
+        """Repeat each action."""
+        return wrappers.RepeatedSteps(env, int(value))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
@@ -16,18 +17,20 @@ from gymnasium import spaces
 from sada_gym.agents.tile import Batch, as_batch
 from sada_gym.environment_variables import environment_variables
 from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
-from sada_gym.envs.wrapped.maker import Maker
-from sada_gym.envs.wrapped.places import Place, Setup
+from sada_gym.envs.wrapped.actions import clip_action, validate_action
+from sada_gym.envs.wrapped.bindings import ParameterBinding
+from sada_gym.envs.wrapped.disturbances import Disturbance
+from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError
 
 
 @dataclass(frozen=True)
-class World:
-    """One episode's world.
+class EpisodeStart:
+    """How one episode begins.
 
     Attributes:
-        values: What each place sets, by the parameter's name.
+        values: What each binding sets, by the parameter's name.
         seed: The evaluation's seed.
         number: The episode's number within the evaluation.
     """
@@ -36,74 +39,80 @@ class World:
     seed: int
     number: int
 
+    def seed_sequence(self, stream: int) -> np.random.SeedSequence:
+        """Return a source of randomness; stream 0 seeds the environment, others the parameters."""
+        return np.random.SeedSequence(self.seed, spawn_key=(self.number, stream))
+
 
 @dataclass(frozen=True)
-class Game:
+class EpisodeSpec:
     """What all episodes of an application share.
 
     Attributes:
-        maker: Makes the environments.
-        places: Where each parameter's value goes.
+        factory: Makes the environments.
+        bindings: What each parameter sets.
         observation_space: The space of the observations.
         action_space: The space of the actions.
         score: Scores an episode.
         agent: The agent's name, for messages.
     """
 
-    maker: Maker
-    places: Mapping[str, Place]
+    factory: EnvFactory
+    bindings: Mapping[str, ParameterBinding]
     observation_space: spaces.Space[Any]
     action_space: spaces.Space[Any]
     score: Score
     agent: str
 
 
-class GymnasiumEpisodes(Episodes[World]):
+class GymnasiumEpisodes(Episodes[EpisodeStart]):
     """Episodes of one Gymnasium environment that go on in lockstep.
 
     Args:
-        game: What they share.
-        worlds: How each episode begins.
+        spec: What they share.
+        starts: How each episode begins.
         pictures: Whether the environments render.
     """
 
-    def __init__(self, game: Game, worlds: Sequence[World], *, pictures: bool = False) -> None:
-        super().__init__(worlds)
-        self.game = game
-        self.task_id = game.maker.name
-        self.observation_space = game.observation_space
-        self.action_space = game.action_space
+    def __init__(
+        self, spec: EpisodeSpec, starts: Sequence[EpisodeStart], *, pictures: bool = False
+    ) -> None:
+        super().__init__(starts)
+        self.spec = spec
+        self.task_id = spec.factory.name
+        self.observation_space = spec.observation_space
+        self.action_space = spec.action_space
         self._pictures = pictures
-        self.running: list[Running] = []
+        self.running: list[RunningEpisode] = []
         try:
-            for world in worlds:
-                self.running.append(Running(game, world, pictures=pictures))
+            for start in starts:
+                self.running.append(RunningEpisode(spec, start, pictures=pictures))
         except BaseException:
             self.close()
             raise
 
-    def begin(self, i: int, start: World) -> None:
+    def begin(self, i: int, start: EpisodeStart) -> None:
         """Begin another episode in place i."""
-        self.running[i].env.close()
-        self.running[i] = Running(self.game, start, pictures=self._pictures)
+        self.running[i].close()
+        self.running[i] = RunningEpisode(self.spec, start, pictures=self._pictures)
         self.starts[i], self.steps[i] = start, 0
 
     def under_way(self) -> Indices:
-        """Give the episodes that have not ended."""
-        return np.flatnonzero([not running.ended for running in self.running])
+        """Return the episodes that have not ended."""
+        return np.flatnonzero([not episode.ended for episode in self.running])
 
     @property
     def score(self) -> Array:
         """The score Q of each episode that has ended, NaN of the others, (n,)."""
-        return np.array([running.score for running in self.running])
+        return np.array([episode.score for episode in self.running])
 
-    def seen(self, i: int) -> Any:
-        """Give what the agent sees in episode i, in the form that the environment gave it."""
-        return self.running[i].seen
+    def observation(self, i: int) -> Any:
+        """Return what the agent sees in episode i, in the form that the environment gave it."""
+        return self.running[i].observation
 
     def observe(self, which: Indices) -> Batch:
-        """Give the observations of some episodes, each key (len(which), ...)."""
-        return as_batch([self.running[i].seen for i in which], self.observation_space)
+        """Return the observations of some episodes, each key (len(which), ...)."""
+        return as_batch([self.observation(i) for i in which], self.observation_space)
 
     def render(self, which: Indices) -> Pictures:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
@@ -113,90 +122,64 @@ class GymnasiumEpisodes(Episodes[World]):
         """Take one action of the agent in each of some episodes."""
         for i, action in zip(which.tolist(), actions, strict=True):
             where = f"{self.where(i)} of an episode of {self.task_id}"
-            checked = checked_action(action, self.action_space, self.game.agent, where)
-            self.running[i].step(checked)
+            valid = validate_action(action, self.action_space, self.spec.agent, where)
+            self.running[i].step(valid)
             self.steps[i] += 1
 
     def snapshot(self) -> Batch:
-        """Give the return so far, and a frame where the environments render."""
-        found: Batch = {"return": np.array([sum(running.rewards) for running in self.running])}
+        """Return the return so far, and a frame where the environments render."""
+        snapshot: Batch = {"return": np.array([sum(episode.rewards) for episode in self.running])}
         if self._pictures:
-            found["frame"] = self.render(np.arange(len(self)))
-        return found
+            snapshot["frame"] = self.render(np.arange(len(self)))
+        return snapshot
 
     def close(self) -> None:
         """Close the environments; doing it again is fine."""
-        for running in self.running:
-            running.close()
+        for episode in self.running:
+            episode.close()
 
 
-class Running:
-    """One episode under way.
+class RunningEpisode:
+    """One episode under way, in an environment of its own under its disturbances.
 
     Attributes:
-        world: How it began.
+        start: How it began.
         env: Its environment.
-        seen: What the agent sees.
+        observation: What the agent sees.
         rewards: The rewards so far.
         ended: Whether it has ended.
         score: Its score, NaN as long as it goes on.
         clipped: Whether the score was clipped.
     """
 
-    def __init__(self, game: Game, world: World, *, pictures: bool) -> None:
-        self._game, self.world = game, world
-        names = [*game.places]
-        setup = Setup(
-            game.maker,
-            game.observation_space,
-            game.action_space,
-            lambda name: _generator(world, 1 + names.index(name)),
-        )
-        for name, place in game.places.items():
-            place.prepare(name, world.values[name], setup)
-        self._sensors = [act for _, act in sorted(setup.sensors, key=operator.itemgetter(0))]
-        self._actuators = [act for _, act in sorted(setup.actuators, key=operator.itemgetter(0))]
-        self._repeats = setup.repeats
-        self.rewards: list[float] = []
+    def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
+        self._spec, self.start = spec, start
         self.ended, self.clipped, self.score = False, False, np.nan
-        self._observations: list[Any] = []
-        self._actions: list[Any] = []
-        self._infos: list[Mapping[str, Any]] = []
-        self.env = game.maker.make(setup.keywords, "rgb_array" if pictures else None)
         self._closed = False
         self._frame_shape: tuple[int, ...] = ()
+        keywords: dict[str, Any] = {}
+        options: dict[str, Any] = {}
+        for name, binding in spec.bindings.items():
+            keywords |= binding.keywords(name, start.values[name])
+            options |= binding.reset_options(name, start.values[name])
+        self.env = spec.factory.make(keywords, "rgb_array" if pictures else None)
         try:
-            for act in setup.before:
-                act(self.env.unwrapped)
-            observation, info = self._reset(setup.options)
-            for act in setup.after:
-                act(self.env.unwrapped)
-            self._check_spaces()
-            self._receive(observation, info)
+            self._recorder = _Recorder(self.env, spec, start)
+            self.rewards = self._recorder.rewards
+            self.env = _disturbed(self._recorder, spec, start)
+            seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
+            self.observation, _ = self.env.reset(seed=seed, options=options or None)
         except BaseException:
             self.close()
             raise
 
     def step(self, action: Any) -> None:
         """Let one action of the agent act."""
-        for _ in range(self._repeats):
-            acted = action
-            for actuator in self._actuators:
-                acted = actuator(acted)
-            acted = into_space(acted, self._game.action_space)
-            try:
-                observation, reward, terminated, truncated, info = self.env.step(acted)
-            except Exception as error:  # whatever an environment may raise
-                raise self._fault("a step", error) from error
-            self._reward(reward)
-            if self._game.score.keeps_all:
-                self._actions.append(deepcopy(acted))
-            self._receive(observation, info)
-            most = self._game.maker.max_steps
-            truncated = bool(truncated) or (most is not None and len(self.rewards) >= most)
-            if terminated or truncated:
-                self._end(bool(terminated), truncated)
-                return
+        self.observation, _, terminated, truncated, _ = self.env.step(action)
+        if terminated or truncated:
+            self.ended = True
+            episode = self._recorder.episode(terminated=bool(terminated), truncated=bool(truncated))
+            self.score, self.clipped = self._spec.score(episode)
 
     def render(self) -> Pictures:
         """Draw a frame.
@@ -205,7 +188,7 @@ class Running:
             NotImplementedError: If the environment draws none.
             UserError: If its drawing fails, or its frames differ in size.
         """
-        name = self._game.maker.name
+        name = self._spec.factory.name
         # SDL draws without a screen, and does not complain that there is none
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
         try:
@@ -235,43 +218,46 @@ class Running:
             self._closed = True
             self.env.close()
 
-    def _reset(self, options: Mapping[str, Any]) -> tuple[Any, Any]:
-        seed = np.random.SeedSequence(self.world.seed, spawn_key=(self.world.number, 0))
-        first = int(seed.generate_state(1, np.uint32)[0]) >> 1
-        try:
-            observation, info = self.env.reset(seed=first, options=dict(options) or None)
-        except Exception as error:  # whatever an environment may raise
-            raise self._fault("its reset", error) from error
-        return observation, info
 
-    def _receive(self, observation: Any, info: Mapping[str, Any]) -> None:
-        """Pass what the environment gave through the sensors."""
-        if self._game.score.keeps_all:
-            self._observations.append(deepcopy(observation))
-            self._infos.append(deepcopy(info))
-        else:
-            self._infos = [info]
-        seen = deepcopy(observation)
-        for sensor in self._sensors:
-            seen = sensor(seen)
-        self.seen = seen
+class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
+    """Sets an episode's parameters around its reset, and records what its environment gave and got.
 
-    def _reward(self, reward: Any) -> None:
-        try:
-            value = float(reward)
-        except (TypeError, ValueError):
-            value = np.nan
-        if not np.isfinite(value):
-            raise UserError(
-                f"Expected rewards that are finite numbers from {self._game.maker.name}, got "
-                f"{reward!r} at step {len(self.rewards)} with {dict(self.world.values)}. Narrow "
-                "the ranges to worlds that the simulator can compute."
-            )
-        self.rewards.append(value)
+    Disturbances stand around it, so that they are in no record. It shows them the spaces that all
+    episodes share, whatever bounds this one's environment has.
+    """
 
-    def _end(self, terminated: bool, truncated: bool) -> None:
-        self.ended = True
-        episode = Episode(
+    def __init__(self, env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -> None:
+        super().__init__(env)
+        self.observation_space, self.action_space = spec.observation_space, spec.action_space
+        self._spec, self._start = spec, start
+        self.rewards: list[float] = []
+        self._observations: list[Any] = []
+        self._actions: list[Any] = []
+        self._infos: list[Mapping[str, Any]] = []
+
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        values, bindings = self._start.values, self._spec.bindings.items()
+        for name, binding in bindings:
+            binding.before_reset(name, values[name], self.unwrapped)
+        with self._explained("its reset"):
+            observation, info = self.env.reset(**kwargs)
+        for name, binding in bindings:
+            binding.on_reset(name, values[name], self.unwrapped)
+        self._check_spaces()
+        return self._recorded(observation, info), info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        action = clip_action(action, self.action_space)
+        with self._explained("a step"):
+            observation, reward, terminated, truncated, info = self.env.step(action)
+        self.rewards.append(self._validate_reward(reward))
+        if self._spec.score.keeps_all:
+            self._actions.append(deepcopy(action))
+        return self._recorded(observation, info), self.rewards[-1], terminated, truncated, info
+
+    def episode(self, *, terminated: bool, truncated: bool) -> Episode:
+        """Return the record of the episode, which has ended."""
+        return Episode(
             np.array(self.rewards),
             tuple(self._observations),
             tuple(self._actions),
@@ -279,105 +265,70 @@ class Running:
             terminated,
             truncated,
         )
-        self.score, self.clipped = self._game.score(episode)
+
+    def _recorded(self, observation: Any, info: Mapping[str, Any]) -> Any:
+        """Record an observation and its info. Return a copy: environments may change theirs."""
+        if self._spec.score.keeps_all:
+            self._observations.append(deepcopy(observation))
+            self._infos.append(deepcopy(info))
+        else:
+            self._infos = [info]
+        return deepcopy(observation)
+
+    def _validate_reward(self, reward: Any) -> float:
+        try:
+            value = float(reward)
+        except (TypeError, ValueError):
+            value = np.nan
+        if not np.isfinite(value):
+            raise UserError(
+                f"Expected rewards that are finite numbers from {self._spec.factory.name}, got "
+                f"{reward!r} at step {len(self.rewards)} with {dict(self._start.values)}. Narrow "
+                "the ranges to worlds that the simulator can compute."
+            )
+        return value
 
     def _check_spaces(self) -> None:
-        """Refuse a world in which the agent would see or do something else altogether."""
+        """Check that the agent sees and does the same kind of thing as in all other worlds."""
         for name in ("observation_space", "action_space"):
-            here, usual = getattr(self.env, name), getattr(self._game, name)
-            if type(here) is not type(usual) or shapes(here) != shapes(usual):
+            own, shared = getattr(self.env, name), getattr(self._spec, name)
+            if type(own) is not type(shared) or _shapes(own) != _shapes(shared):
                 raise UserError(
-                    f"Expected the same {name.replace('_', ' ')} in all worlds, {usual}, got "
-                    f"{here} with {dict(self.world.values)}. Leave out the parameter that "
+                    f"Expected the same {name.replace('_', ' ')} in all worlds, {shared}, got "
+                    f"{own} with {dict(self._start.values)}. Leave out the parameter that "
                     "changes it."
                 )
 
-    def _fault(self, what: str, error: Exception) -> UserError:
-        if isinstance(error, UserError):
-            return error
-        return UserError(
-            f"Expected {self._game.maker.name} to make {what} with {dict(self.world.values)}, got "
-            f"{type(error).__name__}: {error}. Narrow the ranges to worlds that it takes."
-        )
-
-
-def checked_action(action: Any, space: spaces.Space[Any], agent: str, where: str) -> Any:
-    """Give an agent's action in the form that its space has: of its type, within its bounds.
-
-    Box actions outside the bounds are clipped; other actions must be in the space.
-
-    Args:
-        action: The action.
-        space: Its space.
-        agent: What messages call the agent.
-        where: What messages call the place in the episode.
-
-    Raises:
-        UserError: If it is of another shape, not finite, or no member of the space.
-    """
-    if isinstance(space, spaces.Discrete):
+    @contextmanager
+    def _explained(self, what: str) -> Iterator[None]:
         try:
-            number = operator.index(action)
-        except TypeError:
-            found = np.asarray(action)
-            if found.shape or found.dtype.kind not in "fb" or found != np.floor(found):
-                raise UserTypeError(
-                    f"Expected a whole number as the action of {agent}, got {action!r} at {where}. "
-                    "Return an int."
-                ) from None
-            number = int(found)
-        if not space.start <= number < space.start + space.n:
+            yield
+        except UserError:
+            raise
+        except Exception as error:  # whatever an environment may raise
             raise UserError(
-                f"Expected an action of {agent} from {space.start} to {space.start + space.n - 1}, "
-                f"got {number} at {where}."
-            )
-        return space.dtype.type(number)
-    try:
-        values = np.asarray(action, np.float64)
-    except (TypeError, ValueError):
-        values = np.full((), np.nan)
-        if np.shape(action) == space.shape:
-            raise UserTypeError(
-                f"Expected numbers as the action of {agent}, got {action!r} at {where}."
-            ) from None
-    if values.shape != space.shape:
-        raise UserError(
-            f"Expected an action of shape {space.shape} from {agent}, got shape {values.shape} at "
-            f"{where}."
-        )
-    if not np.isfinite(values).all():
-        raise UserError(
-            f"Expected finite actions from {agent}, got {values.tolist()} at {where}. Look for NaN "
-            "or infinity in the agent."
-        )
-    if isinstance(space, spaces.Box):
-        return into_space(values, space)
-    whole = values.astype(space.dtype)
-    if (whole != values).any() or not space.contains(whole):
-        raise UserError(
-            f"Expected an action in {space} from {agent}, got {values.tolist()} at {where}."
-        )
-    return whole
+                f"Expected {self._spec.factory.name} to make {what} with "
+                f"{dict(self._start.values)}, got {type(error).__name__}: {error}. Narrow the "
+                "ranges to worlds that it takes."
+            ) from error
 
 
-def into_space(action: Any, space: spaces.Space[Any]) -> Any:
-    """Clip a Box action into its space and give it the space's type; give others as they are."""
-    if isinstance(space, spaces.Box):
-        return np.clip(action, space.low, space.high).astype(space.dtype)
-    return action
+def _disturbed(env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -> gym.Env[Any, Any]:
+    """Wrap an environment in the disturbances of one episode, each with a generator of its own."""
+    disturbances = [
+        (binding, start.values[name], 1 + i)
+        for i, (name, binding) in enumerate(spec.bindings.items())
+        if isinstance(binding, Disturbance)
+    ]
+    for disturbance, value, stream in sorted(disturbances, key=lambda entry: entry[0].layer):
+        env = disturbance.wrap(env, value, np.random.default_rng(start.seed_sequence(stream)))
+    return env
 
 
-def shapes(space: spaces.Space[Any]) -> Any:
+def _shapes(space: spaces.Space[Any]) -> Any:
     """Reduce a space to what must not differ from one world to another."""
     if isinstance(space, spaces.Dict):
-        return {key: shapes(one) for key, one in space.items()}
+        return {key: _shapes(part) for key, part in space.items()}
     if isinstance(space, spaces.Box):
         return (space.shape, space.dtype)
     return space
-
-
-def _generator(world: World, stream: int) -> np.random.Generator:
-    """Give a generator of one episode; stream 0 is the environment's own seed."""
-    return np.random.default_rng(
-        np.random.SeedSequence(world.seed, spawn_key=(world.number, stream))
-    )

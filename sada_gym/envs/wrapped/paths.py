@@ -11,17 +11,16 @@ import gymnasium as gym
 import numpy as np
 
 from sada_gym.envs.checks import is_number
-from sada_gym.envs.wrapped.maker import Maker
+from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import UserError
 
 _PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
 
 MISSING = object()
-"""What `read` gives where a path leads nowhere."""
+"""What `read` returns where a path leads nowhere."""
 
 
 def _steps(path: str) -> list[str | int]:
-    """Split a path into names of attributes and numbers of entries."""
     steps: list[str | int] = []
     for part in path.split("."):
         match = _PART.fullmatch(part)
@@ -42,17 +41,25 @@ def _get(holder: Any, step: str | int) -> Any:
 
 
 def read(env: Any, path: str) -> Any:
-    """Give what a path names, or `MISSING`."""
-    found = env
+    """Return what a path names, or `MISSING`."""
+    value = env
     for step in _steps(path):
-        found = _get(found, step)
-        if found is MISSING:
-            return found
-    return found
+        value = _get(value, step)
+    return value
 
 
-def write(env: Any, *, path: str, value: Any, must: bool) -> None:
-    """Set a value where it is not set yet; where `must` is false, the path need not exist."""
+def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
+    """Set a value where it is not set yet.
+
+    Args:
+        env: The environment, unwrapped.
+        path: The path.
+        value: The value.
+        must_exist: Whether a path that leads nowhere is an error; else it is left alone.
+
+    Raises:
+        UserError: If the path leads nowhere, or cannot be set.
+    """
     first, *_ = steps = _steps(path)
     if len(steps) > 1 and isinstance(first, str) and first not in vars(env):
         shared = getattr(type(env), first, None)
@@ -61,15 +68,15 @@ def write(env: Any, *, path: str, value: Any, must: bool) -> None:
     holder, last = env, steps[-1]
     for step in steps[:-1]:
         holder = _get(holder, step)
-    now = _get(holder, last)
-    if now is MISSING:
-        if must:
+    current = _get(holder, last)
+    if current is MISSING:
+        if must_exist:
             raise UserError(
                 f"Expected {path!r} to exist in every episode, but it is missing in one. Set it "
                 "by a function of your own, Function(low, high, set=...)."
             )
         return
-    if must and now == value:
+    if must_exist and current == value:
         return
     try:
         if isinstance(last, str):
@@ -83,20 +90,20 @@ def write(env: Any, *, path: str, value: Any, must: bool) -> None:
         ) from error
 
 
-def no_such_path(name: str, path: str, maker: Maker, env: gym.Env[Any, Any]) -> UserError:
-    """Say that there is no such attribute, and what there is, nearest first."""
+def no_such_path(name: str, path: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> UserError:
+    """Return the error for an attribute that does not exist; it lists what there is."""
     world = env.unwrapped
     numbers = [
         key
         for key in dir(world)
         if not key.startswith("_") and is_number(getattr(world, key, None))
     ]
-    near = difflib.get_close_matches(path, {*maker.keywords, *numbers}, n=3)
+    near = difflib.get_close_matches(path, {*factory.keywords, *numbers}, n=3)
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
     return UserError(
-        f"Expected parameter {name!r} to be a keyword of {maker.name}'s constructor or an "
+        f"Expected parameter {name!r} to be a keyword of {factory.name}'s constructor or an "
         f"attribute of env.unwrapped, found no {path!r}.{hint} Keywords: "
-        f"{', '.join(maker.keywords) or 'none'}. Attributes that are numbers: "
-        f"{', '.join(numbers) or 'none'}. Other places need a form of their own, such as "
+        f"{', '.join(factory.keywords) or 'none'}. Attributes that are numbers: "
+        f"{', '.join(numbers) or 'none'}. Other bindings need a form of their own, such as "
         "ResetOption(low, high)."
     )

@@ -1,4 +1,4 @@
-"""Scores of episodes: what the return, success, length or a function of one's own says of them."""
+"""Scores of episodes: by return, success, length, or a function of the user's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.checks import is_number
-from sada_gym.envs.wrapped.maker import code_name
+from sada_gym.envs.wrapped.factory import code_name, function_name
 from sada_gym.errors import UserError, UserTypeError
 
 
@@ -47,7 +47,7 @@ class Episode:
 
 
 ScoreLike = str | tuple[Any, ...] | list[Any] | Callable[[Episode], float]
-"""("return", low, high), "success", ("length", most), or a function of an `Episode`."""
+"""("return", low, high), "success", ("length", maximum), or a function of an `Episode`."""
 
 
 class Score(ABC):
@@ -63,7 +63,7 @@ class Score(ABC):
 
     @abstractmethod
     def __call__(self, episode: Episode) -> tuple[float, bool]:
-        """Give the score in [0, 1], and whether it was clipped."""
+        """Return the score in [0, 1], and whether it was clipped."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Return(Score):
     high: float
 
     def __post_init__(self) -> None:
-        """Refuse an empty range."""
+        """Check the range."""
         if not (_is_finite(self.low) and _is_finite(self.high) and self.low < self.high):
             raise UserError(
                 f"Expected score=('return', low, high) with finite low < high, got {self.low!r} "
@@ -82,12 +82,10 @@ class Return(Score):
             )
 
     @property
-    def settings(self) -> Any:
-        """The score as data for JSON."""
+    def settings(self) -> Any:  # noqa: D102
         return ["return", float(self.low), float(self.high)]
 
-    def __call__(self, episode: Episode) -> tuple[float, bool]:
-        """Place the return between low and high."""
+    def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
         share = (episode.total - self.low) / (self.high - self.low)
         return min(max(share, 0.0), 1.0), not 0.0 <= share <= 1.0
 
@@ -96,13 +94,9 @@ class Return(Score):
 class Success(Score):
     """1 where the last info says `is_success`, else 0."""
 
-    @property
-    def settings(self) -> Any:
-        """The score as data for JSON."""
-        return "success"
+    settings = "success"
 
-    def __call__(self, episode: Episode) -> tuple[float, bool]:
-        """Read `is_success`."""
+    def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
         info = episode.infos[-1]
         if "is_success" not in info:
             raise UserError(
@@ -115,66 +109,60 @@ class Success(Score):
 
 @dataclass(frozen=True)
 class Length(Score):
-    """The number of steps as a share of `most`, which makes a long episode a good one."""
+    """The number of steps as a share of `maximum`, which makes a long episode a good one."""
 
-    most: int
+    maximum: int
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of steps."""
-        if not _is_finite(self.most) or self.most < 1:
+        """Check the number of steps."""
+        if not _is_finite(self.maximum) or self.maximum < 1:
             raise UserError(
-                f"Expected score=('length', most) with a number of steps, got {self.most!r}."
+                f"Expected score=('length', maximum) with a number of steps, got {self.maximum!r}."
             )
 
     @property
-    def settings(self) -> Any:
-        """The score as data for JSON."""
-        return ["length", self.most]
+    def settings(self) -> Any:  # noqa: D102
+        return ["length", self.maximum]
 
-    def __call__(self, episode: Episode) -> tuple[float, bool]:
-        """Divide the length by `most`."""
-        return min(len(episode) / self.most, 1.0), False
+    def __call__(self, episode: Episode) -> tuple[float, bool]:  # noqa: D102
+        return min(len(episode) / self.maximum, 1.0), False
 
 
 @dataclass(frozen=True)
-class Own(Score):
-    """A function of one's own."""
+class FunctionScore(Score):
+    """A function of the user's."""
 
     function: Callable[[Episode], float]
     keeps_all = True
 
     @property
-    def settings(self) -> Any:
-        """The score as data for JSON."""
+    def settings(self) -> Any:  # noqa: D102
         return code_name(self.function)
 
     def __call__(self, episode: Episode) -> tuple[float, bool]:
-        """Call the function, and check what it gives."""
+        """Call the function, and check what it returns."""
+        name = function_name(self.function)
         try:
             score: Any = self.function(episode)
         except Exception as error:  # whatever a user's function may raise
             raise UserError(
-                f"Expected a score from {self._name}, got {type(error).__name__}: {error}. Mend "
-                "the function."
+                f"Expected a score from {name}, got {type(error).__name__}: {error}. Mend the "
+                "function."
             ) from error
         if not _is_finite(score) and not isinstance(score, bool | np.bool_):
             raise UserTypeError(
-                f"Expected a number in [0, 1] from {self._name}, got {score!r}. Return a float."
+                f"Expected a number in [0, 1] from {name}, got {score!r}. Return a float."
             )
         if not 0.0 <= score <= 1.0:
             raise UserError(
-                f"Expected a score in [0, 1] from {self._name}, got {score}. Scale and clip it: 1 "
-                "means that the agent did well."
+                f"Expected a score in [0, 1] from {name}, got {score}. Scale and clip it: 1 means "
+                "that the agent did well."
             )
         return float(score), False
 
-    @property
-    def _name(self) -> str:
-        return getattr(self.function, "__name__", type(self.function).__name__)
-
 
 def as_score(given: Any) -> Score:
-    """Give the score that a description means.
+    """Return the score that a description means.
 
     Raises:
         UserError: If it is none of `ScoreLike`.
@@ -188,10 +176,10 @@ def as_score(given: Any) -> Score:
         if kind == "length" and len(numbers) == 1:
             return Length(*numbers)
     if callable(given):
-        return Own(given)
+        return FunctionScore(given)
     raise UserTypeError(
-        "Expected score to be ('return', low, high), 'success', ('length', most) or a function of "
-        f"the episode, got {given!r}."
+        "Expected score to be ('return', low, high), 'success', ('length', maximum) or a function "
+        f"of the episode, got {given!r}."
     )
 
 

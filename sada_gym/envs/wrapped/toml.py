@@ -1,92 +1,64 @@
-"""An application in a TOML file, so that an agent is attacked without a line of Python."""
+"""An application in a TOML file, so that an agent is attacked without a line of Python.
+
+Keys and their types are those of the Python classes: arguments of `GymnasiumApplication`, and
+fields of the bindings.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+import inspect
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from sada_gym.envs.wrapped import disturbances, places
+from sada_gym.envs.wrapped import bindings, disturbances
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.files import as_path, read_toml
 
-KINDS: Mapping[str, type[places.Place]] = {
-    "keyword": places.Keyword,
-    "attribute": places.Attribute,
-    "reset-option": places.ResetOption,
-    "config": places.Config,
-    "observation-noise": disturbances.ObservationNoise,
-    "observation-delay": disturbances.ObservationDelay,
-    "observation-dropout": disturbances.ObservationDropout,
-    "action-noise": disturbances.ActionNoise,
-    "action-delay": disturbances.ActionDelay,
-    "action-gain": disturbances.ActionGain,
-    "repeated-actions": disturbances.RepeatedActions,
+KINDS: Mapping[str, type[bindings.ParameterBinding]] = {
+    re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower(): kind
+    for kind in (
+        bindings.Keyword,
+        bindings.Attribute,
+        bindings.ResetOption,
+        bindings.Config,
+        disturbances.ObservationNoise,
+        disturbances.ObservationDelay,
+        disturbances.ObservationDropout,
+        disturbances.ActionNoise,
+        disturbances.ActionDelay,
+        disturbances.ActionGain,
+        disturbances.RepeatedActions,
+    )
 }
-"""The `kind` of a parameter's table, and the place whose fields its other keys are."""
+"""The `kind` of a parameter's table, and the binding whose fields its other keys are."""
 
-
-@dataclass(frozen=True)
-class _Type:
-    """What the value of a key can be.
-
-    Attributes:
-        kinds: Python's types.
-        words: What messages call them.
-    """
-
-    kinds: tuple[type, ...]
-    words: str
-
-    def fits(self, value: Any) -> bool:
-        """Say whether a value is one; a boolean is no number."""
-        return isinstance(value, self.kinds) and (bool in self.kinds or not isinstance(value, bool))
-
-
-_TEXT = _Type((str,), 'a text in quotes, such as "a"')
-_NUMBER = _Type((int, float), "a number")
-_WHOLE = _Type((int,), "a whole number")
-_BOOL = _Type((bool,), "true or false")
-_TABLE = _Type((dict,), "a table")
-_ARRAY = _Type((list,), "an array, such as [1, 2]")
-
-_KEYS = {
-    "environment": _TEXT,
-    "agent": _TEXT,
-    "parameters": _TABLE,
-    "score": _Type((str, list), '["return", low, high], ["length", most] or "success"'),
-    "fooling_threshold": _NUMBER,
-    "episodes": _WHOLE,
-    "sample_size": _WHOLE,
-    "max_steps": _WHOLE,
-    "env_kwargs": _TABLE,
-    "name": _TEXT,
-    "agent_id": _TEXT,
-    "trust": _BOOL,
-    "statistics": _TEXT,
+_WORDS: Mapping[type, str] = {
+    str: 'a text in quotes, such as "a"',
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    dict: "a table",
+    list: "an array, such as [1, 2]",
 }
-_REQUIRED = ("environment", "agent", "parameters", "score", "fooling_threshold")
-_PLACE_KEYS = {
-    "low": _NUMBER,
-    "high": _NUMBER,
-    "unit": _TEXT,
-    "choices": _ARRAY,
-    "integer": _BOOL,
-    "name": _TEXT,
-    "paths": _Type((str, list), 'a path in quotes or an array of them, such as ["a", "b[1]"]'),
-    "key": _TEXT,
-    "entries": _ARRAY,
+_WORDS_OF_KEYS = {
+    "score": '["return", low, high], ["length", maximum] or "success"',
+    "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
 }
+_NAMES = {"VecNormalize": object}
+"""Names that only type checkers load."""
 
 
 def read_application(path: str | Path) -> GymnasiumApplication:
     """Read a TOML file that describes an application.
 
     Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
-    a table with a `kind` of `KINDS` and that place's fields. Paths in it are relative to its
+    a table with a `kind` of `KINDS` and that binding's fields. Paths in it are relative to its
     folder. An agent that is no `.zip` is `module:object`, which is imported.
 
     Args:
@@ -95,36 +67,107 @@ def read_application(path: str | Path) -> GymnasiumApplication:
     Raises:
         FileError: If the file is missing or no TOML.
         UserError: If a key is unknown or missing, a value has the wrong type, or the application
-            refuses it.
+            raises it.
     """
     path = as_path(path, "a TOML file")
     table = read_toml(path)
-    check_known(f"key in {path}", table, [*_KEYS])
-    missing = [key for key in _REQUIRED if key not in table]
+    keys, required = application_keys()
+    check_known(f"key in {path}", table, [*keys])
+    missing = [key for key in required if key not in table]
     if missing:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
-    _check_types(table, _KEYS, path)
-    given: dict[str, Any] = {**table, "agent": _agent(table["agent"], path)}
-    given["parameters"] = {
-        name: _place(name, value, path) for name, value in table["parameters"].items()
+    _check_types(table, keys, path)
+    arguments = {**table, "agent": _agent(table["agent"], path)}
+    arguments["parameters"] = {
+        name: binding_of(name, value, path) for name, value in table["parameters"].items()
     }
-    if "statistics" in table:
-        given["statistics"] = path.parent / table["statistics"]
-    return GymnasiumApplication(given.pop("environment"), **given)
+    if "vec_normalize" in table:
+        arguments["vec_normalize"] = path.parent / table["vec_normalize"]
+    return GymnasiumApplication(arguments.pop("environment"), **arguments)
+
+
+def application_keys() -> tuple[dict[str, list[type]], list[str]]:
+    """Return the types of the keys of a file, and the keys that must be there."""
+    constructor: Any = GymnasiumApplication.__init__
+    hints = {**get_type_hints(constructor, localns=_NAMES), "agent": str}
+    arguments = [*inspect.signature(GymnasiumApplication).parameters.values()]
+    required = [argument.name for argument in arguments if argument.default is argument.empty]
+    return {argument.name: _toml_types(hints[argument.name]) for argument in arguments}, required
+
+
+def binding_keys(kind: type[bindings.ParameterBinding]) -> dict[str, list[type]]:
+    """Return the types of the keys in a parameter's table, besides its `kind`."""
+    hints = get_type_hints(kind)
+    return {field.name: _toml_types(hints[field.name]) for field in fields(kind)}
+
+
+def binding_of(name: str, value: Any, path: Path) -> Any:
+    """Return a parameter's (low, high) or its binding.
+
+    Raises:
+        UserError: If the value is neither an array of two numbers nor a valid table.
+    """
+    if isinstance(value, list):
+        if len(value) != 2 or not all(_fits(number, [float]) for number in value):
+            raise UserTypeError(
+                f"Expected parameter {name!r} in {path} to be [low, high], got {value!r}."
+            )
+        return tuple(value)
+    if not isinstance(value, dict):
+        raise UserTypeError(
+            f"Expected parameter {name!r} in {path} to be [low, high] or a table with a kind, got "
+            f"{value!r}."
+        )
+    parameter = f" of parameter {name!r}"
+    kind = value.get("kind")
+    check_known(f"kind{parameter} in {path}", [kind], [*KINDS])
+    binding = KINDS[str(kind)]
+    keys = binding_keys(binding)
+    arguments = {key: argument for key, argument in value.items() if key != "kind"}
+    check_known(f"key{parameter} in {path}", arguments, ["kind", *keys])
+    _check_types(arguments, keys, path, parameter)
+    return binding(**{key: _as_tuples(argument) for key, argument in arguments.items()})
+
+
+def _toml_types(hint: Any) -> list[type]:
+    """List TOML's types for a type annotation; what TOML cannot hold is left out."""
+    return [*dict.fromkeys(_each_toml_type(hint))]
+
+
+def _each_toml_type(hint: Any) -> Iterator[type]:
+    origin = get_origin(hint) or hint
+    if origin is Union or origin is UnionType:
+        for part in get_args(hint):
+            yield from _each_toml_type(part)
+    elif origin is Path:
+        yield str
+    elif origin is tuple:
+        yield list
+    elif origin is Mapping:
+        yield dict
+    elif origin in _WORDS:
+        yield origin
+
+
+def _fits(value: Any, types: Sequence[type]) -> bool:
+    if isinstance(value, bool):
+        return bool in types
+    return isinstance(value, tuple(types)) or (isinstance(value, int) and float in types)
 
 
 def _check_types(
-    table: Mapping[str, Any], types: Mapping[str, _Type], path: Path, of: str = ""
+    table: Mapping[str, Any], keys: Mapping[str, Sequence[type]], path: Path, parameter: str = ""
 ) -> None:
     for key, value in table.items():
-        if not types[key].fits(value):
+        if not _fits(value, keys[key]):
+            words = _WORDS_OF_KEYS.get(key) or " or ".join(_WORDS[kind] for kind in keys[key])
             raise UserTypeError(
-                f"Expected {key!r}{of} in {path} to be {types[key].words}, got {value!r}."
+                f"Expected {key!r}{parameter} in {path} to be {words}, got {value!r}."
             )
 
 
 def _agent(text: str, path: Path) -> Any:
-    """Give the path of an SB3 zip, or the object that `module:object` names."""
+    """Return the path of an SB3 zip, or the object that `module:object` names."""
     module, colon, name = text.rpartition(":")
     if text.endswith(".zip") or not colon:
         return path.parent / text
@@ -138,33 +181,6 @@ def _agent(text: str, path: Path) -> Any:
         ) from error
 
 
-def _place(name: str, value: Any, path: Path) -> Any:
-    """Give a parameter's (low, high) or its place."""
-    if isinstance(value, list):
-        if len(value) != 2 or not all(map(_NUMBER.fits, value)):
-            raise UserTypeError(
-                f"Expected parameter {name!r} in {path} to be [low, high], got {value!r}."
-            )
-        return tuple(value)
-    if not isinstance(value, dict):
-        raise UserTypeError(
-            f"Expected parameter {name!r} in {path} to be [low, high] or a table with a kind, got "
-            f"{value!r}."
-        )
-    of = f" of parameter {name!r}"
-    kind = value.get("kind")
-    check_known(f"kind{of} in {path}", [kind], [*KINDS])
-    place = KINDS[str(kind)]
-    rest = {key: one for key, one in value.items() if key != "kind"}
-    check_known(f"key{of} in {path}", rest, ["kind", *_fields(place)])
-    _check_types(rest, _PLACE_KEYS, path, of)
-    return place(**{key: _frozen(one) for key, one in rest.items()})
-
-
-def _fields(place: type[places.Place]) -> Iterable[str]:
-    return (one.name for one in fields(place))
-
-
-def _frozen(value: Any) -> Any:
-    """Turn arrays into tuples, which frozen places hold."""
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+def _as_tuples(value: Any) -> Any:
+    """Turn arrays into tuples, which bindings hold."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value

@@ -58,13 +58,13 @@ class Timed:
         return self.act(observation)
 
 
-def run(place, *, at=1.0, steps=8, act=lambda seen: seen / 100.0, seed=0, **kwargs):
+def run(disturbance, *, at=1.0, steps=8, act=lambda seen: seen / 100.0, seed=0, **kwargs):
     """What an agent sees and what the environment gets, in one episode with one disturbance."""
     agent = Timed(act)
     application = GymnasiumApplication(
         Clock,
         agent=agent,
-        parameters={"it": place},
+        parameters={"it": disturbance},
         score=("length", steps),
         fooling_threshold=0.5,
         max_steps=steps,
@@ -183,11 +183,11 @@ def test_the_seed_fixes_noise_and_another_seed_has_other_noise():
 def test_episodes_of_one_evaluation_differ():
     application = cart_pole(episodes=2)
     episodes = application.episodes(np.zeros((1, 2), np.float32), [0])
-    assert (episodes.seen(0) != episodes.seen(1)).all()
+    assert (episodes.observation(0) != episodes.observation(1)).all()
 
 
 @pytest.mark.parametrize(
-    ("make", "place", "message"),
+    ("make", "disturbance", "message"),
     [
         (cart_pole, ActionGain(0.5, 2.0), "actions that are numbers .* for the gain 'it'"),
         (cart_pole, ActionNoise(0.0, 2.0), "'it' of at most 1"),
@@ -204,9 +204,9 @@ def test_episodes_of_one_evaluation_differ():
         (reach, ObservationNoise(0.0, 1.0, key="gaol"), "Did you mean goal"),
     ],
 )
-def test_what_does_not_fit_is_refused(make, place, message):
+def test_what_does_not_fit_is_refused(make, disturbance, message):
     with pytest.raises(ValueError, match=message):
-        make(parameters={"it": place})
+        make(parameters={"it": disturbance})
 
 
 def test_noise_on_actions_without_bounds_is_refused():

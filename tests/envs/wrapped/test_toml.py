@@ -3,7 +3,7 @@
 import inspect
 import json
 import re
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import gymnasium as gym
@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from sada_gym import GymnasiumApplication, make_application
 from sada_gym.attack import attack
 from sada_gym.cli import app
-from sada_gym.envs.wrapped import places, toml
+from sada_gym.envs.wrapped import bindings, toml
 from sada_gym.envs.wrapped.disturbances import (
     ActionDelay,
     ActionGain,
@@ -44,6 +44,7 @@ gravity = [5, 20.0]
 length = { kind = "attribute", low = 0.2, high = 2.0, unit = "m", paths = ["length"] }
 late = { kind = "observation-delay", low = 0, high = 3 }
 """
+BINDING_KEYS = {key for kind in toml.KINDS.values() for key in toml.binding_keys(kind)}
 RANDOM = {"adversary": "random", "budget": 12, "samples": 12, "pictures": False}
 
 
@@ -67,7 +68,7 @@ def test_a_file_means_what_the_constructor_means(pole, model):
         agent=model,
         parameters={
             "gravity": (5.0, 20.0),
-            "length": places.Attribute(0.2, 2.0, unit="m", paths="length"),
+            "length": bindings.Attribute(0.2, 2.0, unit="m", paths="length"),
             "late": ObservationDelay(0, 3),
         },
         score=("return", 0.0, 60.0),
@@ -85,14 +86,11 @@ def test_a_file_means_what_the_constructor_means(pole, model):
 
 
 def test_every_key_of_the_constructor_can_stand_in_a_file():
-    arguments = [*inspect.signature(GymnasiumApplication).parameters]
-    assert [*toml._KEYS] == ["environment", *[key for key in arguments if key != "environment"]]
-    required = [
-        key
-        for key, one in inspect.signature(GymnasiumApplication).parameters.items()
-        if one.default is one.empty
-    ]
-    assert sorted(toml._REQUIRED) == sorted(required)
+    arguments = inspect.signature(GymnasiumApplication).parameters
+    keys, required = toml.application_keys()
+    assert [*keys] == [*arguments]
+    assert all(keys.values())
+    assert required == [key for key, one in arguments.items() if one.default is one.empty]
 
 
 def test_the_page_names_every_key_and_kind_and_its_files_are_right(tmp_path):
@@ -101,29 +99,47 @@ def test_the_page_names_every_key_and_kind_and_its_files_are_right(tmp_path):
     file = tmp_path / "lander.toml"
     file.write_text(block, encoding="utf-8")
     table = read_toml(file)
-    assert {*toml._REQUIRED} <= {*table} <= {*toml._KEYS}
+    keys, required = toml.application_keys()
+    assert {*required} <= {*table} <= {*keys}
     for name, value in table["parameters"].items():
-        assert toml._place(name, value, Path("lander.toml"))
-    for name in (*toml._KEYS, *toml.KINDS, *toml._PLACE_KEYS):
+        assert toml.binding_of(name, value, Path("lander.toml"))
+    for name in (*keys, *toml.KINDS, *BINDING_KEYS):
         assert f"`{name}`" in page
 
 
 def test_every_field_of_every_kind_has_a_type():
-    assert {one.name for kind in toml.KINDS.values() for one in fields(kind)} == {*toml._PLACE_KEYS}
+    for kind in toml.KINDS.values():
+        keys = toml.binding_keys(kind)
+        assert [*keys] == [field.name for field in fields(kind)]
+        assert all(keys.values())
+
+
+def test_a_new_field_is_a_key_with_its_type(monkeypatch):
+    @dataclass(frozen=True)
+    class Gravity(bindings.Keyword):
+        planet: str | None = None
+        moons: tuple[int, ...] = ()
+
+    monkeypatch.setitem(toml.KINDS, "gravity", Gravity)
+    table = {"kind": "gravity", "low": 1, "high": 2, "planet": "Mars", "moons": [1, 2]}
+    binding = toml.binding_of("x", table, Path("a.toml"))
+    assert binding == Gravity(1, 2, planet="Mars", moons=(1, 2))
+    with pytest.raises(UserError, match=r"'planet' of parameter 'x' in a\.toml to be a text"):
+        toml.binding_of("x", {**table, "planet": 3}, Path("a.toml"))
 
 
 @pytest.mark.parametrize(
-    ("table", "place"),
+    ("table", "binding"),
     [
-        ({"kind": "keyword", "low": 1, "high": 2, "name": "g"}, places.Keyword(1, 2, name="g")),
+        ({"kind": "keyword", "low": 1, "high": 2, "name": "g"}, bindings.Keyword(1, 2, name="g")),
         (
             {"kind": "attribute", "low": 1, "high": 2, "paths": ["a.b", "c[1]"]},
-            places.Attribute(1, 2, paths=("a.b", "c[1]")),
+            bindings.Attribute(1, 2, paths=("a.b", "c[1]")),
         ),
-        ({"kind": "reset-option", "choices": ["dry", 1]}, places.ResetOption(choices=("dry", 1))),
+        ({"kind": "reset-option", "choices": ["dry", 1]}, bindings.ResetOption(choices=("dry", 1))),
         (
             {"kind": "config", "low": 1, "high": 4, "integer": True, "name": "lanes_count"},
-            places.Config(1, 4, integer=True, name="lanes_count"),
+            bindings.Config(1, 4, integer=True, name="lanes_count"),
         ),
         (
             {"kind": "observation-noise", "low": 0.0, "high": 0.1, "entries": [2, 3]},
@@ -140,8 +156,8 @@ def test_every_field_of_every_kind_has_a_type():
         ({"kind": "repeated-actions", "low": 1, "high": 4}, RepeatedActions(1, 4)),
     ],
 )
-def test_every_kind_is_its_place(table, place):
-    assert toml._place("x", table, Path("a.toml")) == place
+def test_every_kind_is_its_binding(table, binding):
+    assert toml.binding_of("x", table, Path("a.toml")) == binding
 
 
 def test_paths_are_relative_to_the_file(pole, tmp_path, monkeypatch):
@@ -167,11 +183,11 @@ def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):
     statistics = VecNormalize(DummyVecEnv([lambda: gym.make("CartPole-v1")]))
     statistics.obs_rms.mean += 1.0
     statistics.save(str(tmp_path / "agents" / "statistics.pkl"))
-    with_statistics = 'statistics = "agents/statistics.pkl"' + POLE
+    with_statistics = 'vec_normalize = "agents/statistics.pkl"' + POLE
     pole.write_text(with_statistics)
-    with pytest.raises(UserError, match="Expected trust=True with statistics"):
+    with pytest.raises(UserError, match="Expected allow_pickle=True with vec_normalize"):
         read_application(pole)
-    pole.write_text("trust = true\n" + with_statistics)
+    pole.write_text("allow_pickle = true\n" + with_statistics)
     trusted = read_application(pole)
     pole.write_text(POLE)
     assert trusted.fingerprint != read_application(pole).fingerprint
@@ -194,7 +210,7 @@ def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):
         ("threshold = 0.5", "threshold = [0.5]", "'fooling_threshold' in .* to be a number"),
         ('"CartPole-v1"', "1", r"'environment' in .* to be a text in quotes, .* got 1\."),
         ('["return", 0, 60.0]', "3", "'score' in .* to be .*success.*, got 3"),
-        ("max_steps = 60", "trust = 1", "'trust' in .* to be true or false, got 1"),
+        ("max_steps = 60", "allow_pickle = 1", "'allow_pickle' in .* to be true or false, got 1"),
         ("[parameters]\n", "parameters = 3\n[env_kwargs]\n", "'parameters' in .* to be a table"),
         ("[5, 20.0]", "[5]", r"parameter 'gravity' in .*pole.toml to be \[low, high\], got \[5\]"),
         ("[5, 20.0]", '["a", 2]', r"parameter 'gravity' in .* to be \[low, high\]"),

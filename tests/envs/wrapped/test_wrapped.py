@@ -200,12 +200,12 @@ def test_check_finds_a_dead_parameter_by_name(tmp_path):
         ({"env_kwargs": {"render_mode": "human"}}, "env_kwargs without render_mode"),
         ({"parameters": {}}, "parameters as a dictionary"),
         ({"parameters": {"gravity": (9.0, 9.0)}}, "low < high for parameter 'gravity'"),
-        ({"parameters": {"gravity": 9.0}}, r"\(low, high\) or a place"),
+        ({"parameters": {"gravity": 9.0}}, r"\(low, high\) or a binding"),
         ({"parameters": {"gravty": (5.0, 9.0)}}, "no 'gravty'. Did you mean gravity"),
         ({"agent": "missing.zip"}, "SB3 zip as the agent, got missing.zip: no such file"),
         (
             {"parameters": {"length": (0.2, 2.0), "b": Attribute(0.2, 2.0, paths="length")}},
-            "got 'length' and 'b' for the same place",
+            "got 'length' and 'b' for the same target",
         ),
         ({"parameters": {"step": (0.0, 1.0)}}, "a value at 'step' of CartPole-v1 .*, got a funct"),
         ({"agent": PPO}, "an agent, got the class PPO"),
@@ -236,7 +236,7 @@ def test_partial_functions_that_make_other_environments_are_told_apart():
         cart_pole(partial(toys.pushed_cart_pole, push), parameters={"length": (0.2, 2.0)})
         for push in ("weak", "strong")
     )
-    assert weak.game.maker.name == "pushed_cart_pole"
+    assert weak.episode_spec.factory.name == "pushed_cart_pole"
     assert weak.settings != strong.settings
 
 

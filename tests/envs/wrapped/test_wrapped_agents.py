@@ -53,26 +53,26 @@ def test_statistics_of_a_file_do_what_the_models_own_do(tmp_path):
     model.save(tmp_path / "model.zip")
     held = pendulum(agent=model)
     alone = partial(pendulum, agent=PPO.load(tmp_path / "model.zip", device="cpu"))
-    filed = alone(statistics=tmp_path / "statistics.pkl", trust=True)
+    filed = alone(vec_normalize=tmp_path / "statistics.pkl", allow_pickle=True)
     mu, seeds = worlds(held)
     scores = held.evaluate(mu, seeds).score
     assert (filed.evaluate(mu, seeds).score == scores).all()
     assert filed.fingerprint == held.fingerprint != alone().fingerprint
     assert (alone().evaluate(mu, seeds).score != scores).any()
     assert_pure(filed, n=3, sizes=(1, 2))
-    with pytest.raises(ValueError, match="trust=True if it is your own"):
-        alone(statistics=tmp_path / "statistics.pkl")
+    with pytest.raises(ValueError, match="allow_pickle=True if it is your own"):
+        alone(vec_normalize=tmp_path / "statistics.pkl")
     (tmp_path / "other.pkl").write_bytes(pickle.dumps([1]))
     with pytest.raises(ValueError, match=r"VecNormalize in .*other.pkl, got a list"):
-        alone(statistics=tmp_path / "other.pkl", trust=True)
+        alone(vec_normalize=tmp_path / "other.pkl", allow_pickle=True)
     with pytest.raises(ValueError, match="VecNormalize or the path of its file, got 3"):
-        alone(statistics=3)
+        alone(vec_normalize=3)
 
 
 def test_statistics_of_another_environment_are_refused():
     other = VecNormalize(make_vec_env("CartPole-v1", 1))
     with pytest.raises(ValueError, match=re.escape("of shape [(3,)], got those of [(4,)]")):
-        pendulum(agent=PPO("MlpPolicy", "Pendulum-v1", device="cpu"), statistics=other)
+        pendulum(agent=PPO("MlpPolicy", "Pendulum-v1", device="cpu"), vec_normalize=other)
 
 
 @pytest.mark.parametrize("model", [PPO, DQN])

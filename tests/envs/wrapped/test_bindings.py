@@ -1,4 +1,4 @@
-"""Tests of the places to which parameters' values go."""
+"""Tests of what parameters set."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def make_reader(render_mode=None):
 
 def test_a_name_finds_a_keyword_before_an_attribute():
     application = pendulum(parameters={"g": (5.0, 15.0), "m": (0.5, 2.0)})
-    kinds = [type(place) for place in application.game.places.values()]
+    kinds = [type(binding) for binding in application.episode_spec.bindings.values()]
     assert kinds == [Keyword, Attribute]
     env = env_at(application, [1.0, -1.0])
     assert (env.g, env.m) == (15.0, 0.5)
@@ -200,7 +200,7 @@ def test_choices_and_whole_numbers_take_equal_parts():
 
 
 @pytest.mark.parametrize(
-    ("place", "message"),
+    ("binding", "message"),
     [
         (Keyword(choices=("one",)), "at least two choices"),
         (Keyword(choices="dry"), "at least two choices"),
@@ -212,9 +212,9 @@ def test_choices_and_whole_numbers_take_equal_parts():
         (Keyword(0.0, np.nan), "low < high"),
     ],
 )
-def test_a_bad_range_gets_a_sentence(place, message):
+def test_a_bad_range_gets_a_sentence(binding, message):
     with pytest.raises(ValueError, match=message):
-        place.parameter("mine")
+        binding.parameter("mine")
 
 
 def test_settings_say_what_differs_from_the_default():

@@ -23,7 +23,7 @@ _NOT_PHYSICS = ("self", "render_mode")
 
 
 @dataclass(frozen=True)
-class Maker:
+class EnvFactory:
     """Makes environments.
 
     Attributes:
@@ -50,7 +50,7 @@ class Maker:
             raise UserTypeError(f"Expected env_kwargs to be a dictionary, got {self.env_kwargs!r}.")
         if "render_mode" in self.env_kwargs:
             raise UserError(
-                "Expected env_kwargs without render_mode, which is chosen where pictures are drawn."
+                "Expected env_kwargs without render_mode: pictures and videos choose it themselves."
             )
         if not self.takes_any_keyword:
             check_known(f"keyword of {self.name}", self.env_kwargs, self.keywords)
@@ -60,17 +60,16 @@ class Maker:
         """The environment's id without its module, or the function's name."""
         if isinstance(self.environment, str):
             return self.environment.rpartition(":")[2]
-        made_by: Any = self.environment
-        while isinstance(made_by, partial):
-            made_by = made_by.func
-        return str(getattr(made_by, "__name__", type(made_by).__name__))
+        function: Any = self.environment
+        while isinstance(function, partial):
+            function = function.func
+        return str(getattr(function, "__name__", type(function).__name__))
 
     @property
     def identity(self) -> str:
-        """What settings call the environment."""
-        return (
-            self.environment if isinstance(self.environment, str) else code_name(self.environment)
-        )
+        """The environment's id, or the function's module and qualified name, for settings."""
+        given = self.environment
+        return given if isinstance(given, str) else code_name(given)
 
     @property
     def keywords(self) -> list[str]:
@@ -83,6 +82,12 @@ class Maker:
         ]
 
     @property
+    def takes_any_keyword(self) -> bool:
+        """Whether the constructor takes keywords that its signature does not name."""
+        parameters = self._signature.values()
+        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+
+    @property
     def takes_render_mode(self) -> bool:
         """Whether the constructor takes `render_mode`."""
         return "render_mode" in self._signature or self.takes_any_keyword
@@ -93,45 +98,48 @@ class Maker:
         """Make a fresh environment.
 
         Args:
-            keywords: The keywords of this one, besides those that all get.
+            keywords: The keywords of this one, besides `env_kwargs`.
             render_mode: How it renders, if at all.
 
         Raises:
             UserError: If its constructor raises, or makes no environment.
         """
         # copies: an environment may write into a dictionary that it is given
-        given = {**deepcopy(dict(self.env_kwargs)), **keywords}
+        all_keywords = {**deepcopy(dict(self.env_kwargs)), **keywords}
+        by_id = isinstance(self.environment, str)
         if render_mode is not None:
-            given["render_mode"] = render_mode
+            all_keywords["render_mode"] = render_mode
+        if by_id and self.max_steps is not None:
+            all_keywords["max_episode_steps"] = self.max_steps
         try:
-            if isinstance(self.environment, str):
-                if self.max_steps is not None:
-                    given["max_episode_steps"] = self.max_steps
-                spec = find_spec(self.environment)
-                made: Any = gym.make(spec, disable_env_checker=True, **given)
-            else:
-                made = self.environment(**given)
+            env: Any = self._creator(**all_keywords)
         except UserError:
             raise
+        except ImportError as error:
+            raise self._missing_package(error) from error
         except Exception as error:  # whatever an environment's constructor may raise
-            found = f"got {type(error).__name__}: {error}"
-            if isinstance(error, ImportError):
-                raise self._lacking(error) from error
             hint = (
                 " Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
                 "whole number."
             )
             raise UserError(
-                f"Expected {self.name} to be made with {given}, {found}.{hint if keywords else ''}"
+                f"Expected {self.name} to be made with {all_keywords}, got {type(error).__name__}: "
+                f"{error}.{hint if keywords else ''}"
             ) from error
-        if not isinstance(made, gym.Env):
+        if not isinstance(env, gym.Env):
             raise UserTypeError(
-                f"Expected {self.name} to make a gymnasium.Env, got {type(made).__name__}. Return "
+                f"Expected {self.name} to make a gymnasium.Env, got {type(env).__name__}. Return "
                 "the environment from the function."
             )
-        return made
+        return env if by_id or self.max_steps is None else TimeLimit(env, int(self.max_steps))
 
-    def _lacking(self, error: ImportError) -> UserError:
+    @property
+    def _creator(self) -> Callable[..., Any]:
+        if isinstance(self.environment, str):
+            return partial(gym.make, find_spec(self.environment), disable_env_checker=True)
+        return self.environment
+
+    def _missing_package(self, error: ImportError) -> UserError:
         return UserError(
             f"Expected the packages that {self.name} needs, got {type(error).__name__}: {error}. "
             "Install what it names."
@@ -151,35 +159,30 @@ class Maker:
             try:
                 creator = load_env_creator(creator)
             except ImportError as error:
-                raise self._lacking(error) from error
+                raise self._missing_package(error) from error
         try:
             return inspect.signature(creator).parameters
         except ValueError:  # it is written in C
             return {}
 
-    @property
-    def takes_any_keyword(self) -> bool:
-        """Whether the constructor takes keywords that its signature does not name."""
-        return any(one.kind is one.VAR_KEYWORD for one in self._signature.values())
+
+def function_name(function: Any) -> str:
+    """Return the name of a function, or that of an object's class."""
+    return str(getattr(function, "__name__", type(function).__name__))
 
 
 def code_name(function: Callable[..., Any]) -> str:
-    """Name a function or an object of a class by its module and its qualified name."""
+    """Return the module and the qualified name of a function, or of an object's class."""
     if isinstance(function, partial):
-        held = [*function.args, *(f"{key}={one!r}" for key, one in function.keywords.items())]
-        return f"{code_name(function.func)}({', '.join(map(str, held))})"
+        keywords = [f"{key}={value!r}" for key, value in function.keywords.items()]
+        return f"{code_name(function.func)}({', '.join([*map(str, function.args), *keywords])})"
     named = function if hasattr(function, "__qualname__") else type(function)
     return f"{named.__module__}:{named.__qualname__}"
 
 
 def layers(env: gym.Env[Any, Any]) -> Iterator[gym.Env[Any, Any]]:
-    """Give an environment's wrappers from the outside in, and at last the environment itself."""
+    """Iterate over an environment's wrappers from the outside in, and at last the environment."""
     while isinstance(env, gym.Wrapper):
         yield env
         env = env.env
     yield env
-
-
-def own_limit(env: gym.Env[Any, Any]) -> bool:
-    """Say whether an environment's wrappers end its episodes after some number of steps."""
-    return any(isinstance(layer, TimeLimit) for layer in layers(env))

@@ -14,15 +14,15 @@ from sada_gym.envs.wrapped.episodes import GymnasiumEpisodes
 from sada_gym.errors import UserError
 
 
-class PlainAgent:
+class FunctionAgent:
     """Calls a function with one observation at a time.
 
     The function must remember nothing: episodes go on in lockstep, so that the next observation is
     that of another episode.
 
     Args:
-        function: Takes an observation and gives an action.
-        name: What messages call it.
+        function: Takes an observation and returns an action.
+        name: Its name, for messages.
     """
 
     fingerprint = None
@@ -34,18 +34,18 @@ class PlainAgent:
         """Begin `count` new episodes."""
 
     def act(self, episodes: GymnasiumEpisodes, which: Indices) -> Any:
-        """Ask for the action of each of some episodes in turn: a list of them."""
+        """Return the list of the actions in some episodes, asked for one by one."""
         actions = []
         with one_thread():
             for i in which.tolist():
-                seen = deepcopy(episodes.seen(i))
+                observation = deepcopy(episodes.observation(i))
                 try:
-                    actions.append(self._function(seen))
+                    actions.append(self._function(observation))
                 except Exception as error:  # whatever a user's function may raise
                     raise UserError(
                         f"Expected an action from {self._name} at {episodes.where(i)} for the "
-                        f"observation {_short(seen)}, got {type(error).__name__}: {error}. The "
-                        "agent is called as agent(observation), with one observation."
+                        f"observation {_short(observation)}, got {type(error).__name__}: {error}. "
+                        "The agent is called as agent(observation), with one observation."
                     ) from error
         return actions
 

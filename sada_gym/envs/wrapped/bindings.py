@@ -1,0 +1,366 @@
+"""What a parameter sets: a keyword, an attribute, an option of reset, a configuration's entry."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from sada_gym.envs.checks import is_number
+from sada_gym.envs.wrapped.factory import EnvFactory, code_name
+from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
+from sada_gym.errors import UserError, UserTypeError, check_known
+from sada_gym.parameters import Parameter
+
+_NAMED_VALUES = 12
+"""Whole numbers are named one by one on axes where there are at most so many."""
+
+
+@dataclass(frozen=True)
+class ParameterBinding(ABC):
+    """What a parameter sets in an episode.
+
+    A subclass overrides the methods for the moments at which it sets something.
+
+    Attributes:
+        low: The value at mu = -1.
+        high: The value at mu = +1.
+        unit: The unit in tables and on axes.
+        choices: Values to choose from, equal parts of [-1, 1], instead of `low` and `high`.
+        integer: Whether the values are the whole numbers from `low` to `high`, equal parts each.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    unit: str = field(default="", kw_only=True)
+    choices: tuple[Any, ...] = field(default=(), kw_only=True)
+    integer: bool = field(default=False, kw_only=True)
+
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter of this name.
+
+        Raises:
+            UserError: If the range is empty, or no range.
+        """
+        if self.choices:
+            if isinstance(self.choices, str) or len(self.choices) < 2:
+                raise UserError(
+                    f"Expected at least two choices of {name!r}, got {self.choices!r}. Write "
+                    "choices=('dry', 'wet')."
+                )
+            if self.low is not None or self.high is not None or self.integer:
+                raise UserError(
+                    f"Expected either choices or low and high for {name!r}, got both. Leave low, "
+                    "high and integer out."
+                )
+            names = tuple(map(str, self.choices))
+            return Parameter(name, 0.0, float(len(names)), self.unit, choices=names)
+        low, high = self._range(name)
+        if not self.integer:
+            return Parameter(name, low, high, self.unit)
+        if low != round(low) or high != round(high):
+            raise UserError(
+                f"Expected whole numbers as low and high of {name!r}, which is an integer, got "
+                f"{self.low} and {self.high}."
+            )
+        Parameter(name, low, high)  # raises for an empty range
+        count = int(high - low) + 1
+        names = tuple(str(int(low) + i) for i in range(count)) if count <= _NAMED_VALUES else ()
+        return Parameter(name, low - 0.5, high + 0.5, self.unit, choices=names)
+
+    def value(self, physical: float) -> Any:
+        """Return what the environment gets for a physical value of the parameter."""
+        if self.choices:
+            return self.choices[min(int(physical), len(self.choices) - 1)]
+        if self.integer:
+            low, high = self._range("")
+            return int(min(max(np.floor(physical + 0.5), low), high))
+        return physical
+
+    def _range(self, name: str) -> tuple[float, float]:
+        if not (is_number(self.low) and is_number(self.high)):
+            raise UserTypeError(
+                f"Expected numbers as low and high of {name!r}, got {self.low!r} and "
+                f"{self.high!r}. Write low=1.0, high=2.0."
+            )
+        return float(self.low), float(self.high)  # type: ignore[arg-type]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The binding as data for JSON: its kind, and the fields that differ from their default."""
+        settings: dict[str, Any] = {"kind": type(self).__name__}
+        for spec in fields(self):
+            value = getattr(self, spec.name)
+            if value != spec.default:
+                settings[spec.name] = code_name(value) if callable(value) else as_json(value)
+        return settings
+
+    @property
+    def own_code(self) -> bool:
+        """Whether it calls a function of the user's, whose code no fingerprint covers."""
+        return False
+
+    @abstractmethod
+    def targets(self, name: str) -> tuple[Any, ...]:
+        """Return all that the parameter of this name sets; () where that is unknown."""
+
+    def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:  # noqa: B027
+        """Check that the environment has what the parameter sets.
+
+        Args:
+            name: The parameter's name.
+            factory: Makes the environments.
+            env: One of them, after a reset.
+
+        Raises:
+            UserError: If it has not.
+        """
+
+    def keywords(self, name: str, value: Any) -> dict[str, Any]:  # noqa: ARG002
+        """Return the keywords of the environment's constructor."""
+        return {}
+
+    def reset_options(self, name: str, value: Any) -> dict[str, Any]:  # noqa: ARG002
+        """Return the options of the environment's reset."""
+        return {}
+
+    def before_reset(self, name: str, value: Any, env: Any) -> None:  # noqa: B027
+        """Set the value in `env.unwrapped` before its reset."""
+
+    def on_reset(self, name: str, value: Any, env: Any) -> None:  # noqa: B027
+        """Set the value in `env.unwrapped` right after its reset."""
+
+
+@dataclass(frozen=True)
+class _Named(ParameterBinding):
+    name: str | None = None
+
+    def targets(self, name: str) -> tuple[str, ...]:
+        return (self.name or name,)
+
+
+class Keyword(_Named):
+    """A keyword of the environment's constructor.
+
+    Attributes:
+        name: The keyword; None takes the parameter's name.
+    """
+
+    def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:  # noqa: ARG002
+        """Check that the constructor takes the keyword, and that nothing else sets it."""
+        keyword = self.name or name
+        if not factory.takes_any_keyword:
+            check_known(f"keyword of {factory.name}", [keyword], factory.keywords)
+        if keyword in factory.env_kwargs:
+            raise UserError(
+                f"Expected {keyword!r} either among the parameters or in env_kwargs, got it in "
+                "both. Leave it out of env_kwargs."
+            )
+
+    def keywords(self, name: str, value: Any) -> dict[str, Any]:
+        """Return the keyword."""
+        return {self.name or name: value}
+
+
+class ResetOption(_Named):
+    """An entry of `reset(options={...})`.
+
+    Attributes:
+        name: The entry; None takes the parameter's name.
+    """
+
+    def reset_options(self, name: str, value: Any) -> dict[str, Any]:
+        """Return the option."""
+        return {self.name or name: value}
+
+
+class Config(_Named):
+    """An entry of `env.unwrapped.config`, a dictionary such as highway-env's environments have.
+
+    It is set before `reset`.
+
+    Attributes:
+        name: The entry, with dots between the levels of nested dictionaries
+            (`observation.vehicles_count`); None takes the parameter's name.
+    """
+
+    def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
+        """Check that the entry exists."""
+        config = getattr(env.unwrapped, "config", None)
+        if not isinstance(config, dict):
+            raise UserError(
+                f"Expected {factory.name} to have a dictionary `config` for {name!r}, got "
+                f"{config!r}. Name an attribute or a keyword instead."
+            )
+        for key in (self.name or name).split("."):
+            check_known(f"entry of the configuration of {factory.name}", [key], [*config])
+            config = config[key]
+
+    def before_reset(self, name: str, value: Any, env: Any) -> None:
+        """Write the value into a copy of the configuration."""
+        *above, last = (self.name or name).split(".")
+        env.config = config = deepcopy(env.config)
+        for key in above:
+            config = config[key]
+        config[last] = value
+
+
+@dataclass(frozen=True)
+class Attribute(ParameterBinding):
+    """An attribute of `env.unwrapped`, set before `reset`, and after it where it changed.
+
+    It is set before `reset` for the sake of environments that build their world there, and again
+    after `reset` where that has put another value in its place. What exists only after `reset`,
+    such as the lander of LunarLander, is set then. The first observation of the episode may
+    have been made before.
+
+    Attributes:
+        paths: One or several paths, such as `length`, `model.opt.timestep` or
+            `model.body_mass[1]`. Each gets the value; None takes the parameter's name.
+    """
+
+    paths: str | tuple[str, ...] | None = None
+
+    def targets(self, name: str) -> tuple[str, ...]:
+        """Return the paths."""
+        if self.paths is None:
+            return (name,)
+        return (self.paths,) if isinstance(self.paths, str) else tuple(self.paths)
+
+    def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:
+        """Check that the attributes exist and hold single values."""
+        for path in self.targets(name):
+            value = read(env.unwrapped, path)
+            if value is MISSING:
+                raise no_such_path(name, path, factory, env)
+            if callable(value):
+                raise UserError(
+                    f"Expected a value at {path!r} of {factory.name} for {name!r}, got a function. "
+                    "Name an attribute that holds a number."
+                )
+            if (isinstance(value, np.ndarray) and value.ndim) or isinstance(value, list | dict):
+                raise UserError(
+                    f"Expected a single value at {path!r} of {factory.name}, got "
+                    f"{type(value).__name__} of length {len(value)}. Name one entry, such as "
+                    f"'{path}[0]'."
+                )
+
+    def before_reset(self, name: str, value: Any, env: Any) -> None:
+        """Set the attributes that exist."""
+        for path in self.targets(name):
+            write(env, path, value, must_exist=False)
+
+    def on_reset(self, name: str, value: Any, env: Any) -> None:
+        """Set the attributes that the reset made or changed."""
+        for path in self.targets(name):
+            write(env, path, value, must_exist=True)
+
+
+@dataclass(frozen=True)
+class Function(ParameterBinding):
+    """A function of your own, `set(env.unwrapped, value)`, called once in each episode.
+
+    An evaluation store keeps its scores only with an `agent_id`; change that whenever you change
+    the function.
+
+    Attributes:
+        set: The function. It must be importable where worker processes take part.
+        after_reset: Whether it is called after `reset` or before it.
+    """
+
+    set: Callable[[Any, Any], None] | None = None
+    after_reset: bool = True
+
+    @property
+    def own_code(self) -> bool:
+        """It is the user's own code."""
+        return True
+
+    def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
+        """Return (): what the function sets is unknown."""
+        return ()
+
+    def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:  # noqa: ARG002
+        """Check that there is a function."""
+        if not callable(self.set):
+            raise UserTypeError(
+                f"Expected a function set(env, value) for {name!r}, got {self.set!r}. Write "
+                "Function(1.0, 2.0, set=set_mass)."
+            )
+
+    def before_reset(self, name: str, value: Any, env: Any) -> None:
+        """Call the function if it is to be called before `reset`."""
+        if not self.after_reset:
+            self._call(name, value, env)
+
+    def on_reset(self, name: str, value: Any, env: Any) -> None:
+        """Call the function if it is to be called after `reset`."""
+        if self.after_reset:
+            self._call(name, value, env)
+
+    def _call(self, name: str, value: Any, env: Any) -> None:
+        assert self.set is not None
+        try:
+            self.set(env, value)
+        except Exception as error:  # whatever a user's function may raise
+            raise UserError(
+                f"Expected the function of {name!r} to set {value!r}, got "
+                f"{type(error).__name__}: {error}."
+            ) from error
+
+
+def as_binding(name: str, given: Any, factory: EnvFactory) -> ParameterBinding:
+    """Return the binding of a parameter: a given one, or the keyword or attribute of its name.
+
+    Args:
+        name: The parameter's name.
+        given: A `ParameterBinding`, or (low, high).
+        factory: Makes the environments.
+
+    Raises:
+        UserError: If it is neither.
+    """
+    if isinstance(given, ParameterBinding):
+        return given
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        raise UserTypeError(
+            f"Expected (low, high) or a binding such as Attribute(low, high) for parameter "
+            f"{name!r}, got {given!r}."
+        )
+    return Keyword(*given) if name in factory.keywords else Attribute(*given)
+
+
+def check_distinct(bindings: Mapping[str, ParameterBinding]) -> None:
+    """Check that no two parameters set the same, so that one would be without effect.
+
+    Noise on other entries is something else.
+
+    Raises:
+        UserError: If two do.
+    """
+    names: dict[Any, str] = {}
+    for name, binding in bindings.items():
+        for target in dict.fromkeys(binding.targets(name)):
+            key = (type(binding), target)
+            if key in names:
+                raise UserError(
+                    f"Expected one {type(binding).__name__}, got {names[key]!r} and {name!r} for "
+                    "the same target. Leave one out."
+                )
+            names[key] = name
+
+
+def as_json(value: Any) -> Any:
+    """Turn NumPy's numbers, tuples and mappings into what JSON holds."""
+    if isinstance(value, Mapping):
+        return {str(key): as_json(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [*map(as_json, value)]
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return value
