@@ -43,9 +43,10 @@ test-all: $(VENV)/.installed  ## every test
 package: $(VENV)/.installed  ## sdist and wheel, installed elsewhere: every id steps there
 	$(BIN)/pytest tests/test_packaging.py
 
-lint: $(VENV)/.installed  ## format, lint, types
+lint: $(VENV)/.installed  ## format, lint, imports, types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 
 docs: $(VENV)/.installed  ## the documentation, warnings as errors
