@@ -11,14 +11,9 @@ from sada_gym.errors import UserError, UserTypeError
 
 
 def check_unmasked(given: Any, what: str) -> None:
-    """Refuse a masked array, or a list of rows with one among them.
+    """Raise `UserTypeError` for a masked array, or a list of rows with one among them.
 
-    Args:
-        given: What a user handed over.
-        what: What messages call it, a noun such as `mu`.
-
-    Raises:
-        UserTypeError: If it has a mask: NumPy would drop the mask and count what it hides.
+    NumPy would drop the mask and count what it hides. `what` is a noun for messages: `mu`.
     """
     rows = given if isinstance(given, list | tuple) else [given]
     if any(np.ma.isMaskedArray(row) for row in rows):
@@ -29,11 +24,7 @@ def check_unmasked(given: Any, what: str) -> None:
 
 
 def as_array(given: Any, what: str) -> npt.NDArray[Any]:
-    """Return what a user handed over as an array of whatever dtype.
-
-    Raises:
-        UserTypeError: If it has a mask, or its rows differ in length.
-    """
+    """Return a user's array, of any dtype; raise `UserTypeError` if it has a mask or is ragged."""
     check_unmasked(given, what)
     try:
         return np.asarray(given)
@@ -44,11 +35,11 @@ def as_array(given: Any, what: str) -> npt.NDArray[Any]:
 
 
 def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
-    """Return what a user handed over as an array of real numbers.
+    """Return a user's array of integers or floats.
 
     Raises:
-        UserTypeError: If it has a mask, its rows differ in length, or it holds anything but
-            integers and floats, which NumPy would turn into numbers of another meaning.
+        UserTypeError: If it has a mask, is ragged, or holds anything else, which NumPy would turn
+            into numbers of another meaning.
     """
     array = as_array(given, what)
     if array.dtype.kind not in "iuf":
@@ -60,14 +51,10 @@ def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
 
 
 def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
-    """Return scores that a user's code returned as float64.
-
-    Args:
-        given: The scores.
-        source: Where they come from, for messages.
+    """Return scores from a user's code, the `source`, as float64; booleans count as 0 and 1.
 
     Raises:
-        UserTypeError: If they have a mask or are no real numbers. Booleans count as 0 and 1.
+        UserTypeError: If they have a mask or are no real numbers.
     """
     scores = as_array(given, "scores")
     if scores.dtype.kind not in "biuf":

@@ -93,17 +93,14 @@ def check_deterministic(
     seeds: Sequence[int],
     hint: str = "",
 ) -> None:
-    """Refuse an agent that answered differently when it was asked a second time.
+    """Raise `UserError` if an agent answered differently when it was asked a second time.
 
     Args:
         agent: What messages call it.
         first: Its answers in n worlds: the score, and what else is known of each.
-        second: Its answers in the same worlds, asked again.
+        second: Its answers in the same worlds, asked again: equal to the last bit.
         seeds: The worlds' seeds.
         hint: What else may be the cause, a sentence.
-
-    Raises:
-        UserError: If two answers differ in a single bit.
     """
     for before, after, seed in zip(first, second, seeds, strict=True):
         for key in before:

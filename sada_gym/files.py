@@ -82,11 +82,7 @@ OneLine = Annotated[str, AfterValidator(_printable)]
 
 
 def as_path(given: Any, what: str) -> Path:
-    """Return the path that a user handed over, of what messages call `what`.
-
-    Raises:
-        UserTypeError: If it is no path.
-    """
+    """Return a user's path of `what`; raise `UserTypeError` if it is no path."""
     if not isinstance(given, str | os.PathLike):
         raise UserTypeError(f"Expected the path of {what}, got {given!r}.")
     return Path(given)
@@ -94,15 +90,9 @@ def as_path(given: Any, what: str) -> Path:
 
 @contextmanager
 def file_errors(what: str, path: Path) -> Iterator[None]:
-    """Turn the system's errors on files into a `FileError` with a sentence.
+    """Turn the system's errors on a file or folder into a `FileError` with a sentence.
 
-    Args:
-        what: The attempt, such as "write".
-        path: The file or folder.
-
-    Example:
-        >>> with file_errors("read", path):
-        ...     content = path.read_bytes()
+    `what` names the attempt: `with file_errors("read", path): content = path.read_bytes()`.
     """
     try:
         yield
@@ -118,11 +108,7 @@ def file_errors(what: str, path: Path) -> Iterator[None]:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all: first beside its place, then one rename moves it.
-
-    Raises:
-        FileError: If it cannot be written.
-    """
+    """Write a file beside its place, then rename it: all of it or nothing (`FileError`)."""
     with file_errors("write", path):
         beside = _place_beside(path)
         # a link that somebody put there since would be refused, not followed
@@ -140,11 +126,7 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
-    """Fill a folder, and then put it in the place of one that an earlier run left.
-
-    Args:
-        path: The folder.
-        fill: A function that gets an empty folder and writes to it.
+    """Fill an empty folder, and then put it in the place of one that an earlier run left.
 
     Raises:
         FileError: If it cannot be written.
@@ -177,21 +159,13 @@ def _place_beside(path: Path) -> Path:
 
 
 def write_model(path: Path, model: Strict) -> None:
-    """Write a model as JSON.
-
-    Raises:
-        FileError: If it cannot be written.
-    """
+    """Write a model as JSON; raise `FileError` if it cannot be written."""
     text = json.dumps(model.model_dump(mode="json"), indent=2, allow_nan=False)
     write_file(path, f"{text}\n".encode())
 
 
 def read_model(path: Path, kind: type[Model]) -> Model:
-    """Read a model that `write_model` wrote.
-
-    Raises:
-        FileError: If the file cannot be read or is not such a model.
-    """
+    """Read a model that `write_model` wrote; raise `FileError` for anything else."""
     content = read_file(path, MAX_JSON_BYTES)
     cause: Exception
     try:
@@ -221,11 +195,7 @@ def shown(text: str) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        FileError: If the file cannot be read, is too large or no TOML.
-    """
+    """Read a TOML file; raise `FileError` if it cannot be read, is too large or no TOML."""
     content = read_file(path, MAX_TOML_BYTES)
     try:
         return tomllib.loads(content.decode())

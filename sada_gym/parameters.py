@@ -116,40 +116,19 @@ class ParameterSpace:
         return tuple(parameter.name for parameter in self.parameters)
 
     def validate(self, mu: npt.ArrayLike) -> Mu:
-        """Round mu to float32 and check it.
-
-        Args:
-            mu: (n, d), values in [-1, 1].
-
-        Returns:
-            mu: (n, d) float32, a copy where the input was not contiguous float32 already.
-
-        Raises:
-            ValueError: If the shape is wrong or a value is NaN or outside the box.
-        """
+        """Return mu as `validate_mu` does, in this space's dimension."""
         return validate_mu(mu, len(self))
 
     def physical(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Map normalised to physical values.
-
-        Args:
-            mu: (n, d) or (d,), values in [-1, 1].
-
-        Returns:
-            Physical values of the same shape, float64.
-        """
+        """Map mu, (n, d) or (d,) in [-1, 1], to physical values of the same shape, float64."""
         share = (as_array(mu, "mu").astype(np.float32).astype(np.float64) + 1.0) / 2.0
         physical: npt.NDArray[np.float64] = self._low + share * (self._high - self._low)
         return physical
 
     def normalised(self, physical: npt.ArrayLike) -> npt.NDArray[np.float32]:
-        """Map physical to normalised values: the inverse of `physical`, rounded to float32.
+        """Map physical values, (n, d) or (d,), to mu of the same shape: the inverse of `physical`.
 
-        Args:
-            physical: (n, d) or (d,) physical values.
-
-        Returns:
-            Values of the same shape in [-1, 1] where the physical ones lie in their range.
+        The result is rounded to float32; it is in [-1, 1] where the values lie in their range.
         """
         share = (as_array(physical, "physical").astype(np.float64) - self._low) / (
             self._high - self._low
@@ -163,7 +142,7 @@ class ParameterSpace:
 
 
 def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
-    """Round mu to float32 and check that it is an (n, dimension) batch inside [-1, 1].
+    """Return mu, an (n, dimension) batch inside [-1, 1], as contiguous float32: rounded once.
 
     Raises:
         ValueError: If mu is no array of real numbers, the shape is wrong, or a value is NaN or

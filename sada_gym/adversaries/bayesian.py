@@ -94,11 +94,10 @@ def minimise(
     """Spend the oracle's remaining budget where Q is expected to improve most.
 
     Each step asks for the candidate of the largest expected improvement under a Gaussian process
-    fitted to all evaluations. Q is noisy, so the incumbent is not the lowest score but the lowest
-    posterior mean at an evaluated point (Picheny, Wagner & Ginsbourger 2013, "A benchmark of
-    kriging-based infill criteria for noisy optimization": expected improvement with plug-in).
-    Kernel and candidates (see `Search`) are renewed whenever the evaluations have doubled, so that
-    the factorisations from scratch cost a third of the steps.
+    fitted to all evaluations. Q is noisy, so the incumbent is the lowest posterior mean at an
+    evaluated point (expected improvement with plug-in: Picheny, Wagner & Ginsbourger 2013, "A
+    benchmark of kriging-based infill criteria for noisy optimization"). Kernel and candidates (see
+    `Search`) are renewed whenever the evaluations have doubled.
 
     Args:
         oracle: Answers the queries.
@@ -106,8 +105,7 @@ def minimise(
         rng: All randomness.
         candidates: Number of candidates, a power of two.
         batch: Number of points in one query. Within a batch, each point counts as if it scored its
-            posterior mean until the scores arrive ("kriging believer": Ginsbourger, Le Riche &
-            Carraro 2010, "Kriging is well-suited to parallelize optimization").
+            posterior mean ("kriging believer": Ginsbourger, Le Riche & Carraro 2010).
 
     Returns:
         All evaluations, those of `queries` first, in order.

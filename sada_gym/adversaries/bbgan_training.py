@@ -27,10 +27,10 @@ def train_gan(
 ) -> tuple[Generator, Discriminator]:
     """Train G and D by the paper's BBGAN objective: S is real, G's samples are fake.
 
-    With `o.rest` the points of Omega that do not fool are fake as well, so that D learns where the
-    agent is fooled from all of Omega and not from S alone (compare Asokan & Seelamantula 2020,
-    "Teaching a GAN what not to learn"). Where the fooling rate p(mu) is noisy, G is then drawn to
-    where p is high and leaves where it is low; without noise its optimum is unchanged.
+    With `o.rest` the points of Omega that do not fool are fake as well, so that D learns from all
+    of Omega (compare Asokan & Seelamantula 2020, "Teaching a GAN what not to learn"). Where the
+    fooling rate p(mu) is noisy, G is then drawn to where p is high; without noise its optimum is
+    unchanged.
 
     Args:
         induced: S, (s, d), and the rest of Omega, (n, d).

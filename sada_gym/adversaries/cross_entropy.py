@@ -51,19 +51,15 @@ class CrossEntropy(FittedAdversary):
     mixtures as proposals because failures lie in several regions (Kurtz & Song 2013; Geyer,
     Papaioannou & Straub 2019). The first stage is uniform. Each later stage draws from a mixture
     fitted to all points so far at or below a level: the `elite` quantile of the last stage's
-    scores, at the least epsilon. A point weighs the uniform density over the density of
-    all stages' proposals together (balance heuristic, Veach & Guibas 1995), so that no region gains
-    by having been drawn from more often. Uniform draws in every stage bound the weights and find
-    regions that the mixture lacks. The number of components is cross-validated.
+    scores, but at least epsilon. A point weighs the uniform density over the density of all
+    stages' proposals together (balance heuristic, Veach & Guibas 1995), so that no region gains by
+    having been drawn from more often. A share of uniform draws in every stage bounds the weights
+    and finds regions that the mixture lacks. The number of components is cross-validated.
 
-    Where Q is random, a score at or below epsilon is one draw with the probability p(mu) to fool.
-    Every evaluation counts once, a lucky one no more than others, so that the mixture aims at the
-    density proportional to p.
-
-    Samples are those of the last mixture, thinned by an estimate of p from all evaluated points
-    (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as a mixture spills over the
-    edges of a fooling set. Where Q is fixed this leaves the target as it is; where it is random
-    samples lean towards higher p. See `CrossEntropyOptions`.
+    Where Q is random, every evaluation counts once, so the mixture aims at the density proportional
+    to the probability p(mu) to fool. Samples are those of the last mixture, thinned by an estimate
+    of p from all evaluated points (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as
+    a mixture spills over the edges of a fooling set. See `CrossEntropyOptions`.
     """
 
     name: ClassVar[str] = "cross-entropy"

@@ -28,21 +28,7 @@ MAX_CHUNK = 64
 class Evaluator:
     """Scores (mu, seed) pairs; owns the application, the store and the worker pool.
 
-    Args:
-        problem: An environment id, the path of a TOML file, an `Application`, or a function
-            (n, d) -> (n,).
-        env_kwargs: Keywords of an environment id.
-        dimension: d of a function.
-        threshold: The fooling threshold of a function.
-        workers: With 1, this process evaluates; with more, as many others do.
-        store: The evaluation store's file; with None, no score is kept.
-        chunk_size: Evaluations handed over at a time; None chooses.
-        executor: Any PEP 3148 executor instead of our own processes: threads, loky, Dask. It is
-            left open. `workers` then says how many workers it has, if it cannot say so itself.
-
-    Raises:
-        TypeError, ValueError: If the arguments do not fit together.
-        StoreError: If the store cannot serve.
+    The arguments are those of `Oracle`, whose errors it raises.
     """
 
     def __init__(
@@ -97,10 +83,7 @@ class Evaluator:
         return self._scorer if isinstance(self._scorer, Application) else None
 
     def attach(self, path: str | Path) -> None:
-        """Keep all further scores in a store, and take known scores from it.
-
-        Args:
-            path: The evaluation store's file.
+        """Keep all further scores in the store of a file, and take known scores from it.
 
         Raises:
             StoreError: If the store cannot serve, or nothing identifies the scores.
@@ -121,20 +104,13 @@ class Evaluator:
         self.store = store
 
     def detach(self) -> None:
-        """Close the store; later scores are not kept. Without a store nothing happens.
-
-        Raises:
-            StoreError: If SQLite cannot close the file.
-        """
+        """Close the store, if there is one; later scores are not kept."""
         store, self.store = self.store, None
         if store is not None:
             store.close()
 
     def evaluate(
-        self,
-        mu: Mu,
-        seeds: Sequence[int],
-        report: Callable[[int, int], None],
+        self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
     ) -> tuple[npt.NDArray[np.float64], int]:
         """Score a batch.
 
@@ -144,10 +120,10 @@ class Evaluator:
             mu: (n, d) float32, checked.
             seeds: n evaluation seeds.
             report: A function that is called after the look-up and after each committed chunk, with
-                the number of scores so far, and how many of these the store knew.
+                the number of scores so far, and how many of these came from the store.
 
         Returns:
-            The scores, (n,) float64, and how many of them the store knew.
+            The scores, (n,) float64, and how many of them came from the store.
         """
         scores = np.full(len(mu), np.nan)
         if self.store is not None:
@@ -180,11 +156,7 @@ class Evaluator:
         return [Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
 
     def close(self, *, now: bool = False) -> None:
-        """Stop the workers and close the store; calling it twice is fine.
-
-        Args:
-            now: Whether to drop the running chunks instead of waiting for them.
-        """
+        """Stop the workers and close the store; `now` drops the running chunks."""
         if self._dispatcher is not None:
             self._dispatcher.close(now=now)
         if self.store is not None:

@@ -47,8 +47,7 @@ class Oracle:
         executor: Any PEP 3148 executor (`concurrent.futures`, loky, Dask's
             `Client.get_executor()`) instead of our own processes. It is left open. `workers` then
             says how many workers it has, if it cannot say so itself.
-        progress: A function that is called as progress(done, total, cached) after each committed
-            chunk.
+        progress: A function that is called as progress(done, total, cached) after each chunk.
 
     Raises:
         TypeError, ValueError: If the arguments do not fit together.
@@ -170,11 +169,7 @@ class Oracle:
             self._progress(self._used + done, self.budget, self._cached + cached)
 
     def close(self, *, now: bool = False) -> None:
-        """Stop the workers and close the store; calling it twice is fine.
-
-        Args:
-            now: Whether to drop the running chunks instead of waiting for them.
-        """
+        """Stop the workers and close the store; `now` drops the running chunks. Idempotent."""
         if self._owns:
             self._evaluator.close(now=now)
 

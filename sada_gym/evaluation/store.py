@@ -19,6 +19,7 @@ from typing_extensions import Self
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.store_errors import check_usable, corrupt, explained
+from sada_gym.evaluations import Evaluations
 from sada_gym.files import as_path
 from sada_gym.parameters import Mu
 
@@ -74,15 +75,16 @@ class EvaluationStore:
     the first read on, the operating system frees the lock even after SIGKILL, and no shared
     memory is needed, so that the file may lie on a network drive. `synchronous = NORMAL`: a
     commit survives the death of the process; a power cut may take the last commits (they are
-    evaluated again) but never corrupts the file. A sync to disk per commit would cost more than
-    many an evaluation. The log is small (half a megabyte), and it is gone once the store is closed.
+    evaluated again) but never corrupts the file. The log is small (half a megabyte), and it is
+    gone once the store is closed.
 
     Args:
         path: The file; it is created where there is none. Its folder must exist.
 
     Raises:
         StoreError: If the file is not an evaluation store of this schema, is corrupt, or is open
-            elsewhere. It is left as it was.
+            elsewhere; it is left as it was. Every method raises it, too, where the file cannot be
+            read or written.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -101,11 +103,7 @@ class EvaluationStore:
 
     @property
     def _connection(self) -> sqlite3.Connection:
-        """The connection, in the process that opened it: SQLite's do not survive a fork.
-
-        Raises:
-            StoreError: If this is a copy in a forked process.
-        """
+        # SQLite's connections do not survive a fork
         if os.getpid() != self._process:
             raise StoreError(
                 f"Expected the store {self.path} to be used in the process that opened it, got a "
@@ -184,18 +182,12 @@ class EvaluationStore:
         return int(found[0])
 
     def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-        """Find stored scores.
+        """Return the stored scores, (n,) float64, NaN where nothing is stored.
 
         Args:
             context: A number that `context` returned.
             mu: (n, d) float32.
             seeds: n evaluation seeds.
-
-        Returns:
-            (n,) float64, NaN where nothing is stored.
-
-        Raises:
-            StoreError: If the file cannot be read.
         """
         scores = np.full(len(mu), np.nan)
         query = "SELECT score FROM evaluation WHERE context = ? AND seed = ? AND mu = ?"
@@ -206,22 +198,11 @@ class EvaluationStore:
                     scores[i] = found[0]
         return scores
 
-    def evaluations(
-        self, context: int, seeds: Sequence[int]
-    ) -> tuple[Mu, npt.NDArray[np.float64]] | None:
-        """Return the mu and scores that are stored with seeds.
+    def evaluations(self, context: int, seeds: Sequence[int]) -> Evaluations | None:
+        """Return the evaluations of n seeds; None where n is 0 or a seed is not stored.
 
-        Of evaluations that share a seed, the order is not known.
-
-        Args:
-            context: A number that `context` returned.
-            seeds: n evaluation seeds.
-
-        Returns:
-            (n, d) float32 and (n,) float64; None where n is 0 or those of a seed are missing.
-
-        Raises:
-            StoreError: If the file cannot be read.
+        The order of evaluations that share a seed is not known. `context` is a number that the
+        method of that name returned.
         """
         query = "SELECT mu, score FROM evaluation WHERE context = ? AND seed = ? ORDER BY mu"
         rows, taken = [], Counter[int]()
@@ -235,21 +216,19 @@ class EvaluationStore:
         if not rows:
             return None
         mu = np.array([np.frombuffer(mu, np.float32) for mu, _ in rows], np.float32)
-        return mu, np.array([score for _, score in rows], np.float64)
+        score = np.array([score for _, score in rows], np.float64)
+        return Evaluations(mu, score, np.array(seeds, np.int64))
 
     def commit(
         self, context: int, mu: Mu, seeds: Sequence[int], scores: npt.NDArray[np.float64]
     ) -> None:
-        """Store the scores of one chunk in one transaction.
+        """Store the scores of one chunk in one transaction, whole or not at all.
 
         Args:
             context: A number that `context` returned.
             mu: (n, d) float32.
             seeds: n evaluation seeds.
             scores: (n,) float64 in [0, 1].
-
-        Raises:
-            StoreError: If the file cannot be written; nothing of this chunk is stored then.
         """
         rows = zip(seeds, mu, scores, strict=True)
         with explained(self.path), self._connection:  # commits, or rolls back after an error
@@ -260,21 +239,13 @@ class EvaluationStore:
             )
 
     def __len__(self) -> int:
-        """Count the evaluations of all contexts.
-
-        Raises:
-            StoreError: If the file cannot be read.
-        """
+        """Count the evaluations of all contexts."""
         with explained(self.path):
             count = self._connection.execute("SELECT count(*) FROM evaluation").fetchone()[0]
         return int(count)
 
     def close(self) -> None:
-        """Close the file; calling it twice is fine.
-
-        Raises:
-            StoreError: If SQLite cannot close it.
-        """
+        """Close the file; calling it twice is fine."""
         if os.getpid() == self._process:  # a forked copy would delete the log that we write to
             with explained(self.path):
                 self._own.close()
@@ -286,11 +257,7 @@ class EvaluationStore:
                 self.close()
 
     def __reduce__(self) -> Any:
-        """Refuse to be copied.
-
-        Raises:
-            TypeError: Always.
-        """
+        """Raise TypeError: a store cannot be copied."""
         raise UserTypeError(
             f"Expected the store {self.path} to stay where it was opened, got a copy or a pickle "
             "of it, such as with copy.deepcopy(oracle). Copy the application, and name another "

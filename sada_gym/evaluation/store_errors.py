@@ -70,12 +70,9 @@ _BY_TYPE: dict[type[sqlite3.Error], str] = {
 
 
 def check_usable(path: Path) -> None:
-    """Refuse a path that cannot hold a store, before SQLite opens it.
+    """Raise `StoreError` for a path that cannot hold a store, before SQLite opens it.
 
     SQLite would wait for a FIFO's other end, and names no reason where a folder is read-only.
-
-    Raises:
-        StoreError: If the folder is missing, the path is no regular file, or either is read-only.
     """
     try:
         mode = path.stat().st_mode

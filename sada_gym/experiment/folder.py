@@ -160,11 +160,8 @@ def read_finished(
     if report.settings != settings or samples.mu.shape != shape:
         return None
     seeds = evaluation_seeds(settings.seed, "train", 0, report.search.queries)
-    mu, score = np.zeros((0, dimension), np.float32), np.zeros(0)
+    queries: Evaluations | None = Evaluations.empty(dimension)
     if seeds:
         with EvaluationStore(folder / STORE_FILE) as store:
-            stored = store.evaluations(store.context(experiment.target.application), seeds)
-        if stored is None:
-            return None
-        mu, score = stored
-    return report, samples, Evaluations(mu, score, np.array(seeds, np.int64))
+            queries = store.evaluations(store.context(experiment.target.application), seeds)
+    return None if queries is None else (report, samples, queries)

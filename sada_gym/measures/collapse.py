@@ -20,21 +20,15 @@ _UNIFORM_STD = 1.0 / math.sqrt(3.0)
 
 
 def collapse_flag(mu: npt.ArrayLike) -> str | None:
-    """Say that samples crowd around one point; None where they do not.
+    """Return a sentence if the samples crowd around one point, else None.
 
     They do where in *every* dimension their standard deviation is below a twentieth of a uniform
-    sample's, 1 / sqrt(3). So they lie in about a box of a twentieth of each side, which holds
-    1/400 of a square and less than 10^-10 of a box in eight dimensions: an attack fooling rate of
-    100 % then shows one world, not the ways in which the agent fails.
-
-    Every dimension has to be narrow, not their mean. A fooling set may be narrow where the agent
-    is sensitive, and an adversary that covers it is right to be narrow there; but along what does
-    not matter to the agent it is wide. The twentieth lies below all that a search for the lowest
-    score leaves (`bayesian` in the published results: 0.12 and more of uniform's spread on
-    average), and above what a GAN that collapsed draws (0.0002 to 0.05).
-
-    A sample of a few separate points is not called collapsed: distances between them are wide.
-    `coverage` shows that where there is a reference set.
+    sample's, 1 / sqrt(3). An attack fooling rate of 100 % then shows one world, not the ways in
+    which the agent fails. Every dimension has to be narrow: a fooling set may be narrow where the
+    agent is sensitive, but it is wide along what does not matter to the agent. The twentieth lies
+    below all that a search for the lowest score leaves (`bayesian` in the published results: 0.12
+    and more), and above what a GAN that collapsed draws (0.0002 to 0.05). A sample of a few
+    separate points is not called collapsed; `coverage` shows that.
 
     Args:
         mu: The samples, (n, d) in [-1, 1].

@@ -89,13 +89,10 @@ def fooling_coverage(
     """Measure how much of the fooling set an adversary's samples cover.
 
     In each draw as many points of the fooling set as there are samples, without replacement,
-    stand against those samples that fool. So a sample that does not fool covers nothing. The draws
-    depend on the seed and on both sizes alone: adversaries with equally many samples are
-    compared on the same points.
-
-    A fooling set of fewer than M points is taken whole: copies would shrink the neighbourhoods to
-    nothing. Its coverage is then higher by nature, since more samples stand against each point;
-    divided by the coverage of ideal samples it is comparable again.
+    stand against those samples that fool. The draws depend on the seed and on both sizes alone, so
+    adversaries with equally many samples are compared on the same points. A fooling set of fewer
+    than M points is taken whole: its coverage is then higher by nature, and comparable when divided
+    by that of ideal samples.
 
     Args:
         samples: The test samples, (M, d).
@@ -118,8 +115,8 @@ def fooling_coverage(
     chosen = reference_draws(len(reference), len(mu), draws=draws, seed=seed)
     measured = [density_and_coverage(reference[rows], mu[mask], k) for rows in chosen]
     return FoolingCoverage(
-        density=float(np.mean([one.density for one in measured])),
-        coverage=float(np.mean([one.coverage for one in measured])),
+        density=float(np.mean([draw.density for draw in measured])),
+        coverage=float(np.mean([draw.coverage for draw in measured])),
         points=chosen.shape[1],
         draws=draws,
     )
@@ -134,11 +131,8 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
 
     Args:
         real: The number n of reference points, more than k.
-        fake: The number m of samples.
+        fake: The number m of samples, at least 0.
         k: The number of the neighbour that sets the radius.
-
-    Raises:
-        ValueError: If there are too few reference points, or a negative number of samples.
     """
     _check_k(real, k)
     if fake < 0:
@@ -149,13 +143,8 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
 def relative_coverage(coverage: float, ideal: float) -> float:
     """Return coverage in units of that of ideal samples: 1 is as good as the truth itself.
 
-    Args:
-        coverage: The coverage of an adversary's M samples.
-        ideal: The coverage of M samples of the true fooling set, measured by `fooling_coverage`,
-            or `expected_coverage` where all of them fool.
-
-    Raises:
-        ValueError: If the ideal coverage is not within (0, 1].
+    The ideal coverage is that of M samples of the true fooling set: by `fooling_coverage`, or
+    `expected_coverage` where all of them fool. It must be within (0, 1], else ValueError.
     """
     if not 0.0 < ideal <= 1.0:
         raise UserError(f"Expected an ideal coverage within (0, 1], got {ideal}.")
@@ -163,11 +152,7 @@ def relative_coverage(coverage: float, ideal: float) -> float:
 
 
 def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> npt.NDArray[np.intp]:
-    """Draw rows of a fooling set without replacement: (draws, min(wanted, available)).
-
-    Raises:
-        ValueError: If there is no draw.
-    """
+    """Draw rows of a fooling set without replacement: (draws, min(wanted, available))."""
     if draws < 1:
         raise UserError(f"Expected at least 1 draw, got {draws}.")
     rng, size = np.random.default_rng(seed), min(wanted, available)
@@ -189,11 +174,7 @@ def nearest_distances(points: Points, others: Points) -> Points:
 
 
 def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Points, Points]:
-    """Check reference points (n, d), n > k, and samples (m, d), and give them as float64.
-
-    Raises:
-        ValueError: If they are not as described.
-    """
+    """Return reference points (n, d), n > k, and samples (m, d) as float64; else ValueError."""
     reference = as_array(real, "real").astype(np.float64)
     samples = as_array(fake, "fake").astype(np.float64)
     if reference.ndim != 2 or samples.ndim != 2 or reference.shape[1] != samples.shape[1]:

@@ -69,14 +69,12 @@ class FailureRegions(Strict):
 def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     """Find the ranges of one to three parameters in which failures crowd, against uniform worlds.
 
-    One parameter after another is chosen, each among those failures for which the conditions so
-    far hold: the range whose likelihood ratio against uniform is largest, as in Kulldorff's scan
-    statistic (1997). A range counts if n KL(p, v) >= log(tests / ALPHA), where p of n failures and
-    v of uniform worlds lie in it. By Chernoff's bound and the sum over all tests, that happens with
-    a chance of at most ALPHA where failures are uniform.
-
-    It says where the *given* failures lie. An adversary that found one kind of failure shows that
-    kind only.
+    One parameter after another is chosen, among the failures for which the conditions so far hold:
+    the range whose likelihood ratio against uniform is largest, as in Kulldorff's scan statistic
+    (1997). A range counts if n KL(p, v) >= log(tests / ALPHA), where p of n failures and v of
+    uniform worlds lie in it: by Chernoff's bound and the sum over all tests, that happens with a
+    chance of at most ALPHA where failures are uniform. An adversary that found one kind of failure
+    shows that kind only.
 
     Args:
         space: The parameters.

@@ -81,12 +81,9 @@ class Neighbours:
 
 
 def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
-    """Measure how far samples lie from the training queries.
+    """Measure how far samples, (m, d), lie from the training queries, (n, d), m and n >= 1.
 
-    Args:
-        samples: The samples, (m, d) with m >= 1. They are rounded to float32, as mu is wherever
-            it is evaluated.
-        queries: The training queries, (n, d) with n >= 1. They are rounded likewise.
+    Both are rounded to float32, as mu is wherever it is evaluated.
 
     Raises:
         ValueError: If the shapes do not fit.
@@ -113,8 +110,7 @@ def relative_novelty(
 
     Args:
         samples: The adversary's samples, (m, d).
-        ideal: Samples that are uniform in the true fooling set, (l, d), drawn without regard to
-            the queries.
+        ideal: Samples that are uniform in the true fooling set, (l, d), independent of the queries.
         queries: The adversary's training queries, (n, d).
 
     Raises:
@@ -145,8 +141,7 @@ def image_neighbours(
 
     The paper's figure "Nearest Neighbor in Training", with two differences. All images beside a
     sample are drawn with the sample's own seed, so that mu alone sets them apart. And the nearest
-    image is looked for, too, among the nearest queries in mu and some random ones: all would cost
-    one image each, for every sample.
+    image is looked for among the nearest queries in mu and some random ones.
 
     Args:
         application: The application that was attacked.
@@ -165,17 +160,17 @@ def image_neighbours(
     Raises:
         ValueError: If the arguments do not fit together.
     """
-    points, asked = (application.parameters.validate(mu) for mu in (samples, queries))
-    checked = validate_seeds(seeds, len(points))
-    if neighbours < 1 or others < 0 or not len(asked):
+    points, queried = (application.parameters.validate(mu) for mu in (samples, queries))
+    worlds = validate_seeds(seeds, len(points))
+    if neighbours < 1 or others < 0 or not len(queried):
         raise UserError(
             "Expected at least 1 query, neighbours >= 1 and others >= 0, got "
-            f"{len(asked)} queries, neighbours={neighbours}, others={others}."
+            f"{len(queried)} queries, neighbours={neighbours}, others={others}."
         )
     draw, rng = frame or application.observation, np.random.default_rng(seed)
-    found = []
-    for mu, world in zip(points, checked, strict=True):
-        distances = np.linalg.norm(asked.astype(np.float64) - mu, axis=1)
+    compared = []
+    for mu, world in zip(points, worlds, strict=True):
+        distances = np.linalg.norm(queried.astype(np.float64) - mu, axis=1)
         order = np.argsort(distances, kind="stable")
         rest = order[neighbours:]
         random = rng.choice(rest, min(others, len(rest)), replace=False)
@@ -184,12 +179,12 @@ def image_neighbours(
         except NotImplementedError:
             return ()
         near = [
-            _neighbour(int(row), draw(asked[row], world), float(distances[row]), picture)
+            _neighbour(int(row), draw(queried[row], world), float(distances[row]), picture)
             for row in (*order[:neighbours], *random)
         ]
-        nearest = min(near, key=lambda one: one.image_distance)
-        found.append(Neighbours(mu, world, picture, near[0], nearest))
-    return tuple(found)
+        nearest = min(near, key=lambda neighbour: neighbour.image_distance)
+        compared.append(Neighbours(mu, world, picture, near[0], nearest))
+    return tuple(compared)
 
 
 def _neighbour(row: int, frame: Frame, distance: float, sample: Frame) -> Neighbour:

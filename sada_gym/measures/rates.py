@@ -23,8 +23,7 @@ class FoolingRate:
         fooled: The number of samples that fooled the agent.
         samples: The number of samples.
         rate: The share of samples that fooled the agent.
-        low: The lower end of its 95 % interval.
-        high: The upper end of its 95 % interval.
+        low, high: The ends of its 95 % interval.
     """
 
     fooled: int
@@ -39,11 +38,7 @@ class FoolingRate:
 
 
 def attack_fooling_rate(scores: npt.ArrayLike, threshold: float) -> FoolingRate:
-    """Measure the AFR with its 95 % Wilson score interval.
-
-    Args:
-        scores: The scores Q, (n,).
-        threshold: The fooling threshold epsilon.
+    """Measure the AFR of scores Q, (n,), at a threshold, with its 95 % Wilson score interval.
 
     Raises:
         ValueError: If there are no scores, or a NaN among them.
@@ -85,12 +80,9 @@ def lead_interval(ours: FoolingRate, theirs: FoolingRate) -> tuple[float, float]
 
 
 def mu_std(mu: npt.ArrayLike) -> float:
-    """Measure the samples' spread: the mean over dimensions of their standard deviation.
+    """Measure the spread of samples (n, d), n >= 1: their standard deviation, mean over dimensions.
 
     The paper's mu_std; 0.577 for uniform samples, 0 where all are one point.
-
-    Args:
-        mu: The samples, (n, d) with n >= 1.
     """
     samples = as_array(mu, "mu").astype(np.float64)
     if samples.ndim != 2 or not len(samples):

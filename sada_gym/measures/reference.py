@@ -143,7 +143,7 @@ def write_reference(
     *,
     sobol_seed: int,
 ) -> ReferenceEntry:
-    """Write a reference set and enter it into the folder's index.
+    """Write a reference set of a track's application and enter it into the folder's index.
 
     Args:
         folder: The folder of the reference sets.

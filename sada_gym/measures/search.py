@@ -45,12 +45,11 @@ def anytime(
     *,
     k: int = NEAREST,
 ) -> tuple[SearchPoint, ...]:
-    """Follow what a search found while it spent its queries.
+    """Measure what a search had found at each checkpoint.
 
-    Coverage counts the points of the whole fooling set. That of M samples counts only M points,
-    all of which thousands of found mu would cover. It depends on the set's size R, so it compares
-    searches on one set; `expected_coverage(R, found)` is what as many mu drawn from the truth
-    would reach.
+    Coverage counts the points of the whole fooling set. It depends on the set's size R, so it
+    compares searches on one set; `expected_coverage(R, found)` is what as many mu drawn from the
+    truth would reach.
 
     Args:
         queries: The queries in the order of asking, (N, d); they are rounded to float32.

@@ -87,19 +87,16 @@ def estimate(
     """Estimate a statistic over tracks and seeds with its stratified bootstrap interval.
 
     The seeds are resampled within each track (Agarwal et al., NeurIPS 2021, section 4), with two
-    corrections without which the interval is too narrow for few seeds. n - 1 of a track's n seeds
-    are drawn, which makes the variance unbiased (McCarthy and Snowden 1985; Rao and Wu 1988). And
-    the percentiles are those of Student's t with as many degrees of freedom as the seeds leave
-    (the expanded percentile interval, Hesterberg 2015). No percentile interval reaches beyond
-    the runs themselves: simulated at 95 % (studies/intervals.py), it holds the truth 94 to 96 % of
-    the time for 3 seeds or more on each of 6 tracks or more, but on one track 76 % for 3 seeds,
-    92 % for 5, 95 % for 10.
+    corrections for few seeds. n - 1 of a track's n seeds are drawn, which makes the variance
+    unbiased (McCarthy and Snowden 1985; Rao and Wu 1988). And the percentiles are those of
+    Student's t with as many degrees of freedom as the seeds leave (the expanded percentile
+    interval, Hesterberg 2015). Simulated at 95 % (studies/intervals.py), the interval holds the
+    truth 94 to 96 % of the time for 3 seeds or more on each of 6 tracks or more, but on one track
+    76 % for 3 seeds, 92 % for 5, 95 % for 10.
 
-    A fooling rate varies for two reasons: training, and the M test samples that it is measured by.
-    Differences between seeds hold both. But where a track has one seed, or seeds that differ
-    no more than test samples alone would make them (all of them at 100 %, say), the test samples
-    are resampled instead: the track's rate is drawn from its Jeffreys posterior, the
-    Beta(x + 1/2, N - x + 1/2) of x fooled among the N samples of all its seeds.
+    Where a track has one seed, or seeds whose fooling rates differ no more than the M test samples
+    alone would make them, the test samples are resampled instead: the track's rate is drawn from
+    its Jeffreys posterior, the Beta(x + 1/2, N - x + 1/2) of x fooled among N samples of all seeds.
 
     Args:
         values: One figure for each run, (tracks, seeds).
@@ -119,7 +116,7 @@ def estimate(
     value = float(trim_mean(runs.ravel(), _TRIMMED[statistic]))
     if samples is None and seeds == 1:
         return Estimate(value, None, "nothing")
-    counts = None if samples is None else _checked_counts(samples, runs)
+    counts = None if samples is None else _validate_counts(samples, runs)
     tested = _varies_as_samples_do(runs, counts)
     drawn = _resample(runs, counts, tested, resamples, np.random.default_rng(seed))
 
@@ -227,7 +224,7 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
         )
 
 
-def _checked_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
+def _validate_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
     """Return M of each track, (tracks,)."""
     given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():

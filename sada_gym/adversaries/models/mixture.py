@@ -58,9 +58,8 @@ class Mixture:
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """Draw n points of the mixture truncated to the box: (n, d) float64 in [-1, 1].
 
-        Draws outside the box are drawn again, component and all. SADA's authors clip them instead,
-        which piles samples up on the faces. In many dimensions hardly any draw may lie inside: a
-        point that is still outside after 100 tries is reflected at the faces.
+        Draws outside the box are drawn again, component and all. SADA's authors clip them, which
+        piles samples up on the faces. A point still outside after 100 tries is reflected.
         """
         points = np.empty((n, self.means.shape[1]))
         outside = np.arange(n)
@@ -137,13 +136,12 @@ def fit_mixture(
     """Fit a mixture with full covariances by weighted EM, started from k-means.
 
     It is EM for a posterior mode, after Fraley & Raftery 2007 ("Bayesian regularization for normal
-    mixture estimation and model-based clustering"), so that a component with two points, or one,
-    still has a covariance: each component's is averaged with d + 2 pseudo-points of a common one.
-    That is the covariance within the clusters of k-means, which separate regions do not widen, plus
-    components / n of Fraley & Raftery's choice (the covariance of all points divided by
-    components^(2/d)), which takes over where clusters have too few points to tell. Both are shrunk
-    towards a sphere by the OAS rule (Chen, Wiesel, Eldar & Hero 2010), for n no more than d.
-    With one component and many points what remains is the maximum likelihood.
+    mixture estimation and model-based clustering"): each component's covariance is averaged with
+    d + 2 pseudo-points of a common one, so that a component of one point still has one. The common
+    one is the covariance within the clusters of k-means, plus components / n of Fraley & Raftery's
+    choice (that of all points divided by components^(2/d)). Both are shrunk towards a sphere by the
+    OAS rule (Chen, Wiesel, Eldar & Hero 2010). With one component and many points what remains is
+    the maximum likelihood.
 
     Args:
         points: (n, d), n >= 1; few or identical ones will do.

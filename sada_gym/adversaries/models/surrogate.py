@@ -65,16 +65,12 @@ MODELS: Mapping[str, type[CrossFittedTrees | SparseGP]] = {
 class Surrogate:
     """P(Q <= threshold | mu), from trees and a Gaussian process that predict the score's rank.
 
-    It predicts ranks because a softmax is near 0 or 1 almost everywhere: where the threshold lies
-    at 1e-4, a squared error does not see the differences that decide. A model of ranks does not
-    depend on how scores are scaled.
-
-    Trees find sharp, axis-aligned regions in many dimensions, a Gaussian process smooth ones. A
-    logistic regression of what fooled on both predictions, each made without the point itself,
-    weighs them (stacking, Wolpert 1992) and calibrates them (Platt 1999) on held-out queries.
-
-    Where fewer than 20 queries fool, the threshold is raised to the 20th lowest score, as in the
-    cross-entropy method: the surrogate then leads towards what fools.
+    Ranks do not depend on how scores are scaled: where the threshold lies at 1e-4, a squared error
+    would not see the differences that decide. Trees find sharp, axis-aligned regions in many
+    dimensions, a Gaussian process smooth ones. A logistic regression of what fooled on both
+    predictions, each made without the point itself, weighs them (stacking, Wolpert 1992) and
+    calibrates them (Platt 1999). Where fewer than 20 queries fool, the threshold is raised to the
+    20th lowest score, as in the cross-entropy method.
 
     Args:
         mu: (n, d), all evaluated points.
