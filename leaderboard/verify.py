@@ -29,33 +29,31 @@ def verify(
         option(
             "A text that no submitter could know; it makes the evaluation seeds fresh.",
             metavar="TEXT",
-            default="none; with --check, that of each file",
+            default="none; with --check, the one in each file",
         ),
     ] = None,
     workers: Annotated[int, option(WORKERS_HELP, minimum=1)] = 1,
     again: Annotated[
-        bool, option("Evaluate again what was verified with this nonce.", "--again")
+        bool, option("Evaluate again the results that were verified with this nonce.", "--again")
     ] = False,
     missing: Annotated[
-        bool, option("Leave alone what was verified with any nonce.", "--missing")
+        bool, option("Skip results that were verified with any nonce.", "--missing")
     ] = False,
     check: Annotated[
-        bool,
-        option("Write nothing; compare with the files that are there.", "--check"),
+        bool, option("Write nothing; compare with the existing files.", "--check")
     ] = False,
     against: Annotated[
         Path | None,
         option(
             "The folder of the entries to look for equal samples in.",
             metavar="DIR",
-            default="that of each entry",
+            default="the folder of each entry",
         ),
     ] = None,
 ) -> None:
-    """Score the samples of entries again on fresh seeds, and write what is found beside the claims.
+    """Score the samples of entries again on fresh seeds, and write the findings beside the claims.
 
-    Exit code 1 where an entry was refused, or where --check finds something else than the files
-    hold.
+    The exit code is 1 if an entry was refused, or if --check finds a difference from the files.
     """
     failed = False
     with errors_as_sentences():
@@ -84,11 +82,11 @@ def _show(finding: Finding) -> None:
         "verified": "verified",
         "unchanged": "verified before, and unchanged",
         "outdated": f"outdated, so it was not evaluated: {finding.reason}",
-        "differs": f"not as it should be: {finding.reason}",
+        "differs": f"differs: {finding.reason}",
         "refused": f"refused: {finding.reason}",
     }
     bad = finding.state in {"refused", "differs"}
-    say("[bold red]" if bad else "", f"{where}: {says[finding.state]}")
+    say(f"{where}: {says[finding.state]}", lead="[bold red]" if bad else "")
     if verified is None:
         return
     for one in verified.seeds:
@@ -97,9 +95,9 @@ def _show(finding: Finding) -> None:
         covered = measures.relative_coverage
         coverage = "no coverage" if covered is None else f"coverage {100 * covered:.1f} %"
         rate = f"AFR {100 * measures.afr:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
-        say("", f"  seed {one.seed}: {rate}, {coverage}")
+        say(f"  seed {one.seed}: {rate}, {coverage}")
     for name, sentence in verified.flags.items():
-        say("  [yellow]", f"{name}: {sentence}.")
+        say(f"{name}: {sentence}.", lead="  [yellow]")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def run_benchmark(
     Each finished run is added to its entry at once. Killed at any moment and called again with the
     same arguments, it repeats no finished run and no evaluation, and ends with the same entries.
     Another machine needs only the entries to go on. With more tracks, seeds or contenders it only
-    adds their runs. Results that are outdated are made anew.
+    adds their runs. Outdated results are repeated.
 
     Args:
         suite: The suite to run.

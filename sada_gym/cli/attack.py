@@ -28,7 +28,7 @@ from sada_gym.ids import names_file
 if TYPE_CHECKING:
     from sada_gym.attack import AttackResult
 
-_MANY = 8  # more workers than this seldom help and each holds its own simulator
+_MAX_WORKERS = 8  # more seldom help, and each holds its own simulator
 
 
 def attack(
@@ -69,7 +69,7 @@ def attack(
     ] = None,
     seed: Annotated[int, option("Fixes the whole result.", minimum=0)] = 0,
     workers: Annotated[
-        int | None, option(WORKERS_HELP, minimum=1, default=f"the cores, at most {_MANY}")
+        int | None, option(WORKERS_HELP, minimum=1, default=f"the cores, at most {_MAX_WORKERS}")
     ] = None,
     executor: ExecutorName = "processes",
     out_folder: Annotated[
@@ -97,16 +97,16 @@ def attack(
             raise UserError("Expected the preset once, got it by --preset and --set.")
         refuse_misspelt(env_id, adversary, keywords)
         if (note := default_note(env_id, keywords)) is not None:
-            say("", note, console=err)
+            say(note, console=err)
         if resume and (folder / "result.json").exists():
-            say("", f"{folder} holds a finished run. It is read, not done again.", console=err)
+            say(f"{folder} holds a finished run. It is read, not done again.", console=err)
         from sada_gym.attack import attack as run_attack
         from sada_gym.evaluation.executors import open_executor
         from sada_gym.progress import AttackProgress
 
         try:
             with (
-                open_executor(executor, workers or min(cores(), _MANY)) as opened,
+                open_executor(executor, workers or min(cores(), _MAX_WORKERS)) as opened,
                 AttackProgress(err) as progress,
             ):
                 result = run_attack(
@@ -131,13 +131,17 @@ def attack(
 
 
 def _show_stop(folder: Path) -> None:
-    """Say after Ctrl-C what is kept, and how the run goes on."""
-    kept = _kept(folder)
+    from sada_gym.evaluation.store import EvaluationStore
+    from sada_gym.experiment.folder import STORE_FILE
+
+    path, kept = folder / STORE_FILE, 0
+    if path.exists():
+        with EvaluationStore(path) as store:
+            kept = len(store)
     if kept:
-        where = f"{kept:,} evaluations are kept in {folder / 'run.sqlite'}."
-        show_resume_hint(where, "--resume")
+        show_resume_hint(f"{kept:,} evaluations are kept in {path}.", "--resume")
     else:
-        say("", "\nStopped before the first evaluation. Nothing is kept.", console=err)
+        say("\nStopped before the first evaluation. Nothing is kept.", console=err)
 
 
 def _show_result(result: AttackResult) -> None:
@@ -145,7 +149,7 @@ def _show_result(result: AttackResult) -> None:
 
     from sada_gym.experiment.summary import AFR, results_line, summary_rows, title
 
-    say("[bold]", title(result.report))
+    say(title(result.report), lead="[bold]")
     rows = list(summary_rows(result.report))
     indent = 5 + max(len(name) for name, _ in rows)
     narrow = out.is_terminal and out.width < 2 * indent
@@ -160,16 +164,4 @@ def _show_result(result: AttackResult) -> None:
             text, "not dim bold" if name in (AFR, "where") else "not dim"
         )
         out.print(line, soft_wrap=True)
-    say("", results_line(result.folder, result.pictures))
-
-
-def _kept(folder: Path) -> int:
-    """Count the evaluations that a stopped run has kept."""
-    from sada_gym.evaluation.store import EvaluationStore
-    from sada_gym.experiment.folder import STORE_FILE
-
-    path = folder / STORE_FILE
-    if not path.exists():
-        return 0
-    with EvaluationStore(path) as store:
-        return len(store)
+    say(results_line(result.folder, result.pictures))

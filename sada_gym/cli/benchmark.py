@@ -102,7 +102,7 @@ def benchmark(
     """Compare adversaries: every table, track, agent, adversary and seed.
 
     Call it again with the same DIR, after a stop at any moment or with more tracks, seeds or
-    adversaries: what is finished is not repeated, what is outdated is made anew. DIR receives
+    adversaries: finished runs are not repeated, outdated ones are. DIR receives
     entries/ with the results, table.md and pictures/ for readers, stores/ with all evaluations,
     and timings.jsonl. Another machine goes on with the entries alone.
     """
@@ -163,7 +163,7 @@ def _kept(runs: int, folder: Path, entries: Path | None) -> str:
 def _show_outlook(outlook: Outlook) -> None:
     from sada_gym.cli.benchmark_progress import describe_missing
 
-    say("", describe_missing(outlook.missing))
+    say(describe_missing(outlook.missing))
     costs = outlook.estimates
     table = make_table("table", "track", "runs", "evaluations", "core hours", left=2)
     for cost in costs:
@@ -173,12 +173,12 @@ def _show_outlook(outlook: Outlook) -> None:
         out.print(table)
         unknown = sum(cost.unknown for cost in costs)
         if unknown == sum(cost.runs for cost in costs):
-            say("", "No run like these was timed yet, so the core hours are not known.")
+            say("No run like these was timed yet, so the core hours are not known.")
         else:
             rest = f", without {unknown:,} runs of kinds that were never timed" if unknown else ""
-            say("", f"About {sum(cost.core_hours for cost in costs):.1f} core hours{rest}.")
+            say(f"About {sum(cost.core_hours for cost in costs):.1f} core hours{rest}.")
     for note in outlook.notes:
-        say("[yellow]Warning:[/] ", note)
+        say(note, lead="[yellow]Warning:[/] ")
 
 
 def _hours(cost: Estimate) -> str:
@@ -204,5 +204,5 @@ def _show_result(result: BenchmarkResult) -> None:
             table.add_row(*cells, f"{row.runs}{failed}")
         out.print(table)
     for note in result.notes:
-        say("[yellow]Warning:[/] ", note)
-    say("", f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")
+        say(note, lead="[yellow]Warning:[/] ")
+    say(f"Results: {result.entries}/; to read: {result.folder}/ (table.md, pictures/)")

@@ -25,13 +25,10 @@ _Group = tuple[str, str, int]
 
 
 class BenchmarkProgress(Display, BenchmarkCallback):
-    """A context manager that shows a benchmark's progress; pass it on as `callback`.
+    """A context manager that shows a benchmark's progress: pass it on as `callback`.
 
-    Where the output is no terminal, each finished run gets a line instead, and so does every half
+    Where the output is not a terminal, it prints a line for each finished run and one every half
     minute.
-
-    Args:
-        console: The console to print to.
     """
 
     def __init__(self, console: Console) -> None:
@@ -44,30 +41,25 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             console=console,
             disable=not console.is_terminal,
         )
-        self._done = self._total = self._parallel = 0
+        self.finished = 0
+        self._total = self._parallel = 0
         self._left: list[RunSettings] = []
         self._took: dict[tuple[str, str], list[float]] = {}
         self._all: TaskID | None = None
         self._tasks: dict[_Group, TaskID] = {}
         self._doing: dict[_Group, str] = {}
-        self._evaluated: dict[_Group, int] = {}  # by each group's present run
+        self._evaluated: dict[_Group, int] = {}  # by each group's current run
         self._recent: deque[tuple[float, int]] = deque()
-        self._lock = threading.RLock()  # the thread of `_line` reads what the other one writes
-
-    @property
-    def finished(self) -> int:
-        """The number of runs that are finished."""
-        return self._done
+        self._lock = threading.RLock()  # another thread calls `_line`
 
     def on_start(self, plan: Plan, missing: Missing) -> None:
-        """Show what there is to do."""
+        """Show how many runs are missing."""
         self._total = sum(1 for _ in plan.runs)
-        self._done, self._left = self._total - len(missing.runs), list(missing.runs)
-        say("", describe_missing(missing), console=self._console)
+        self.finished, self._left = self._total - len(missing.runs), list(missing.runs)
+        say(describe_missing(missing), console=self._console)
         detail = COMPILING if missing.runs and will_compile() else "starting"
-        self._all = self._bars.add_task(
-            "Runs", total=self._total, completed=self._done, detail=detail
-        )
+        counts = {"total": self._total, "completed": self.finished}
+        self._all = self._bars.add_task("Runs", **counts, detail=detail)
         if detail == COMPILING:
             self._print(COMPILING)
 
@@ -87,7 +79,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             task, group = self._task(run), _group(run)
             self._count(run, timing.evaluated)
             self._evaluated.pop(group)
-            self._done += 1
+            self.finished += 1
             self._left.remove(run)
             self._took.setdefault((run.key.table, run.label), []).append(timing.wall_s)
             self._bars.advance(task)
@@ -95,40 +87,36 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             if not any(_group(other) == group for other in self._left):
                 self._bars.remove_task(task)
                 del self._tasks[group]
-            took, outlook = clock(timing.wall_s), self._outlook()
-            self._print(f"{self._done}/{self._total} runs: {run}, {took}; {outlook}")
+            counts = f"{self.finished}/{self._total} runs"
+            self._print(f"{counts}: {run}, {clock(timing.wall_s)}; {self._outlook()}")
             self._refresh()
 
     def _task(self, run: RunSettings) -> TaskID:
-        """Give the line of a run's group."""
         group = _group(run)
         if group not in self._tasks:
             runs = sum(1 for other in self._left if _group(other) == group)
             name = " ".join((short_name(run.key.track), run.key.agent)).strip()
-            self._tasks[group] = self._bars.add_task(
-                f"{name} seed {run.seed}", total=runs, detail=""
-            )
+            name = f"{name} seed {run.seed}"
+            self._tasks[group] = self._bars.add_task(name, total=runs, detail="")
         return self._tasks[group]
 
     def _count(self, run: RunSettings, evaluated: int) -> None:
-        """Count the evaluations that a run has made since its last report."""
         before = self._evaluated.get(_group(run), 0)
-        # a run that is done again, after its process died, counts from 0
+        # a run that is repeated because its process died counts from 0
         self._recent.append((time.monotonic(), max(0, evaluated - before)))
         self._evaluated[_group(run)] = evaluated
 
     def _refresh(self) -> None:
         assert self._all is not None
-        self._bars.update(self._all, completed=self._done, detail=self._outlook())
+        self._bars.update(self._all, completed=self.finished, detail=self._outlook())
 
     def _line(self) -> str:
-        """Write one line on all runs that are going on."""
         with self._lock:
             doing = "; ".join(self._doing.values()) or "starting"
-            return f"{self._done}/{self._total} runs, {self._outlook()}: {doing}"
+            return f"{self.finished}/{self._total} runs, {self._outlook()}: {doing}"
 
     def _outlook(self) -> str:
-        """Write the rate of evaluations, and the time left by the duration of the runs so far."""
+        # the time left follows from the duration of the runs so far
         now = time.monotonic()
         while self._recent and self._recent[0][0] < now - _WINDOW_S:
             self._recent.popleft()
@@ -139,8 +127,8 @@ class BenchmarkProgress(Display, BenchmarkCallback):
             self._parallel = max(self._parallel, len(self._tasks))
             side_by_side = min(self._parallel, len({_group(run) for run in self._left}))
             means = {key: sum(took) / len(took) for key, took in self._took.items()}
-            usual = sum(means.values()) / len(means)
-            left = sum(means.get((run.key.table, run.label), usual) for run in self._left)
+            mean = sum(means.values()) / len(means)
+            left = sum(means.get((run.key.table, run.label), mean) for run in self._left)
             parts.append(f"about {clock(left / max(1, side_by_side))} left")
         return ", ".join(parts)
 
@@ -151,13 +139,15 @@ class BenchmarkProgress(Display, BenchmarkCallback):
 
 
 def describe_missing(missing: Missing) -> str:
-    """Say how many results are missing and how many are outdated."""
+    """Return a sentence on how many results are missing and how many are outdated."""
     if not missing.runs:
         return "No result is missing."
     runs = "One run" if len(missing.runs) == 1 else f"{len(missing.runs):,} runs"
     lacking = "one result is" if missing.lacking == 1 else f"{missing.lacking:,} results are"
     outdated = "one is" if missing.outdated == 1 else f"{missing.outdated:,} are"
-    return f"{runs} to do: {lacking} missing or incomplete, {outdated} outdated and made anew."
+    return (
+        f"{runs} to do: {lacking} missing or incomplete, {outdated} outdated and will be repeated."
+    )
 
 
 def _group(run: RunSettings) -> _Group:

@@ -37,8 +37,8 @@ def envs(
         for known_id, keywords in ids_of().items():
             table.add_row(known_id, ", ".join(f"{k}={v}" for k, v in keywords.items()))
         out.print(table)
-        say("[dim]", "An id that fixes a keyword is a track of the leaderboard.")
-        say("[dim]", "To see one in detail: sada-gym envs ID")
+        say("An id that fixes a keyword is a track of the leaderboard.", lead="[dim]")
+        say("To see one in detail: sada-gym envs ID", lead="[dim]")
 
 
 def _show_environment(env_id: str, pairs: list[str]) -> None:
@@ -58,8 +58,8 @@ def _show_environment(env_id: str, pairs: list[str]) -> None:
     out.print(table)
     threshold, samples = application.fooling_threshold, application.sample_size
     if (note := default_note(env_id, keywords)) is not None:
-        say("", note)
-    say("", f"{env_id}: fooled where Q <= {threshold:g}; {samples} test samples")
+        say(note)
+    say(f"{env_id}: fooled where Q <= {threshold:g}; {samples} test samples")
     application.close()
 
 
@@ -80,7 +80,7 @@ def adversaries() -> None:
         from sada_gym import adversaries as registry
 
         for row in registry.describe():
-            say(f"[bold]{row.name}[/]")
+            say(row.name, lead="[bold]")
             lines = [row.summary]
             if row.presets:
                 lines.append(f"Presets (--preset): {', '.join(row.presets)}")
@@ -88,7 +88,7 @@ def adversaries() -> None:
                 options = "  ".join(f"{name}={value}" for name, value in row.options.items())
                 lines.append(f"Options (--set): {options}")
             for line in lines:
-                say("", textwrap.fill(line, out.width, **_INDENTED))
+                say(textwrap.fill(line, out.width, **_INDENTED))
 
 
 def _table(*columns: str) -> Table:

@@ -70,19 +70,16 @@ def errors_as_sentences() -> Iterator[None]:
     except (UserError, BudgetExhausted, WorkerError) as error:
         if _debug:
             raise
-        say("[bold red]Error:[/] ", str(error), console=err)
+        say(str(error), lead="[bold red]Error:[/] ", console=err)
         raise typer.Exit(1 if isinstance(error, WorkerError) else 2) from error
 
 
-def say(style: str, text: str = "", *, console: Console = out) -> None:
+def say(text: str, *, lead: str = "", console: Console = out) -> None:
     """Print a paragraph that breaks between words only; in a pipe it is one line.
 
-    Args:
-        style: The start of the paragraph, with Rich's markup.
-        text: The rest of the paragraph, as it is.
-        console: The console to print to.
+    `lead` goes before the text and may hold Rich's markup; the text is printed as it is.
     """
-    line = console.render_str(style, markup=True, highlight=False).append(text)
+    line = console.render_str(lead, markup=True, highlight=False).append(text)
     # without crop and overflow a word that is longer than a line, such as a path, stays whole
     soft = not console.is_terminal
     console.print(line, highlight=False, soft_wrap=soft, overflow="ignore", crop=False)

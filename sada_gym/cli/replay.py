@@ -53,7 +53,7 @@ def replay(
             nonlocal compiling
             if stage == "play" and not compiling and will_compile():
                 compiling = True
-                say("", COMPILING, console=err)
+                say(COMPILING, console=err)
             text = {
                 "open": "Opening the run",
                 "play": f"Replaying sample {done + 1} of {total}",
@@ -62,7 +62,7 @@ def replay(
             if err.is_terminal:
                 status.update(text)
             else:
-                say("", text, console=err)
+                say(text, console=err)
 
         if err.is_terminal:
             status.start()
@@ -79,7 +79,7 @@ def replay(
         finally:
             status.stop()
     for one in video.samples:
-        say("", f"Sample {one.sample}: Q = {one.score:.3g}; {'; '.join(one.endings)}")
+        say(f"Sample {one.sample}: Q = {one.score:.3g}; {'; '.join(one.endings)}")
         if one.score != one.stored:
-            say("", f"  The run stored {one.stored!r}: another processor rounds otherwise.")
-    say("", f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")
+            say(f"  The run stored {one.stored!r}: another processor rounds otherwise.")
+    say(f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")

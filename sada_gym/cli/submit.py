@@ -71,13 +71,13 @@ def submit(
         Path, option("The folder of the entries.", "--out", metavar="DIR")
     ] = Path("leaderboard/entries"),
     replace: Annotated[
-        bool, option("Replace results that the entry has already.", "--replace")
+        bool, option("Replace results that the entry already has.", "--replace")
     ] = False,
 ) -> None:
     """Make an entry of the leaderboard from runs or from your own samples, and check it.
 
     Nothing is uploaded. The entry is a folder of data, which you commit and propose by a pull
-    request. An entry of that name that is there receives the new results.
+    request. An existing entry of that name receives the new results.
     """
     with errors_as_sentences():
         from sada_gym.submission.submit import credit
@@ -117,8 +117,7 @@ def submit(
             given = [key for key, value in own.items() if value is not None]
             if given:
                 raise UserError(
-                    f"Expected {given[0]} only with --samples, got it without. A run says itself "
-                    "what it is of."
+                    f"Expected {given[0]} only with --samples, got it without. A run knows its own."
                 )
             entry = submit_runs(runs or [], credits, rule=rule, **where)
     _show(entry)
@@ -141,7 +140,7 @@ def _submit_samples(
     target = current_target(track, default_agent(track) if agent is None else agent)
     each = f"{len(samples)} x {target.sample_size:,} samples"
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
-    say("", f"Evaluating {each}{ideal} on {track}, each once.")
+    say(f"Evaluating {each}{ideal} on {track}, each once.")
     with AttackProgress(out) as progress:
         return submit_samples(
             samples,
@@ -159,30 +158,25 @@ def _submit_samples(
 
 
 def _show(entry: Entry) -> None:
-    say("[bold]", f"{entry.metadata.title} · {entry.folder}")
+    say(f"{entry.metadata.title} · {entry.folder}", lead="[bold]")
     for place, result in sorted(entry.results.items()):
-        say("", f"  {place}: {_summary(result)}")
-    say(
-        "",
-        f"The entry passes all checks. Commit the folder {entry.folder} and open a pull request.",
-    )
-    say("", "The verifier will evaluate its samples again on seeds that nobody knows yet.")
+        say(f"  {place}: {_summary(result)}")
+    say(f"The entry passes all checks. Commit the folder {entry.folder} and open a pull request.")
+    say("The verifier will evaluate its samples again, on seeds that nobody knows yet.")
 
 
 def _summary(result: EntryResult) -> str:
-    """Say in a line what a result claims: AFR over all seeds, and mean coverage."""
     import numpy as np
 
     from sada_gym.measures.rates import attack_fooling_rate
 
     claims = result.claimed
-    measured = [one.measures for one in claims.seeds if one.measures is not None]
-    count = len(claims.seeds)
-    seeds = "1 seed" if count == 1 else f"{count} seeds"
-    if not measured:
+    seeds = "1 seed" if len(claims.seeds) == 1 else f"{len(claims.seeds)} seeds"
+    if not result.samples:
         return f"no samples, {seeds}"
-    scores = np.concatenate([one.score for one in result.samples.values()])
+    scores = np.concatenate([samples.score for samples in result.samples.values()])
     rate = attack_fooling_rate(scores, claims.experiment.target.fooling_threshold)
-    covered = [one.relative_coverage for one in measured if one.relative_coverage is not None]
-    coverage = f"coverage {100 * sum(covered) / len(covered):.1f} %" if covered else "no coverage"
+    measured = [claim.measures for claim in claims.seeds if claim.measures is not None]
+    shares = [m.relative_coverage for m in measured if m.relative_coverage is not None]
+    coverage = f"coverage {100 * sum(shares) / len(shares):.1f} %" if shares else "no coverage"
     return f"AFR {rate}, {coverage}, {seeds}"

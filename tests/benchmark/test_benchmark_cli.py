@@ -48,7 +48,7 @@ def done(tmp_path_factory, references):
 
 def test_it_tells_of_every_run_and_ends_with_the_table(done):
     out, result = done
-    todo = "5 runs to do: 5 results are missing or incomplete, 0 are outdated and made anew."
+    todo = "5 runs to do: 5 results are missing or incomplete, 0 are outdated and will be repeated."
     assert result.stdout.splitlines()[0] == todo
     lines = re.findall(r"^\d/5 runs: .*", result.stdout, re.MULTILINE)
     assert len(lines) == 5
@@ -138,7 +138,9 @@ def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
     assert run(*chosen, "--budget", 60).exit_code == 0
     result = run(*chosen, "--budget", 61, "-a", "toy:Greedy")
     assert result.exit_code == 0, result.output
-    todo = "2 runs to do: one result is missing or incomplete, one is outdated and made anew."
+    todo = (
+        "2 runs to do: one result is missing or incomplete, one is outdated and will be repeated."
+    )
     assert result.stdout.splitlines()[0] == todo
     assert "No result is missing" in run(*chosen, "--budget", 61).stdout
     assert not (tmp_path / "out" / "entries").exists()

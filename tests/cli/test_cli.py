@@ -343,7 +343,7 @@ PATH = "/somewhere/a-long-folder-name/that-does-not-fit-into-one-line/of-a-narro
 def test_no_word_is_broken_or_cut_off(width):
     terminal = Console(force_terminal=True, width=width, file=io.StringIO(), no_color=True)
     sentence = f"Expected a file of weights in {PATH}, got a folder with something else inside."
-    say("Error: ", sentence, console=terminal)
+    say(sentence, lead="Error: ", console=terminal)
     printed = terminal.file.getvalue()
     assert printed.split() == f"Error: {sentence}".split()
     assert all(len(line.rstrip()) <= width or PATH in line for line in printed.splitlines())
@@ -351,7 +351,7 @@ def test_no_word_is_broken_or_cut_off(width):
 
 def test_in_a_pipe_a_sentence_is_one_line():
     pipe = Console(width=60, file=io.StringIO())
-    say("", f"{PATH} {PATH}", console=pipe)
+    say(f"{PATH} {PATH}", console=pipe)
     assert pipe.file.getvalue() == f"{PATH} {PATH}\n"
 
 
