@@ -58,8 +58,9 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         self.finished, self._left = self._total - len(missing.runs), list(missing.runs)
         say(describe_missing(missing), console=self._console)
         detail = COMPILING if missing.runs and will_compile() else "starting"
-        counts = {"total": self._total, "completed": self.finished}
-        self._all = self._bars.add_task("Runs", **counts, detail=detail)
+        self._all = self._bars.add_task(
+            "Runs", total=self._total, completed=self.finished, detail=detail
+        )
         if detail == COMPILING:
             self._print(COMPILING)
 

@@ -97,8 +97,8 @@ def show_resume_hint(kept: str, *more: str) -> None:
     """Print after Ctrl-C what is kept, and the command line, with `more`, that goes on."""
     given = sys.argv[1:]
     command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
-    say("", f"\nStopped. {kept}", console=err)
-    say("", "Go on with:", console=err)
+    say(f"\nStopped. {kept}", console=err)
+    say("Go on with:", console=err)
     err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
 
 
