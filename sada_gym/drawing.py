@@ -15,37 +15,35 @@ from sada_gym.frames import INK, Colour, Frame, LegendEntry, rgb
 Point = tuple[float, float]
 
 INK_RGB = rgb(INK)
+_CASING = (64, 72, 80)  # a dark edge, so that a white line shows on white
 
 
 @lru_cache(maxsize=32)
 def font(size: float, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Give a font of a size in pixels that has Greek, Cyrillic and mathematical signs."""
+    """Return a font of a size in pixels that has Greek, Cyrillic and mathematical signs."""
     import matplotlib as mpl  # it brings the font; loaded when something is drawn
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", name)), size)
 
 
-def wrapped(text: str, of: ImageFont.FreeTypeFont, width: float) -> list[str]:
+def wrapped(text: str, face: ImageFont.FreeTypeFont, width: float) -> list[str]:
     """Break a text into lines of at most a width in pixels, between words where that is possible.
 
-    Args:
-        text: The text; line breaks in it stay.
-        of: Its font.
-        width: The width in pixels.
+    Line breaks in the text stay.
     """
     lines = []
     for paragraph in text.splitlines():
         line = ""
         for word in paragraph.split():
             rest = word
-            if line and of.getlength(f"{line} {rest}") <= width:
+            if line and face.getlength(f"{line} {rest}") <= width:
                 line, rest = f"{line} {rest}", ""
             elif line:
                 lines.append(line)
                 line = ""
-            while rest and of.getlength(rest) > width and len(rest) > 1:  # a path, for example
-                fits = max(1, sum(of.getlength(rest[: n + 1]) <= width for n in range(len(rest))))
+            while len(rest) > 1 and face.getlength(rest) > width:  # a path, for example
+                fits = max(1, sum(face.getlength(rest[: n + 1]) <= width for n in range(len(rest))))
                 lines.append(rest[:fits])
                 rest = rest[fits:]
             line = rest or line
@@ -63,16 +61,9 @@ def dashed(
     *,
     casing: Colour | None = None,
 ) -> None:
-    """Draw a line of dashes, or a whole one.
+    """Draw a line of dashes through points, or a whole one where the gap is 0; all in pixels.
 
-    Args:
-        draw: Draws on the picture.
-        points: The line's corners in pixels.
-        colour: Its colour.
-        width: Its width in pixels.
-        dash: The length of a dash in pixels.
-        gap: The length of the gap after it; 0 draws a whole line.
-        casing: The colour of an edge of one pixel, which sets the line off from any background.
+    A `casing` is the colour of an edge of one pixel, which sets the line off from any background.
     """
     pieces = [list(points)] if gap <= 0.0 else _pieces(points, dash, gap)
     for ink, more in ((casing, 2), (colour, 0)):
@@ -81,18 +72,22 @@ def dashed(
 
 
 def _pieces(points: Sequence[Point], dash: float, gap: float) -> list[list[Point]]:
-    """Cut a line into its dashes."""
     corners = np.asarray(points, float)
     steps = np.hypot(*np.diff(corners, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    found: list[list[Point]] = []
+    pieces: list[list[Point]] = []
     for start in np.arange(0.0, along[-1], dash + gap):
         end = min(start + dash, along[-1])
         inner = along[(along > start) & (along < end)]
-        at = np.concatenate([[start], inner, [end]])
-        places = np.stack([np.interp(at, along, axis) for axis in corners.T], axis=1)
-        found.append([(float(x), float(y)) for x, y in places])
-    return found
+        ends = np.concatenate([[start], inner, [end]])
+        places = np.stack([np.interp(ends, along, axis) for axis in corners.T], axis=1)
+        pieces.append([(float(x), float(y)) for x, y in places])
+    return pieces
+
+
+def _corners(box: Sequence[float]) -> list[Point]:
+    x0, y0, x1, y1 = box
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
 
 
 def dashed_box(
@@ -106,24 +101,14 @@ def dashed_box(
     casing: Colour | None = None,
 ) -> None:
     """Draw a box (left, top, right, bottom) of four dashed lines, see `dashed`."""
-    x0, y0, x1, y1 = box
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
-    sides = [*pairwise(corners)]
     if casing is not None:
-        for side in sides:
-            dashed(draw, side, casing, width + 2, dash, gap)
-    for side in sides:
+        dashed_box(draw, box, casing, width + 2, dash, gap)
+    for side in pairwise(_corners(box)):
         dashed(draw, side, colour, width, dash, gap)
 
 
 def swatch(draw: ImageDraw.ImageDraw, entry: LegendEntry, box: tuple[int, int, int, int]) -> None:
-    """Draw an entry's mark.
-
-    Args:
-        draw: Draws on the picture.
-        entry: The entry.
-        box: The mark's place: left, top, right and bottom in pixels.
-    """
+    """Draw an entry's mark into a box (left, top, right, bottom), in pixels."""
     left, top, right, bottom = box
     x, y, r = (left + right) / 2, (top + bottom) / 2, (bottom - top) / 2
     width = max(2, round(r / 4))
@@ -131,19 +116,13 @@ def swatch(draw: ImageDraw.ImageDraw, entry: LegendEntry, box: tuple[int, int, i
     kind, _, shape = entry.mark.rpartition(" ")
     gaps = {"": (1.0, 0.0), "dashed": (2.5, 1.8), "dotted": (1.0, 1.0)}[kind]
     dash, gap = gaps[0] * width, gaps[1] * width
-    corners: list[tuple[float, float]] = [
-        (left, top),
-        (right, top),
-        (right, bottom),
-        (left, bottom),
-        (left, top),
-    ]
     if shape == "area":
         draw.rectangle(box, colour, rgb(INK))
     elif shape == "box":
-        _cased(draw, corners, colour, width, dash, gap)
+        dashed(draw, _corners(box), colour, width, dash, gap, casing=_CASING)
     elif shape == "line":
-        _cased(draw, [(left, y), (right, y)], colour, 2 * width, dash * 2, gap * 2)
+        ends = [(left, y), (right, y)]
+        dashed(draw, ends, colour, 2 * width, dash * 2, gap * 2, casing=_CASING)
     elif shape == "dots":
         for offset in (-1.2, 0.0, 1.2):
             draw.circle((x + offset * r, y), 0.3 * r, colour)
@@ -153,25 +132,11 @@ def swatch(draw: ImageDraw.ImageDraw, entry: LegendEntry, box: tuple[int, int, i
         draw.rectangle((x - 0.8 * r, y - 0.8 * r, x + 0.8 * r, y + 0.8 * r), colour, rgb(INK))
     elif shape in ("cross", "plus"):
         arm = 0.8 * r
-        ends = [(-arm, -arm, arm, arm), (-arm, arm, arm, -arm)]
-        if shape == "plus":
-            ends = [(-arm, 0.0, arm, 0.0), (0.0, -arm, 0.0, arm)]
-        for x0, y0, x1, y1 in ends:
-            draw.line([(x + x0, y + y0), (x + x1, y + y1)], colour, round(1.6 * width))
+        bars = [(arm, arm), (arm, -arm)] if shape == "cross" else [(arm, 0.0), (0.0, arm)]
+        for dx, dy in bars:
+            draw.line([(x - dx, y - dy), (x + dx, y + dy)], colour, round(1.6 * width))
     elif shape == "arrow":
         draw.polygon([(x + r, y), (x - 0.8 * r, y - 0.8 * r), (x - 0.8 * r, y + 0.8 * r)], colour)
-
-
-def _cased(
-    draw: ImageDraw.ImageDraw,
-    points: list[tuple[float, float]],
-    colour: Colour,
-    width: int,
-    dash: float,
-    gap: float,
-) -> None:
-    """Draw a line with a dark edge, so that a white one shows on white."""
-    dashed(draw, points, colour, width, dash, gap, casing=(64, 72, 80))
 
 
 def caption(text: str, width: int, size: int = 15) -> Image.Image:

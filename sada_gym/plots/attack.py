@@ -39,12 +39,6 @@ MAX_PARAMETERS = 16
 _BINS = 20
 _COLUMNS = 6
 
-OnFrame = Callable[[int, int], None]
-
-
-def _ignore(done: int, total: int) -> None:
-    """Hear of a frame that was drawn, and do nothing."""
-
 
 def draw_attack(
     application: Application,
@@ -53,7 +47,7 @@ def draw_attack(
     folder: Path,
     *,
     headline: str = "",
-    on_progress: OnFrame = _ignore,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
 ) -> tuple[Path, ...]:
     """Draw all pictures of an attack into a folder.
 
@@ -94,12 +88,8 @@ def draw_attack(
 def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> Figure:
     """Draw how the samples spread over each parameter's range, against uniform.
 
-    Args:
-        space: The d parameters.
-        samples: The n test samples.
-        threshold: The fooling threshold; samples that fool the agent stand out.
-
-    Of more than `MAX_PARAMETERS` it draws those whose samples are farthest from uniform.
+    Samples that fool the agent stand out. Of more than `MAX_PARAMETERS` parameters it draws those
+    whose samples are farthest from uniform.
     """
     shown = _least_uniform(samples.mu)
     columns = min(4, len(shown))
@@ -143,23 +133,14 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
 
 
 def _least_uniform(mu: npt.NDArray[np.float32]) -> list[int]:
-    """Choose the parameters to draw: those whose samples are farthest from uniform.
-
-    The distance is Kolmogorov and Smirnov's, between the samples' distribution and the uniform.
-    """
+    # Kolmogorov and Smirnov's distance from the uniform distribution
     ranks = (np.arange(len(mu))[:, None] + 0.5) / len(mu)
     distance = np.abs((np.sort(mu, axis=0) + 1.0) / 2.0 - ranks).max(axis=0)
     return sorted(np.argsort(-distance, kind="stable")[:MAX_PARAMETERS].tolist())
 
 
 def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float) -> Figure:
-    """Draw the scores of the adversary's samples and of the training queries (Omega).
-
-    Args:
-        samples: The test samples.
-        queries: The training queries; may be empty.
-        threshold: The fooling threshold, drawn as a line.
-    """
+    """Draw the scores of the adversary's samples and of the training queries, if any."""
     figure = new_figure(6.4, 3.8)
     axes = figure.subplots()
     top = max(1.0, float(samples.score.max()), float(queries.score.max(initial=0.0)))
@@ -203,14 +184,7 @@ def score_histogram(samples: Evaluations, queries: Evaluations, threshold: float
 def scatter(
     space: ParameterSpace, samples: Evaluations, queries: Evaluations, threshold: float
 ) -> Figure:
-    """Draw a two-dimensional problem's training queries and samples on a map.
-
-    Args:
-        space: Two parameters.
-        samples: The test samples.
-        queries: The training queries.
-        threshold: The fooling threshold; queries that fooled the agent stand out.
-    """
+    """Draw a two-dimensional problem's training queries and samples on a map."""
     figure = new_figure(5.4, 5.4)
     axes = figure.subplots()
     asked, drawn = queries.fooled(threshold), samples.fooled(threshold)
@@ -236,13 +210,7 @@ def scatter(
 
 
 def contact_sheet(frames: Sequence[Frame], captions: Sequence[str], title: str) -> Figure:
-    """Lay frames out in rows, each with a caption.
-
-    Args:
-        frames: RGB images of one shape.
-        captions: A short line for each frame.
-        title: A line above all of them.
-    """
+    """Lay frames of one shape out in rows, each with a caption, under a title."""
     columns = max(3, min(_COLUMNS, len(frames)))  # room for the title
     rows = -(-len(frames) // columns)
     height, width = frames[0].shape[:2]

@@ -14,7 +14,7 @@ ALIKE = 0.02
 """Two samples are alike where no parameter differs by more: a hundredth of its range."""
 
 _MOST = 2_000
-"""Fooling samples that are compared; those of a larger number that come first stand for all."""
+"""At most so many fooling samples, the first ones, are compared."""
 _ROUNDS = 20
 
 Array = npt.NDArray[np.float64]
@@ -61,14 +61,8 @@ def choose_failures(
 ) -> Failures:
     """Choose samples that fool the agent, the same ones for the same samples.
 
-    Of samples that are `ALIKE` only the one with the lowest Q may be shown.
-
-    Args:
-        space: The d parameters.
-        samples: The n test samples.
-        threshold: The agent is fooled where Q is at most this.
-        counts: The numbers of worst, typical and diverse failures. There are fewer where there are
-            not as many different samples.
+    Of samples that are `ALIKE` only the one with the lowest Q may be shown. `counts` are the
+    numbers of worst, typical and diverse failures; there are fewer where not as many differ.
     """
     rows = np.flatnonzero(samples.fooled(threshold))[:_MOST]
     if not len(rows):
@@ -79,20 +73,18 @@ def choose_failures(
     alike = np.bincount(leader, minlength=len(rows)) - 1
     worst = unlike[: counts[0]]
     typical, shares = _medoids(apart, unlike[counts[0] :], counts[1])
-    rest = np.setdiff1d(unlike[counts[0] :], typical)
-    diverse = _farthest(apart, np.concatenate([worst, typical]), rest, counts[2])
-    return Failures(
-        tuple(Failure(int(rows[i]), int(alike[i])) for i in worst),
-        tuple(
-            Failure(int(rows[i]), int(alike[i]), float(share))
-            for i, share in zip(typical, shares, strict=True)
-        ),
-        tuple(Failure(int(rows[i]), int(alike[i])) for i in diverse),
+    others = np.setdiff1d(unlike[counts[0] :], typical)
+    diverse = _farthest(apart, np.concatenate([worst, typical]), others, counts[2])
+    share_of = dict(zip(typical.tolist(), shares.tolist(), strict=True))
+    groups = (
+        tuple(Failure(int(rows[i]), int(alike[i]), share_of.get(i)) for i in group.tolist())
+        for group in (worst, typical, diverse)
     )
+    return Failures(*groups)
 
 
 def features(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> Array:
-    """Give places (n, k) whose distances say how different the worlds of mu (n, d) are.
+    """Return places (n, k) whose distances say how different the worlds of mu (n, d) are.
 
     A parameter is its own place in [-1, 1]. One with choices has a column for each of them, so
     that any two choices are 1 apart, and places within a choice are the same.
@@ -109,7 +101,6 @@ def features(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> Array:
 
 
 def _distances(places: Array) -> Array:
-    """Give the Euclidean distance of each pair, (n, n)."""
     squares = (places**2).sum(axis=1)
     squared = squares[:, None] + squares - 2 * places @ places.T
     np.fill_diagonal(squared, 0.0)
@@ -118,7 +109,7 @@ def _distances(places: Array) -> Array:
 
 
 def _unlike(places: Array, apart: Array, order: Indices) -> tuple[Indices, Indices]:
-    """Give the first of each group of samples that are alike, and the first of each sample (n,)."""
+    """Return the first of each group of samples that are alike, and for each sample its first."""
     leader = np.full(len(places), -1, np.intp)
     firsts = []
     for i in order:
@@ -135,25 +126,25 @@ def _medoids(apart: Array, candidates: Indices, count: int) -> tuple[Indices, Ar
     count = min(count, len(candidates))
     if not count:
         return np.empty(0, np.intp), np.empty(0)
-    to = apart[candidates]
+    distance = apart[candidates]
     chosen: list[int] = []
     nearest = np.full(apart.shape[1], np.inf)
     for _ in range(count):  # each lessens the distances most
-        sums = np.minimum(to, nearest).sum(axis=1)
+        sums = np.minimum(distance, nearest).sum(axis=1)
         sums[chosen] = np.inf
         chosen.append(int(sums.argmin()))
-        nearest = np.minimum(nearest, to[chosen[-1]])
+        nearest = np.minimum(nearest, distance[chosen[-1]])
     for _ in range(_ROUNDS):
-        member = to[chosen].argmin(axis=0)
+        member = distance[chosen].argmin(axis=0)
         moved = list(chosen)
         for k in range(count):
-            sums = to[:, member == k].sum(axis=1)
-            sums[[one for one in moved if one != moved[k]]] = np.inf
+            sums = distance[:, member == k].sum(axis=1)
+            sums[[medoid for medoid in moved if medoid != moved[k]]] = np.inf
             moved[k] = int(sums.argmin()) if (member == k).any() else moved[k]
         if moved == chosen:
             break
         chosen = moved
-    sizes = np.bincount(to[chosen].argmin(axis=0), minlength=count)
+    sizes = np.bincount(distance[chosen].argmin(axis=0), minlength=count)
     order = np.argsort(-sizes, kind="stable")
     return candidates[np.array(chosen)[order]], sizes[order] / apart.shape[1]
 

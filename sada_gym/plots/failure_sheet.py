@@ -42,11 +42,8 @@ class FrameGroup:
 def columns_for(frame: Frame, *, plain: bool = False) -> int:
     """Say how many frames stand in a row, 2 to 4, so that text in them can be read.
 
-    A sheet that is shown at half its width shows them at half their size or larger.
-
-    Args:
-        frame: One of the frames.
-        plain: Whether nothing is written on them, so that three in a row will always do.
+    A sheet that is shown at half its width shows them at half their size or larger. Frames on which
+    nothing is written, `plain` ones, stand three in a row.
     """
     if plain:
         return 3
@@ -65,18 +62,18 @@ def failure_sheet(
     Args:
         groups: The groups; empty ones are left out.
         columns: The number of frames in a row.
-        legend: What the marks in the frames mean; may be empty.
+        legend: The marks in the frames; may be empty.
         title: A line above the legend.
-        headline: A sentence or two on top, broken into lines.
+        headline: A sentence or two on top.
     """
     page = _Page()
     if headline:
         page.write(headline, _HEADLINE, bold=True)
-        page.skip(6)
+        page.top += 6
     page.write(title, _TEXT, colour=MUTED)
-    page.skip(8)
+    page.top += 8
     page.legend(legend)
-    for group in [group for group in groups if len(group.frames)]:
+    for group in filter(lambda group: len(group.frames), groups):
         page.rule()
         page.heading(group.title, group.note)
         for first in range(0, len(group.frames), columns):
@@ -86,7 +83,7 @@ def failure_sheet(
 
 
 def png_of(picture: Image.Image) -> bytes:
-    """Give a picture as the bytes of a PNG file."""
+    """Return a picture as the bytes of a PNG file."""
     buffer = io.BytesIO()
     picture.save(buffer, format="png")
     return buffer.getvalue()
@@ -97,66 +94,58 @@ class _Page:
 
     def __init__(self) -> None:
         self._picture = Image.new("RGB", (WIDTH, 2 * WIDTH), "white")
-        self._top = _MARGIN
+        self.top = _MARGIN
         self._grow(0)
 
     def _grow(self, room: int) -> None:
-        """Make sure that there is room below."""
-        if self._top + room > self._picture.height:
-            taller = Image.new("RGB", (WIDTH, 2 * (self._top + room)), "white")
+        if self.top + room > self._picture.height:
+            taller = Image.new("RGB", (WIDTH, 2 * (self.top + room)), "white")
             taller.paste(self._picture, (0, 0))
             self._picture = taller
         self._draw = ImageDraw.Draw(self._picture)
 
-    def skip(self, height: int) -> None:
-        """Leave some room."""
-        self._top += height
-
     def write(self, text: str, size: int, *, bold: bool = False, colour: str = INK) -> None:
-        """Write a text in lines."""
-        of = font(size, bold=bold)
-        for line in wrapped(text, of, WIDTH - 2 * _MARGIN):
+        face = font(size, bold=bold)
+        for line in wrapped(text, face, WIDTH - 2 * _MARGIN):
             self._grow(2 * size)
-            self._draw.text((_MARGIN, self._top), line, rgb(colour), of)
-            self._top += round(_LINE * size)
+            self._draw.text((_MARGIN, self.top), line, rgb(colour), face)
+            self.top += round(_LINE * size)
 
     def rule(self) -> None:
-        """Draw a thin line across."""
-        self._top += 10
+        self.top += 10
         self._grow(20)
-        ends = [(_MARGIN, self._top), (WIDTH - _MARGIN, self._top)]
+        ends = [(_MARGIN, self.top), (WIDTH - _MARGIN, self.top)]
         self._draw.line(ends, rgb(GRID), 2)
-        self._top += 14
+        self.top += 14
 
     def heading(self, title: str, note: str) -> None:
-        """Write a bold word, and what it means beside it."""
         bold, plain = font(_HEADING, bold=True), font(_TEXT)
         self._grow(2 * _HEADING)
-        base = self._top + _HEADING
+        base = self.top + _HEADING
         self._draw.text((_MARGIN, base), title, rgb(INK), bold, anchor="ls")
         after = _MARGIN + bold.getlength(title) + 18
         self._draw.text((after, base), note, rgb(MUTED), plain, anchor="ls")
-        self._top += round(1.5 * _HEADING)
+        self.top += round(1.5 * _HEADING)
 
     def legend(self, entries: Sequence[LegendEntry]) -> None:
-        """Draw marks, each before what it means, in as many lines as they need."""
-        of, right = font(_TEXT), WIDTH - _MARGIN
+        """Draw marks, each before what it means, in as many lines as they need; then the notes."""
+        face, right = font(_TEXT), WIDTH - _MARGIN
         width, height = _SWATCH
         line = round(_LINE * _TEXT) + 8
         left = _MARGIN
         for entry in entries:
             if entry.mark == "note":
                 continue
-            room = width + 12 + of.getlength(entry.text)
+            room = width + 12 + face.getlength(entry.text)
             if left > _MARGIN and left + room > right:
-                left, self._top = _MARGIN, self._top + line
+                left, self.top = _MARGIN, self.top + line
             self._grow(line)
-            top = self._top + (line - height) // 2
+            top = self.top + (line - height) // 2
             swatch(self._draw, entry, (left, top, left + width, top + height))
-            middle = (left + width + 12, self._top + line // 2)
-            self._draw.text(middle, entry.text, rgb(INK), of, anchor="lm")
+            middle = (left + width + 12, self.top + line // 2)
+            self._draw.text(middle, entry.text, rgb(INK), face, anchor="lm")
             left = round(left + room + 36)
-        self._top += line if left > _MARGIN else 0
+        self.top += line if left > _MARGIN else 0
         for entry in entries:
             if entry.mark == "note":
                 self.write(entry.text, _TEXT)
@@ -164,25 +153,24 @@ class _Page:
     def row(self, frames: Sequence[Frame], captions: Sequence[str], columns: int) -> None:
         """Put frames beside one another, each with its caption above."""
         cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
-        shown = [_fitted(frame, cell) for frame in frames]
-        of = font(_TEXT)
-        lines = [wrapped(caption, of, cell) for caption in captions]
-        line = round(_LINE * _TEXT)
-        above = line * max(map(len, lines)) + 6
-        self._grow(above + max(picture.height for picture in shown) + _GAP)
-        for i, (picture, text) in enumerate(zip(shown, lines, strict=True)):
-            left = _MARGIN + i * (cell + _GAP)
-            for k, words in enumerate(text):
-                self._draw.text((left, self._top + k * line), words, rgb(INK), of)
-            self._picture.paste(picture, (left, self._top + above))
-            edge = (left, self._top + above)
-            corner = (left + picture.width - 1, self._top + above + picture.height - 1)
-            self._draw.rectangle((*edge, *corner), outline=rgb(GRID))
-        self._top += above + max(picture.height for picture in shown) + _GAP
+        pictures = [_fitted(frame, cell) for frame in frames]
+        face, line = font(_TEXT), round(_LINE * _TEXT)
+        texts = [wrapped(caption, face, cell) for caption in captions]
+        above = line * max(map(len, texts)) + 6
+        height = above + max(picture.height for picture in pictures) + _GAP
+        self._grow(height)
+        for i, (picture, lines) in enumerate(zip(pictures, texts, strict=True)):
+            left, top = _MARGIN + i * (cell + _GAP), self.top + above
+            for k, words in enumerate(lines):
+                self._draw.text((left, self.top + k * line), words, rgb(INK), face)
+            self._picture.paste(picture, (left, top))
+            corner = (left + picture.width - 1, top + picture.height - 1)
+            self._draw.rectangle((left, top, *corner), outline=rgb(GRID))
+        self.top += height
 
     def finished(self) -> Image.Image:
-        """Give the page without the room below."""
-        return self._picture.crop((0, 0, WIDTH, self._top + _MARGIN - _GAP))
+        """Return the page without the room below."""
+        return self._picture.crop((0, 0, WIDTH, self.top + _MARGIN - _GAP))
 
 
 def _fitted(frame: Frame, width: int) -> Image.Image:

@@ -42,18 +42,18 @@ def draw_failures(
         NotDrawnError: If the application draws no frames, or its drawing fails.
     """
     space, threshold = application.parameters, application.fooling_threshold
+    source = f"{type(application).__name__}.render"
 
     def frames(shown: Sequence[Failure]) -> Iterator[Frame]:
         rows = [failure.sample for failure in shown]
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
             for frame, _ in zip(drawn, rows, strict=True):
-                yield checked_frame(frame, f"{type(application).__name__}.render")
+                yield checked_frame(frame, source)
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result
-            name = f"{type(application).__name__}.render"
-            raise NotDrawnError(f": {name} raised {type(error).__name__}: {error}") from error
+            raise NotDrawnError(f": {source} raised {type(error).__name__}: {error}") from error
 
     with application.isolated_rng():
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
@@ -67,17 +67,14 @@ def draw_failures(
         for frame in frames(chosen.shown[1:]) if total > 1 else ():
             pictures.append(frame)
             on_progress(len(pictures), total)
-    rest, told = iter(pictures), space if plain else None
-    groups = [
-        FrameGroup(
-            name, note, [next(rest) for _ in shown], [_caption(f, samples, told) for f in shown]
-        )
-        for name, note, shown in (
-            ("Worst", "the lowest scores Q", chosen.worst),
-            ("Typical", "each stands for the failures nearest to it", chosen.typical),
-            ("Diverse", "those that are least like the others here", chosen.diverse),
-        )
-    ]
+    rest, groups = iter(pictures), []
+    for name, note, failures in (
+        ("Worst", "the lowest scores Q", chosen.worst),
+        ("Typical", "each stands for the failures nearest to it", chosen.typical),
+        ("Diverse", "those that are least like the others here", chosen.diverse),
+    ):
+        captions = [_caption(failure, samples, space if plain else None) for failure in failures]
+        groups.append(FrameGroup(name, note, [next(rest) for _ in failures], captions))
     fooled = int(samples.fooled(threshold).sum())
     title = (
         f"{total} of {fooled} samples that fool the agent (score Q ≤ {threshold:g}). "
@@ -89,11 +86,10 @@ def draw_failures(
 
 
 def _legend(application: Application) -> tuple[LegendEntry, ...]:
-    """Give what the marks in frames mean, as the application says it: a user's code, too."""
     name = type(application).__name__
     try:
         entries = tuple(application.legend)
-    except Exception as error:
+    except Exception as error:  # a user's code
         raise NotDrawnError(f": {name}.legend raised {type(error).__name__}: {error}") from error
     for entry in entries:
         if (
@@ -108,7 +104,6 @@ def _legend(application: Application) -> tuple[LegendEntry, ...]:
 
 
 def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | None) -> str:
-    """Write a sample's number and score, what it stands for, and its world in a line if asked."""
     parts = [f"#{failure.sample}: Q = {samples.score[failure.sample]:.2f}"]
     if failure.stands_for is not None:
         parts.append(f"stands for {100 * failure.stands_for:.0f} %")
@@ -119,10 +114,6 @@ def _caption(failure: Failure, samples: Evaluations, space: ParameterSpace | Non
 
 
 def _world(space: ParameterSpace, mu: npt.NDArray[np.float32]) -> str:
-    """Write the first parameters of mu, (d,), and their values."""
-    values = space.physical(mu).tolist()
-    shown = [
-        parameter.text(value)
-        for parameter, value in zip(space.parameters[:_MOST_VALUES], values, strict=False)
-    ]
-    return ", ".join(shown) + (", …" if len(space) > _MOST_VALUES else "")
+    pairs = [*zip(space.parameters, space.physical(mu).tolist(), strict=True)]
+    texts = [parameter.text(value) for parameter, value in pairs[:_MOST_VALUES]]
+    return ", ".join(texts) + (", …" if len(space) > _MOST_VALUES else "")

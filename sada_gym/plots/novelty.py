@@ -18,13 +18,12 @@ if TYPE_CHECKING:
 def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] = ()) -> Figure:
     """Lay out samples, each beside its nearest training queries in mu and in image space.
 
-    The paper's figure "Nearest Neighbor in Training". With ideal samples, those of the adversary
-    stand on the left and ideal ones on the right. The captions give `Neighbour.mu_distance` and
+    The paper's figure "Nearest Neighbor in Training". The captions give `Neighbour.mu_distance` and
     `Neighbour.pixel_distance`.
 
     Args:
         adversary: Samples of the adversary, at least one.
-        ideal: Ideal samples, as many as the adversary's, or none.
+        ideal: Ideal samples, which stand on the right: as many, or none.
 
     Raises:
         ValueError: If there is no sample, or not as many of both.
@@ -34,14 +33,14 @@ def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] =
             "Expected at least one sample of the adversary and as many ideal ones or none, got "
             f"{len(adversary)} and {len(ideal)}."
         )
-    shown = [
+    pictures = [
         picture
         for pair in zip_longest(adversary, ideal)
         for name, sample in zip(("adversary's sample", "ideal sample"), pair, strict=True)
         if sample is not None
         for picture in _captioned(name, sample)
     ]
-    frames, captions = zip(*shown, strict=True)
+    frames, captions = zip(*pictures, strict=True)
     title = "Samples and their nearest queries (distance in μ, in pixels)"
     return contact_sheet(frames, captions, title)
 

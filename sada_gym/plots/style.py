@@ -27,7 +27,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def png(figure: Figure) -> bytes:
-    """Give a figure as the bytes of a PNG file."""
+    """Return a figure as the bytes of a PNG file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
@@ -40,8 +40,7 @@ def axis_label(parameter: Parameter) -> str:
 
 
 def _plain(text: str) -> str:
-    """Keep matplotlib from taking dollars for formulae, which fails where they are none."""
-    return text.replace("$", r"\$")
+    return text.replace("$", r"\$")  # matplotlib takes dollars for formulae
 
 
 def name_choices(axes: Axes, parameter: Parameter) -> None:
