@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.detection.plain import check_keys
+from sada_gym.envs.detection.shapes.model import check_keys
 from sada_gym.envs.pixels import Triple
 
 GROUNDS = {
@@ -29,20 +29,20 @@ PLAZA_RADIUS = 17.0
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """A place. Colours are linear RGB.
+    """A place. Colours are linear RGB, lengths scene units.
 
     Attributes:
         ground: Index into the keys of `GROUNDS`.
-        ground_colour: main colour of the ground.
-        joint_colour: colour of joints and road markings.
+        ground_colour: Main colour of the ground.
+        joint_colour: Colour of joints and road markings.
         ground_turn: Cosine and sine of the pattern's rotation.
-        ground_shift: Offset of the pattern, in scene units.
-        tile: Size of a paving stone, in scene units.
+        ground_shift: Offset of the pattern.
+        tile: Size of a paving stone.
         gloss: Mirror share of the ground: wet is above 0.3.
         buildings: (b, 10) boxes: centre x, y, half size x, y, height, colour (3), window pitch
             across and up.
-        horizon: colour of the sky at the horizon.
-        zenith: colour of the sky overhead.
+        horizon: Colour of the sky at the horizon.
+        zenith: Colour of the sky overhead.
     """
 
     ground: int
@@ -57,7 +57,7 @@ class Backdrop:
     zenith: Triple
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the place as numbers and lists, by the names of the attributes."""
+        """Return the place as numbers and lists, by the names of the attributes."""
         return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     @classmethod

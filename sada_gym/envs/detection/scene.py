@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.backdrop import Backdrop
-from sada_gym.envs.detection.plain import check_keys
 from sada_gym.envs.detection.shapes.catalogue import find_shape
-from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.envs.detection.shapes.model import Shape, check_keys
 from sada_gym.errors import UserError
 
 FIELD_OF_VIEW_DEG = 42.0
@@ -42,10 +41,9 @@ class Scene:
         light_azimuth_deg: See above.
         light_pitch_deg: Above the horizon.
         backdrop: The place around the object.
-        aim: Where the camera looks, as an offset from the object's centre in units of half the
-            image's height, (right, up); (0, 0) centres the object.
-        seed: Seeds a renderer that draws random numbers, such as a path tracer its samples. The
-            default renderer draws none.
+        aim: Where the camera looks, as an offset (right, up) from the object's centre in units of
+            half the image's height.
+        seed: Seeds a renderer that draws random numbers; the default one draws none.
     """
 
     shape: Shape | None
@@ -65,10 +63,9 @@ class Scene:
         return "" if self.shape is None else self.shape.name
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the scene as numbers, texts, lists and dictionaries.
+        """Return the scene as numbers, texts, lists and dictionaries.
 
-        A shape of `shapes.generate` is its name. Any other shape is `Shape.to_dict`, whose mesh
-        stays in arrays.
+        A shape of the benchmark is its name. Any other is `Shape.to_dict`, with its mesh in arrays.
         """
         return {
             "shape": _plain_shape(self.shape),
@@ -81,7 +78,7 @@ class Scene:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Scene:
-        """Make the scene that `to_dict` gave; a mesh may be given in arrays or in lists.
+        """Make the scene that `to_dict` returned; a mesh may be given in arrays or in lists.
 
         Raises:
             UserError: If a key is missing or unknown, or the shape's name is.
@@ -104,7 +101,7 @@ class Scene:
 
     @classmethod
     def from_json(cls, text: str) -> Scene:
-        """Make the scene that `to_json` gave; it raises what `from_dict` raises."""
+        """Make the scene that `to_json` wrote; it raises what `from_dict` raises."""
         return cls.from_dict(json.loads(text))
 
 
@@ -144,14 +141,14 @@ class Pinhole:
 
 
 def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
-    """Give the unit vector from the object towards an azimuth and a pitch."""
+    """Return the unit vector from the object towards an azimuth and a pitch."""
     azimuth, pitch = math.radians(azimuth_deg), math.radians(pitch_deg)
     across = math.cos(pitch)
     return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(pitch)])
 
 
 def axes_facing(backward: Vector) -> Vector:
-    """Give the axes of a viewer who looks along -backward, z upwards: rows right, up, backward."""
+    """Return the axes of a viewer who looks along -backward, z up: rows right, up, backward."""
     x, y, z = backward.tolist()
     norm = math.hypot(x, y)
     right, ahead = (-y / norm, x / norm) if norm > 1e-9 else (0.0, 1.0)
@@ -160,7 +157,7 @@ def axes_facing(backward: Vector) -> Vector:
 
 
 def centre_of(scene: Scene) -> Vector:
-    """Give the point that camera and light look at: the middle of the object's bounding box."""
+    """Return the point that camera and light look at: the middle of the object's bounding box."""
     return np.array([0.0, 0.0, 0.5 * scene.shape.height if scene.shape is not None else 1.0])
 
 
@@ -176,7 +173,7 @@ def camera_of(scene: Scene) -> Pinhole:
 
 
 def light_of(scene: Scene) -> Vector:
-    """Give the unit vector from the object towards the light."""
+    """Return the unit vector from the object towards the light."""
     return direction(scene.camera_azimuth_deg + scene.light_azimuth_deg, scene.light_pitch_deg)
 
 

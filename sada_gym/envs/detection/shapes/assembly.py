@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from sada_gym.envs.detection.shapes.mesh_file import joined_faces
 from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape
 from sada_gym.errors import UserError
 
@@ -33,11 +34,10 @@ class Part:
 
 
 def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
-    """Joins parts to one shape by the conventions of `Shape`.
+    """Join parts to one shape by the conventions of `Shape`.
 
-    Each part keeps its own normals: vertices are doubled along edges sharper than `CREASE_DEG`,
-    and smooth elsewhere. Faces without area are dropped. A part that encloses a negative volume is
-    turned inside out.
+    Each part keeps its own normals: vertices are doubled along edges sharper than `CREASE_DEG`.
+    Faces without area are dropped. A part that encloses a negative volume is turned inside out.
 
     Args:
         name: Unique, such as `car/saloon-3`.
@@ -50,10 +50,7 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
     points = np.concatenate([np.asarray(part.mesh.vertices, float) for part in parts])
     if not np.isfinite(points).all():
         raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
-    starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts[:-1]])
-    faces = np.concatenate(
-        [np.asarray(part.mesh.faces) + start for part, start in zip(parts, starts, strict=True)]
-    )
+    faces = joined_faces([part.mesh for part in parts])
     owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
     faces, owner = _welded(points, faces, owner)
     if not len(faces):
@@ -70,7 +67,7 @@ def _shape(
     normals: _Array,
     material: npt.NDArray[np.uint8],
 ) -> Shape:
-    """Place corners (f, 3, 3) by the conventions, and shares those that are equal as vertices."""
+    """Place corners (f, 3, 3) by the conventions; equal ones are one vertex."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     placed = (corners - origin) * (DIAGONAL / np.linalg.norm(high - low))
@@ -97,7 +94,7 @@ def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices,
     first, same = _same(np.column_stack([points / span, part]), 7)
     faces = first[same][faces]
     corners = points[faces]
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = _doubled_areas(corners)
     keep = np.linalg.norm(doubled, axis=1) > 1e-10 * span**2
     faces, owner, corners = faces[keep], owner[keep], corners[keep]
     volume = np.zeros(int(owner.max(initial=0)) + 1)
@@ -108,10 +105,14 @@ def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices,
     return faces, owner
 
 
+def _doubled_areas(corners: _Array) -> _Array:
+    """Return the normals of faces with corners (f, 3, 3), as long as twice their area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
 def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
-    """Give the first of each kind of row, rounded, and for each row the number of its kind."""
-    # Adding zero makes -0 and 0 the same.
-    keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)
+    """Return the first of each kind of row, rounded, and for each row the number of its kind."""
+    keys = np.ascontiguousarray(np.round(rows, decimals) + 0.0)  # -0 becomes 0
     order = np.lexsort(keys.T)
     new = np.ones(len(rows), bool)
     new[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
@@ -121,8 +122,7 @@ def _same(rows: _Array, decimals: int) -> tuple[_Indices, _Indices]:
 
 
 def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
-    """Give the normal (f, 3, 3) at each corner (f, 3, 3) of the faces (f, 3)."""
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = _doubled_areas(corners)
     flat = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
     group = _smooth_groups(faces, flat)
     weighted = _corner_angles(corners)[..., None] * flat[:, None]
@@ -131,24 +131,24 @@ def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
     length = np.linalg.norm(total, axis=1, keepdims=True)
     total = np.divide(total, length, out=total, where=length > 1e-9)
     normals = total[group].reshape(-1, 3, 3)
-    # Where neighbours cancel each other (folded sheets), a face's own normal serves.
+    # where neighbours cancel each other (folded sheets), a face's own normal serves
     lost = np.einsum("fki,fi->fk", normals, flat) < 0.1
     normals[lost] = np.broadcast_to(flat[:, None], normals.shape)[lost]
     return np.asarray(normals)
 
 
 def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
-    """Give for each of the 3 f corners the number of the group whose normal it shares."""
+    """Number the groups of corners that share a normal, (3 f,)."""
     count = len(faces)
     corner = np.arange(3 * count).reshape(-1, 3)
     # the two vertices of each edge, the lower number first, and the corners where they lie
-    ends, at = (np.stack([row, np.roll(row, -1, axis=1)], -1) for row in (faces, corner))
+    ends, places = (np.stack([row, np.roll(row, -1, axis=1)], -1) for row in (faces, corner))
     order = ends.argsort(axis=-1)
-    ends, at = (np.take_along_axis(pair, order, -1).reshape(-1, 2) for pair in (ends, at))
+    ends, places = (np.take_along_axis(pair, order, -1).reshape(-1, 2) for pair in (ends, places))
     order = np.lexsort((ends[:, 1], ends[:, 0]))
-    ends, at = ends[order], at[order]
+    ends, places = ends[order], places[order]
     joined = (ends[1:] == ends[:-1]).all(axis=1)
-    a, b = at[:-1][joined], at[1:][joined]
+    a, b = places[:-1][joined], places[1:][joined]
     turn = np.einsum("ei,ei->e", normals[a[:, 0] // 3], normals[b[:, 0] // 3])
     smooth = turn > np.cos(np.radians(CREASE_DEG))
     pairs = np.column_stack([a[smooth].ravel(), b[smooth].ravel()])
@@ -157,7 +157,7 @@ def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
 
 
 def _corner_angles(soup: _Array) -> _Array:
-    """Give the angle (f, 3) at each corner, which weighs a face's share in the normal there."""
+    """Return the angle (f, 3) at each corner, which weighs a face's share in the normal there."""
     to_next = np.roll(soup, -1, axis=1) - soup
     to_last = np.roll(soup, 1, axis=1) - soup
     cosine = (to_next * to_last).sum(axis=2)

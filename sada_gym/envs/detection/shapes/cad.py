@@ -25,11 +25,11 @@ _Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class Orientation(BaseModel):
-    """How the files of a folder are oriented, as `shapes.json` in the folder may say.
+    """How the files of a folder are oriented, as its `shapes.json` may say; else as ShapeNet's.
 
     Attributes:
-        up: The files' axis that points up; ShapeNet's by default.
-        front: The files' axis along which an object looks; ShapeNet's by default.
+        up: The files' axis that points up.
+        front: The files' axis along which an object looks.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -47,7 +47,7 @@ class Orientation(BaseModel):
         return self
 
     def rotation(self) -> npt.NDArray[np.float64]:
-        """Give the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
+        """Return the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
         up, front = _vector(self.up), _vector(self.front)
         return np.stack([front, np.cross(up, front), up])
 
@@ -55,11 +55,7 @@ class Orientation(BaseModel):
 def load_class(
     path: str | Path, object_class: str, *, skip_unreadable: bool = False
 ) -> tuple[Shape, ...]:
-    """Load the meshes of one class of a folder; arguments and errors as `load_folder`.
-
-    Raises:
-        ValueError: If the folder has no such class, or as `load_folder`.
-    """
+    """Load the meshes of one class of a folder; see `load_folder`."""
     root, folders = Path(path), _class_folders(Path(path))
     if object_class not in folders:
         raise UserError(
@@ -117,7 +113,7 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
 
 def fingerprint(shapes: Iterable[Shape]) -> str:
-    """Give the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
+    """Return the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
     digest = hashlib.sha256()
     for shape in shapes:
         for content in (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sada_gym.envs.detection.card import CARD
-from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.envs.detection.shapes.model import MESH_ARRAYS, Shape
 from sada_gym.errors import FileError, UserError
 
 CLASSES: tuple[str, ...] = tuple(track["object_class"] for track in CARD.tracks.values())
@@ -29,13 +29,7 @@ SHA256 = "46e44bb2531813763af0fbe3b8bfdf5572f5318beff8809ac7206f457a739bf3"
 
 @functools.cache
 def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
-    """Give a class's benchmark shapes: 8, or 9 of aeroplane, boat, car and chair; 100 in all.
-
-    Args:
-        object_class: One of `CLASSES`.
-
-    Returns:
-        Shapes whose arrays are read-only, the same for the same class.
+    """Return a class's benchmark shapes: 8, or 9 of aeroplane, boat, car and chair; 100 in all.
 
     Raises:
         UserError: If the class is unknown.
@@ -44,28 +38,18 @@ def benchmark_shapes(object_class: str) -> tuple[Shape, ...]:
     if object_class not in CLASSES:
         raise UserError(
             f"Expected object_class to be one of {', '.join(CLASSES)}, got {object_class!r}; "
-            "give shapes=PATH for CAD files of another class."
+            "choose one of these, or give shapes=PATH for CAD files of another class."
         )
     with np.load(BytesIO(_verified(FILE)), allow_pickle=False) as file:
-        arrays = {
-            name: file[f"{object_class}.{name}"]
-            for name in ("names", "sizes", "vertices", "normals", "faces", "materials")
-        }
-    shapes = []
-    ends = arrays["sizes"].cumsum(axis=0)
-    for name, (vertex, face), (vertices, faces) in zip(
-        arrays["names"].tolist(), (ends - arrays["sizes"]).tolist(), ends.tolist(), strict=True
-    ):
-        shape = Shape(
-            name=name,
-            object_class=object_class,
-            vertices=arrays["vertices"][vertex:vertices],
-            normals=arrays["normals"][vertex:vertices],
-            faces=arrays["faces"][face:faces],
-            materials=arrays["materials"][face:faces],
-        )
-        shapes.append(shape)
-    return tuple(shapes)
+        names, ends = file[f"{object_class}.names"], file[f"{object_class}.sizes"].cumsum(axis=0)
+        meshes = {name: file[f"{object_class}.{name}"] for name in MESH_ARRAYS}
+    # one shape's arrays after another's, cut where a shape's vertices or faces end
+    cuts = {"vertices": 0, "normals": 0, "faces": 1, "materials": 1}
+    pieces = [np.split(meshes[name], ends[:-1, column]) for name, column in cuts.items()]
+    return tuple(
+        Shape(name, object_class, *arrays)
+        for name, *arrays in zip(names.tolist(), *pieces, strict=True)
+    )
 
 
 def find_shape(name: str) -> Shape | None:
@@ -76,17 +60,16 @@ def find_shape(name: str) -> Shape | None:
 
 
 def _verified(path: Path) -> bytes:
-    """Read the file, and refuse one that is not the recorded one."""
     if not path.is_file():
         raise FileError(
             f"Expected the benchmark's shapes in {path}, got no such file. Install the package "
             "again."
         )
     content = path.read_bytes()
-    found = hashlib.sha256(content).hexdigest()
-    if found != SHA256:
+    sha256 = hashlib.sha256(content).hexdigest()
+    if sha256 != SHA256:
         raise FileError(
-            f"Expected {path.name} with SHA-256 {SHA256[:12]}..., got {found[:12]}...: the "
+            f"Expected {path.name} with SHA-256 {SHA256[:12]}..., got {sha256[:12]}...: the "
             "benchmark's shapes were changed. Install the package again."
         )
     return content

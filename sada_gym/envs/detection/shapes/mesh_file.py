@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from sada_gym.errors import UserError
@@ -15,7 +17,7 @@ MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 """File types that are read."""
 
 MAX_FACES = 500_000
-"""Faces of one file. So many take some 12 seconds to load, and 0.4 seconds a picture."""
+"""Faces of one file: they take some 12 seconds to load, and 0.4 seconds a picture."""
 
 MAX_COORDINATE = 1e9
 """Vertices within 1e-8 are merged; from 1e10 on numbers are coarser than that."""
@@ -28,8 +30,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     """Read a file as one mesh with consistent windings.
 
     Raises:
-        UserError: If it can't be read, or holds no faces, too many, or coordinates that are not
-            finite or too large; the message says what the file holds.
+        UserError: If the file cannot be used; the message says what it holds instead of a mesh.
     """
     try:
         return _read(file)
@@ -63,10 +64,7 @@ def _read(file: Path) -> trimesh.Trimesh:
             f"coordinates up to {largest:.3g}, where at most {MAX_COORDINATE:.0e} is exact enough: "
             "scale it down"
         )
-    starts = np.cumsum([0] + [len(points) for points in vertices[:-1]])
-    faces = np.concatenate(
-        [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
-    )
+    faces = joined_faces(solids)
     if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
         raise UserError("faces that point at missing vertices")
     mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
@@ -75,8 +73,16 @@ def _read(file: Path) -> trimesh.Trimesh:
     return mesh
 
 
+def joined_faces(meshes: Sequence[trimesh.Trimesh]) -> npt.NDArray[np.int64]:
+    """Number the faces of meshes, (f, 3), for their vertices one after another."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    return np.concatenate(
+        [np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=True)]
+    )
+
+
 def _refuse_vertex_zero(content: bytes) -> None:
-    """Refuse an OBJ face with the vertex 0, which trimesh would take for the last vertex."""
+    # trimesh would take the vertex 0 for the last one
     is_face = continued = False
     for number, line in enumerate(content.splitlines(), 1):
         words = line.partition(b"#")[0].split()
@@ -91,14 +97,13 @@ def _refuse_vertex_zero(content: bytes) -> None:
 
 
 def _check_faces(scene: trimesh.Scene) -> None:
-    """Count the faces before they are laid out: a small file may show one mesh a million times."""
-    counts = {
-        name: len(geometry.faces)
+    # counted before they are laid out: a small file may show one mesh a million times
+    nodes = scene.graph.geometry_nodes
+    faces = sum(
+        len(geometry.faces) * len(nodes.get(name, ()))
         for name, geometry in scene.geometry.items()
         if isinstance(geometry, trimesh.Trimesh)
-    }
-    places = scene.graph.geometry_nodes.items()
-    faces = sum(counts.get(name, 0) * len(nodes) for name, nodes in places)
+    )
     if not faces:
         raise UserError("no faces")
     if faces > MAX_FACES:
@@ -109,10 +114,7 @@ def _check_faces(scene: trimesh.Scene) -> None:
 
 
 def _as_utf8(content: bytes, suffix: str) -> bytes:
-    """Give a file with its text in UTF-8: comments and names may stand in another encoding.
-
-    For other encodings trimesh wants a package that need not be installed.
-    """
+    # comments and names may stand in other encodings, for which trimesh wants another package
     if suffix == ".glb":
         content[20 : 20 + int.from_bytes(content[12:16], "little")].decode()  # or it is no GLB
         return content

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
@@ -11,11 +11,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.detection.plain import check_keys
 from sada_gym.errors import UserError
 
 DIAGONAL = 5.0
 """Length of every shape's bounding-box diagonal in scene units."""
+
+MESH_ARRAYS: dict[str, type[np.generic]] = {
+    "vertices": np.float32,
+    "normals": np.float32,
+    "faces": np.int32,
+    "materials": np.uint8,
+}
+"""The arrays of a mesh and their types."""
+
+
+def check_keys(what: str, plain: Mapping[str, Any], names: Iterable[str]) -> None:
+    """Raise `UserError` unless the plain data of `what`, such as `a scene`, has just these keys."""
+    expected = sorted(names)
+    if not isinstance(plain, Mapping) or sorted(plain) != expected:
+        got = ", ".join(map(str, plain)) if isinstance(plain, Mapping) else repr(plain)
+        raise UserError(f"Expected {what} with the keys {', '.join(expected)}, got {got}.")
 
 
 class Material(IntEnum):
@@ -63,12 +78,8 @@ class Shape:
     def __post_init__(self) -> None:
         """Check the mesh: kernels read it without looking."""
         vertices, faces = len(self.vertices), len(self.faces)
-        for name, (dtype, shape) in {
-            "vertices": (np.float32, (vertices, 3)),
-            "normals": (np.float32, (vertices, 3)),
-            "faces": (np.int32, (faces, 3)),
-            "materials": (np.uint8, (faces,)),
-        }.items():
+        shapes = ((vertices, 3), (vertices, 3), (faces, 3), (faces,))
+        for (name, dtype), shape in zip(MESH_ARRAYS.items(), shapes, strict=True):
             array = np.ascontiguousarray(getattr(self, name), dtype).view()
             if array.shape != shape:
                 raise UserError(
@@ -94,18 +105,18 @@ class Shape:
         return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
 
     def equals(self, other: Shape) -> bool:
-        """Check whether another shape has the same name, class and mesh."""
+        """Say whether another shape has the same name, class and mesh."""
         return self is other or all(
             np.array_equal(value, getattr(other, name)) for name, value in self.to_dict().items()
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the shape by the names of its attributes, the mesh in arrays."""
+        """Return the shape by the names of its attributes, the mesh in arrays."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Shape:
-        """Make the shape that `to_dict` gave; the mesh may be given in arrays or in lists.
+        """Make the shape that `to_dict` returned; the mesh may be in arrays or in lists.
 
         Raises:
             UserError: If a key is missing or unknown.
@@ -114,10 +125,7 @@ class Shape:
         return cls(
             name=str(plain["name"]),
             object_class=str(plain["object_class"]),
-            **{
-                name: np.asarray(plain[name])
-                for name in ("vertices", "normals", "faces", "materials")
-            },
+            **{name: np.asarray(plain[name]) for name in MESH_ARRAYS},
             double_sided=bool(plain["double_sided"]),
         )
 
