@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
@@ -62,10 +62,8 @@ class Renderer(ABC):
     @property
     def key(self) -> str:
         """The renderer in the settings of stores: its class and its identity's SHA-256."""
-        name = type(self).__name__
-        if self.identity is None:
-            return name
-        return f"{name}-{hashlib.sha256(self.identity.encode()).hexdigest()}"
+        name, identity = type(self).__name__, self.identity
+        return name if identity is None else f"{name}-{sha256(identity.encode()).hexdigest()}"
 
     @abstractmethod
     def render_batch(self, scenes: Sequence[Scene], image_size: int) -> list[Rendering]:

@@ -29,8 +29,8 @@ MATERIALS = np.array(
 class KernelCamera(NamedTuple):
     """A pinhole camera and the samples of its picture.
 
-    `step` is a sample's width at depth 1. Its viewing axis meets the picture at the sample
-    coordinates `middle`; these run right and down from the picture's corner.
+    `step` is a sample's width at depth 1. The viewing axis meets the picture at the sample
+    coordinates `middle`, which run right and down from the picture's corner.
     """
 
     eye: Triple

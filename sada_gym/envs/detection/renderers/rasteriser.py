@@ -98,11 +98,12 @@ class Rasteriser(Renderer):
         return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
     def _place(self, backdrop: Backdrop, camera: Pinhole) -> KernelBackdrop:
-        ambient = [
-            AMBIENT * sum(pair) for pair in zip(backdrop.horizon, backdrop.zenith, strict=True)
-        ]
-        buildings = _buildings_in_sight(backdrop.buildings, camera)
-        ours = {"buildings": buildings, "ambient": tuple(ambient), "noise": self._noise}
+        sky = zip(backdrop.horizon, backdrop.zenith, strict=True)
+        ours = {
+            "buildings": _buildings_in_sight(backdrop.buildings, camera),
+            "ambient": tuple(AMBIENT * sum(pair) for pair in sky),
+            "noise": self._noise,
+        }
         return KernelBackdrop(**vars(backdrop) | ours)
 
 
@@ -114,7 +115,6 @@ def _kernel_camera(camera: Pinhole, samples: int) -> KernelCamera:
 
 
 def _lamp(scene: Scene, shape: Shape) -> Lamp:
-    """KernelBackdrop the light of a scene far away, and draw what it sees of the object."""
     centre, axes = centre_of(scene), axes_facing(light_of(scene))
     eye = centre + LIGHT_DISTANCE * axes[2]
     tangent = LIGHT_HALF / LIGHT_DISTANCE
@@ -135,7 +135,7 @@ def _projected(shape: Shape, camera: KernelCamera) -> Matrix:
 def _rasterised(
     shape: Shape, points: Matrix, corner: tuple[int, int], size: tuple[int, int]
 ) -> tuple[Matrix, npt.NDArray[np.int32], Matrix]:
-    """Draw a shape in a window; give `planes`, `shown` and `nearest` of `zbuffer.rasterise`."""
+    """Draw a shape in a window; return `planes`, `shown` and `nearest` of `zbuffer.rasterise`."""
     planes, nearest = np.empty((len(shape.faces), PLANES)), np.zeros(size)
     shown = np.full(size, -1, np.int32)
     rasterise(points, shape.faces, shape.double_sided, corner, planes, nearest, shown)
@@ -143,7 +143,6 @@ def _rasterised(
 
 
 def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:
-    """Find the buildings that can stand in the frame: the kernel's inner loop is over these."""
     reach = np.hypot(buildings[:, 2], buildings[:, 3])
     offset = buildings[:, :2] - camera.eye[:2]
     ahead = -camera.axes[2, :2]

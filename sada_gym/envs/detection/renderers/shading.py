@@ -19,7 +19,7 @@ from sada_gym.envs.detection.renderers.gbuffer import (
     KernelCamera,
     Lamp,
 )
-from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled
+from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled, times
 
 SUPERSAMPLING = 2
 """Samples per pixel and axis, of the object."""
@@ -30,46 +30,37 @@ TONE_STEPS = 4096
 
 
 @inlined
-def _square(value: float, times: int) -> float:
-    for _ in range(times):
+def _square(value: float, repeats: int) -> float:
+    for _ in range(repeats):
         value *= value
     return value
 
 
 @inlined
 def _ray(camera: KernelCamera, u: float, v: float) -> Triple:
-    """Give the direction through sample coordinates (u, v), at distance 1 along the axis."""
+    """Return the direction through sample coordinates (u, v), at distance 1 along the axis."""
     x, y = (u - camera.middle[0]) * camera.step, (camera.middle[1] - v) * camera.step
-    return (
-        x * camera.right[0] + y * camera.up[0] - camera.back[0],
-        x * camera.right[1] + y * camera.up[1] - camera.back[1],
-        x * camera.right[2] + y * camera.up[2] - camera.back[2],
-    )
+    return plus(plus(scaled(camera.right, x), camera.up, y), camera.back, -1.0)
 
 
 @inlined
 def _unit(a: Triple) -> Triple:
-    scale = 1 / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
-    return (a[0] * scale, a[1] * scale, a[2] * scale)
+    return scaled(a, 1 / math.sqrt(dot(a, a)))
 
 
 @inlined
 def _light(sun: float, ambient: float, place: KernelBackdrop) -> Triple:
     """Add up shares of the sun's light and of the ambient light."""
-    return (
-        SUN[0] * sun + ambient * place.ambient[0],
-        SUN[1] * sun + ambient * place.ambient[1],
-        SUN[2] * sun + ambient * place.ambient[2],
-    )
+    return plus(scaled(SUN, sun), place.ambient, ambient)
 
 
 @inlined
 def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
-    """Give the share of the light that reaches a point, from the light's depth view, bilinearly."""
-    p = (point[0] - lamp.centre[0], point[1] - lamp.centre[1], point[2] - lamp.centre[2])
+    """Return the share of the light that reaches a point, by the light's depth view, bilinearly."""
+    p = plus(point, lamp.centre, -1.0)
     across, up = dot(lamp.right, p), dot(lamp.up, p)
     depth = lamp.distance - dot(lamp.back, p)
-    # most of the ground lies beside the view, which is told without a division
+    # most of the ground lies beside the view, which shows without a division
     if max(abs(across), abs(up)) >= depth * lamp.tangent:
         return 1.0
     size = lamp.nearest.shape[0]
@@ -96,14 +87,14 @@ def _sky(height: float, place: KernelBackdrop) -> Triple:
 
 @inlined
 def _grain(texture: Array, row: float, column: float) -> float:
-    """Give the texel of a periodic texture, square, 2^k a side, in which a place lies."""
+    """Return the texel of a periodic texture, square, 2^k a side, in which a place lies."""
     last = texture.shape[0] - 1
     return float(texture[math.floor(row) & last, math.floor(column) & last])
 
 
 @inlined
 def _ground_albedo(place: KernelBackdrop, x: float, y: float, sharpness: float) -> Triple:
-    """Give the ground's colour at (x, y); lines thinner than a pixel fade.
+    """Return the ground's colour at (x, y); lines thinner than a pixel fade.
 
     `sharpness` is the inverse of a pixel's width on the ground.
     """
@@ -129,13 +120,7 @@ def _ground_albedo(place: KernelBackdrop, x: float, y: float, sharpness: float) 
         if cu - iu < 0.05 * per_unit or cv - iv < (0.1 if brick else 0.05) * per_unit:
             line = 0.65 * min(1.0, 0.05 * sharpness)
         shade *= 1.0 + 0.3 * _grain(place.noise, iv * 23.7, iu * 37.3)
-    shade = max(0.2, shade)
-    colour = (
-        place.ground_colour[0] * shade,
-        place.ground_colour[1] * shade,
-        place.ground_colour[2] * shade,
-    )
-    return mix(colour, place.joint_colour, line)
+    return mix(scaled(place.ground_colour, max(0.2, shade)), place.joint_colour, line)
 
 
 @inlined
@@ -147,7 +132,7 @@ def _slab(eye: float, inverse: float, low: float, high: float) -> tuple[float, f
 
 @inlined
 def _inverse(part: float) -> float:
-    """Invert a part of a ray, which counts as no less than 1e-12."""
+    # a part of a ray counts as no less than 1e-12
     return 1.0 / part if abs(part) > 1e-12 else 1e12
 
 
@@ -181,39 +166,31 @@ def _building(
         slope = toward[2]
     column, storey = along / box[8] + 0.25, (eye[2] + best * ray[2]) / box[9]
     if face < 2 and column - math.floor(column) < 0.5 and 0.3 < storey - math.floor(storey) < 0.8:
-        glass = place.horizon
-        return best, (0.03 + 0.2 * glass[0], 0.04 + 0.2 * glass[1], 0.05 + 0.2 * glass[2])
+        return best, plus((0.03, 0.04, 0.05), place.horizon, 0.2)
     light = _light(0.75 * max(0.0, slope), 1.2, place)
-    return best, (box[5] * light[0], box[6] * light[1], box[7] * light[2])
+    return best, times((box[5], box[6], box[7]), light)
 
 
 @inlined
 def _ground(
     ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: KernelBackdrop
 ) -> Triple:
-    """Light the ground at (x, y), where a ray meets it: pattern, shadow, wet mirror and glint.
-
-    `width` is a pixel's there, seen along the ray.
-    """
+    """Light the ground at (x, y), where a ray meets it and a pixel has this width."""
     albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / width)
     sun = _sunlit((x, y, 0.0), 0.03, lamp)
     toward = lamp.back
     glint = ray[0] * toward[0] + ray[1] * toward[1] - ray[2] * toward[2]
     glint = 1.5 * place.gloss * sun * _square(max(0.0, glint), 5)
     mirror = place.gloss * (0.04 + 0.96 * _square(1 + ray[2], 2))
-    light = _light(sun * toward[2], 1.0, place)
-    return (
-        (1 - mirror) * albedo[0] * light[0] + mirror * place.horizon[0] + SUN[0] * glint,
-        (1 - mirror) * albedo[1] * light[1] + mirror * place.horizon[1] + SUN[1] * glint,
-        (1 - mirror) * albedo[2] * light[2] + mirror * place.horizon[2] + SUN[2] * glint,
-    )
+    light = times(scaled(albedo, 1 - mirror), _light(sun * toward[2], 1.0, place))
+    return plus(plus(light, place.horizon, mirror), SUN, glint)
 
 
 @inlined
 def _background(
     eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: KernelBackdrop
 ) -> Triple:
-    """Give the light along a ray that misses the object and meets the ground within reach."""
+    """Return the light along a ray that misses the object and meets the ground within reach."""
     distance, colour = reach, (0.0, 0.0, 0.0)
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
     if x * x + y * y > 280.0:  # the plaza's radius squared
@@ -233,16 +210,12 @@ def _surface(
     facing = -dot(normal, ray)
     slope = sun * max(0.0, dot(normal, toward))
     half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
-    peak = _square(max(0.0, dot(normal, half)), int(row[5]))
-    peak *= row[6] * slope
+    peak = _square(max(0.0, dot(normal, half)), int(row[5])) * (row[6] * slope)
     mirrored = ray[2] + 2 * facing * normal[2]
     upward = 0.5 + 0.5 * normal[2]
     fresnel = 0.7 * _square(1 - min(1.0, max(0.0, facing)), 2)
-    ground, light = place.ground_colour, _light(toward[2], 1.0, place)
-    floor = (ground[0] * light[0], ground[1] * light[1], ground[2] * light[2])
-    around = floor
-    if mirrored > 0:
-        around = _sky(mirrored, place)
+    floor = times(place.ground_colour, _light(toward[2], 1.0, place))
+    around = _sky(mirrored, place) if mirrored > 0 else floor
     metal = row[4]
     plain = row[3] * (1 - metal)
     tint = (
@@ -262,7 +235,7 @@ def _surface(
 
 @inlined
 def _glare(toward: float) -> float:
-    """Give the veil that the light lays over the picture when the camera looks towards it."""
+    """Return the veil that the light lays over the picture when the camera looks towards it."""
     veil = _square(max(0.0, toward), 3)
     return 0.12 * veil + 0.3 * _square(veil, 5)
 
@@ -309,9 +282,7 @@ def compose(
     tone: Array,
     rows: Array,
 ) -> None:
-    """Light every pixel.
-
-    A face that several samples of a pixel show is lit once, in their middle.
+    """Light every pixel; a face that several samples of one show is lit once, in their middle.
 
     Args:
         image: Written, (size, size, 3) uint8.
@@ -322,7 +293,7 @@ def compose(
         g: The object.
         materials: (7, 7), see `painted`.
         tone: (TONE_STEPS,), of `tone_table`.
-        rows: (3, size), for what is computed of a row of pixels at a time.
+        rows: (3, size), room for what is computed of a row of pixels at a time.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     across_step = SUPERSAMPLING * camera.step

@@ -49,12 +49,9 @@ def project(vertices: Singles, camera: KernelCamera, points: Floats) -> None:
 
 @uncounted
 def bounds(points: Floats, per_pixel: int, size: int) -> tuple[int, int, int, int]:
-    """Find the pixels that points can touch: first column and row, and last ones + 1.
+    """Find the pixels that points (v, COORDINATES) can touch: first column, row, last ones + 1.
 
-    Args:
-        points: (v, COORDINATES), see `project`.
-        per_pixel: Samples of a pixel, along each axis.
-        size: Pixels a side of the picture.
+    A pixel has `per_pixel` samples along each axis, the picture `size` pixels a side.
     """
     left, top, right, bottom = math.inf, math.inf, -math.inf, -math.inf
     for i in range(points.shape[0]):
@@ -109,24 +106,24 @@ def rasterise(
             first, last = _first(min(u, v, w), above, height), _first(max(u, v, w), above, height)
             if first >= last:
                 continue
-        one, two, three = _cross(q, r), _cross(r, p), _cross(p, q)
+        edge_a, edge_b, edge_c = _cross(q, r), _cross(r, p), _cross(p, q)
         # rows run downwards, which mirrors the order of the corners
-        volume, side = -dot(p, one), 1.0
+        volume, side = -dot(p, edge_a), 1.0
         if double_sided and volume < 0.0:
             volume, side = -volume, -1.0
         if not 0.0 < volume < math.inf:  # seen from behind, without area, or not finite
             continue
-        one, two, three = scaled(one, -side), scaled(two, -side), scaled(three, -side)
+        edge_a, edge_b, edge_c = scaled(edge_a, -side), scaled(edge_b, -side), scaled(edge_c, -side)
         plane, share = planes[f], 1.0 / volume
         for k in range(3):
-            plane[k], plane[3 + k] = one[k] * share, two[k] * share
-            plane[6 + k] = (one[k] + two[k] + three[k]) * share
+            plane[k], plane[3 + k] = edge_a[k] * share, edge_b[k] * share
+            plane[6 + k] = (edge_a[k] + edge_b[k] + edge_c[k]) * share
         plane[9] = side
         for j in range(first, last):
             v = above + j + 0.5
-            low, high = _cut(one, v, -math.inf, math.inf)
-            low, high = _cut(two, v, low, high)
-            low, high = _cut(three, v, low, high)
+            low, high = _cut(edge_a, v, -math.inf, math.inf)
+            low, high = _cut(edge_b, v, low, high)
+            low, high = _cut(edge_c, v, low, high)
             rest = plane[7] * v + plane[8]
             for i in range(_first(low, left, width), _first(high, left, width)):
                 inverse = plane[6] * (left + i + 0.5) + rest
@@ -166,5 +163,5 @@ def _cut(edge: Triple, v: float, low: float, high: float) -> tuple[float, float]
 
 @inlined
 def _first(place: float, start: int, count: int) -> int:
-    """Give the first of `count` samples from `start` whose middle is at a place or behind it."""
+    """Return the first of `count` samples from `start` whose middle is at a place or behind it."""
     return math.ceil(min(max(place - start, 0.0), float(count)) - 0.5)
