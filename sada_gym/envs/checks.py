@@ -1,7 +1,8 @@
-"""Checks of the arguments of environments, scalar and vector ones alike."""
+"""Checks of arguments: ranges, which a dataclass states in its fields, tiles and networks."""
 
 from __future__ import annotations
 
+from dataclasses import field, fields
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ MAX_TILE = 1_024
 """Larger tiles fill the memory with black images: 1,024 of 128 pixels take 200 MB."""
 
 
-def checked_tile(tile: Any, network: str) -> int:
-    """Give a tile back as an int.
+def check_tile(tile: Any, network: str) -> int:
+    """Return a tile as an int.
 
     Args:
         tile: The number of images in one call of a network.
@@ -31,8 +32,8 @@ def checked_tile(tile: Any, network: str) -> int:
     return int(tile)
 
 
-def refuse_training_mode(network: Any, kind: str) -> None:
-    """Refuse a network that is in training mode, or has a part that is.
+def check_evaluation_mode(network: Any, kind: str) -> None:
+    """Check that no part of a network is in training mode.
 
     Args:
         network: A torch module, or anything else, whose attribute `training` is checked.
@@ -80,6 +81,30 @@ def check_range(name: str, given: Any, least: float, greatest: float) -> None:
             f"Expected {name} to be a tuple of two {'ints' if whole else 'numbers'}, low and high, "
             f"from {least:g} to {greatest:g}, got {given!r}."
         )
+
+
+def bounded(low: float, high: float, default: Any = None) -> Any:
+    """Return a dataclass field whose range `check_bounds` checks.
+
+    Args:
+        low: The least value.
+        high: The greatest value.
+        default: A number, the middle of the range by default, or a tuple of two, see `check_range`.
+    """
+    middle = (low + high) / 2 if default is None else default
+    return field(default=middle, metadata={"bounds": (low, high)})
+
+
+def check_bounds(settings: Any) -> None:
+    """Check all `bounded` fields of a dataclass's object.
+
+    Raises:
+        ValueError: If one is outside of its range.
+    """
+    for setting in fields(settings):
+        if "bounds" in setting.metadata:
+            check = check_range if isinstance(setting.default, tuple) else check_number
+            check(setting.name, getattr(settings, setting.name), *setting.metadata["bounds"])
 
 
 def check_kind(name: str, given: Any, kind: type[Any]) -> None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
-from sada_gym.envs.checks import checked_tile, refuse_training_mode
+from sada_gym.envs.checks import check_evaluation_mode, check_tile
 from sada_gym.errors import UserError
 from sada_gym.frames import Frame
 
@@ -65,12 +65,12 @@ class DetectorAgent:
         from sada_gym.envs.detection.agent.folded import FoldedDetector
         from sada_gym.envs.detection.agent.network import Detector, check_size
 
-        refuse_training_mode(network, "detector")
+        check_evaluation_mode(network, "detector")
         self.network = network
         # a subclass may detect otherwise: it is called like any other detector
         self._folded = FoldedDetector(network) if type(network) is Detector else None
         default = 1 if self._folded is None else DETECTOR_TILE
-        self.tile = default if tile is None else checked_tile(tile, "detector")
+        self.tile = default if tile is None else check_tile(tile, "detector")
         if self._folded is not None and image_size is not None:
             check_size(image_size, image_size)
 

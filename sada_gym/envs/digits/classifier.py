@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
-from sada_gym.envs.checks import checked_tile, refuse_training_mode
+from sada_gym.envs.checks import check_evaluation_mode, check_tile
 from sada_gym.errors import UserError, UserTypeError
 
 if TYPE_CHECKING:
@@ -47,9 +47,9 @@ class ClassifierAgent:
                 f"Expected agent to be a shipped classifier's name, a file of weights or a torch "
                 f"module, got {type(network).__name__}."
             )
-        refuse_training_mode(network, "classifier")
+        check_evaluation_mode(network, "classifier")
         self.network = network
-        self.tile = _default_tile(network) if tile is None else checked_tile(tile, "classifier")
+        self.tile = _default_tile(network) if tile is None else check_tile(tile, "classifier")
 
     @property
     def fingerprint(self) -> str | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.checks import check_number, check_range
+from sada_gym.envs.checks import bounded, check_bounds
 from sada_gym.envs.driving.camera.pinhole import Mount
 from sada_gym.envs.driving.episodes import TOP_SPEED_M_S, DrivingStart
 from sada_gym.envs.driving.world.layout import LAYOUTS
@@ -14,17 +14,6 @@ from sada_gym.envs.driving.world.route import random_route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, town
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS, weather_index
 from sada_gym.errors import UserError
-
-_RANGES: dict[str, tuple[float, float]] = {
-    "height_m": (0.5, 5.0),
-    "pitch_deg": (-25.0, 25.0),
-    "corners": (1, 20),
-}
-_NUMBERS: dict[str, tuple[float, float]] = {
-    "lateral_m": (0.0, LANE_WIDTH_M / 2),
-    "turned_deg": (0.0, 90.0),
-    "speed_m_s": (0.0, TOP_SPEED_M_S),
-}
 
 
 @dataclass(frozen=True)
@@ -44,12 +33,12 @@ class StartDistribution:
 
     layout: str = "training"
     weathers: tuple[str, ...] = NAMES[:TRAINING_WEATHERS]
-    height_m: tuple[float, float] = (1.4, 1.4)
-    pitch_deg: tuple[float, float] = (-15.0, -15.0)
-    corners: tuple[int, int] = (1, 4)
-    lateral_m: float = 0.0
-    turned_deg: float = 0.0
-    speed_m_s: float = 0.0
+    height_m: tuple[float, float] = bounded(0.5, 5.0, (1.4, 1.4))
+    pitch_deg: tuple[float, float] = bounded(-25.0, 25.0, (-15.0, -15.0))
+    corners: tuple[int, int] = bounded(1, 20, (1, 4))
+    lateral_m: float = bounded(0.0, LANE_WIDTH_M / 2, 0.0)
+    turned_deg: float = bounded(0.0, 90.0, 0.0)
+    speed_m_s: float = bounded(0.0, TOP_SPEED_M_S, 0.0)
 
     def __post_init__(self) -> None:
         """Reject unknown names, and cameras from which no image can be drawn."""
@@ -59,10 +48,7 @@ class StartDistribution:
             raise UserError(f"Expected a tuple of weathers' names, got {self.weathers!r}.")
         for name in self.weathers:
             weather_index(name)
-        for name, bounds in _RANGES.items():
-            check_range(name, getattr(self, name), *bounds)
-        for name, bounds in _NUMBERS.items():
-            check_number(name, getattr(self, name), *bounds)
+        check_bounds(self)
 
     def draw(self, rng: np.random.Generator) -> DrivingStart:
         """Draw one drive."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.checks import check_kind, check_number
-from sada_gym.envs.robot.conditions import PARAMETERS, Conditions, conditions
+from sada_gym.envs.checks import bounded, check_bounds, check_kind
+from sada_gym.envs.robot.conditions import NOMINAL, PARAMETERS, Conditions, conditions
 from sada_gym.envs.robot.start import RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 
@@ -26,15 +26,14 @@ class StartDistribution:
         turned_deg: The greatest angle by which a robot is turned from its way at the start.
     """
 
-    conditions: Conditions = field(default_factory=Conditions)
-    spread: float = 0.0
-    turned_deg: float = 30.0
+    conditions: Conditions = NOMINAL
+    spread: float = bounded(0.0, 1.0, 0.0)
+    turned_deg: float = bounded(0.0, 180.0, 30.0)
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_kind("conditions", self.conditions, Conditions)
-        check_number("spread", self.spread, 0.0, 1.0)
-        check_number("turned_deg", self.turned_deg, 0.0, 180.0)
+        check_bounds(self)
 
     def draw(self, rng: np.random.Generator) -> RobotStart:
         """Draw one trip."""

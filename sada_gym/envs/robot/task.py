@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from inspect import Parameter as SignatureParameter
+from inspect import Signature
 from typing import Any
 
 import numpy as np
@@ -11,10 +13,12 @@ import numpy.typing as npt
 
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
+from sada_gym.envs.robot.conditions import PARAMETERS
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
+from sada_gym.errors import check_known
 from sada_gym.lockstep import SAME_STEP
 
 ARRIVAL_REWARD, COLLISION_REWARD = 10.0, -10.0
@@ -85,9 +89,8 @@ class RobotTaskEnv(TaskEnv):
 
     ## Arguments
     - `distribution=StartDistribution()`: what floor plans, trips and conditions are drawn from.
-    - `floor_friction`, `payload_kg`, `payload_offset_m`, `lidar_yaw_deg`, `lidar_offset_m`,
-      `lidar_noise_m`, `lidar_dropout`, `wheel_gain`, `obstacle_density`, `latency_s`: the conditions
-      of all trips, see `Conditions`; those that are not given are the distribution's.
+    - the fields of `Conditions`, such as `latency_s`: the conditions of all trips; those that are
+      not given are the distribution's.
     - `render_mode=None`: `"rgb_array"` draws the hall from above with the robot and its lidar's
       returns.
 
@@ -102,38 +105,30 @@ class RobotTaskEnv(TaskEnv):
         self,
         distribution: StartDistribution | None = None,
         *,
-        floor_friction: float | None = None,
-        payload_kg: float | None = None,
-        payload_offset_m: float | None = None,
-        lidar_yaw_deg: float | None = None,
-        lidar_offset_m: float | None = None,
-        lidar_noise_m: float | None = None,
-        lidar_dropout: float | None = None,
-        wheel_gain: float | None = None,
-        obstacle_density: float | None = None,
-        latency_s: float | None = None,
         render_mode: str | None = None,
+        **conditions: float | None,
     ) -> None:
-        given = {
-            "floor_friction": floor_friction,
-            "payload_kg": payload_kg,
-            "payload_offset_m": payload_offset_m,
-            "lidar_yaw_deg": lidar_yaw_deg,
-            "lidar_offset_m": lidar_offset_m,
-            "lidar_noise_m": lidar_noise_m,
-            "lidar_dropout": lidar_dropout,
-            "wheel_gain": wheel_gain,
-            "obstacle_density": obstacle_density,
-            "latency_s": latency_s,
-        }
-        changed = {name: value for name, value in given.items() if value is not None}
-        if changed:
+        check_known("condition", conditions, PARAMETERS.names)
+        given: dict[str, Any] = {name: x for name, x in conditions.items() if x is not None}
+        if given:
             distribution = StartDistribution() if distribution is None else distribution
             check_kind("distribution", distribution, StartDistribution)
-            distribution = replace(
-                distribution, conditions=replace(distribution.conditions, **changed)
-            )
+            changed = replace(distribution.conditions, **given)
+            distribution = replace(distribution, conditions=changed)
         super().__init__(distribution, render_mode=render_mode)
+
+    # the conditions by name, for tools that look up what an environment takes
+    __signature__ = Signature(
+        [
+            SignatureParameter(
+                "distribution", SignatureParameter.POSITIONAL_OR_KEYWORD, default=None
+            ),
+            *(
+                SignatureParameter(name, SignatureParameter.KEYWORD_ONLY, default=None)
+                for name in (*PARAMETERS.names, "render_mode")
+            ),
+        ]
+    )
 
 
 class RobotTaskVectorEnv(TaskVectorEnv):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sada_gym.envs.checks import check_number
+from sada_gym.envs.checks import bounded, check_bounds
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.guidance import TOP_SPEED_M_S
 from sada_gym.envs.uav.world.templates import TEMPLATES, template
@@ -18,8 +18,6 @@ START_SHIFT_M = 0.3
 """A seed moves the drone from the start by at most this, along x and along y."""
 START_TURN_DEG = 5.0
 """A seed turns the drone by at most this."""
-
-_BOUNDS = {"spread": 1.0, "shift_m": 1.0, "turned_deg": 45.0, "speed_m_s": TOP_SPEED_M_S}
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,10 @@ class StartDistribution:
     """
 
     anchors: tuple[int, ...] = tuple(TEMPLATES)
-    spread: float = 0.25
-    shift_m: float = 0.5
-    turned_deg: float = 15.0
-    speed_m_s: float = 10.0
+    spread: float = bounded(0.0, 1.0, 0.25)
+    shift_m: float = bounded(0.0, 1.0, 0.5)
+    turned_deg: float = bounded(0.0, 45.0, 15.0)
+    speed_m_s: float = bounded(0.0, TOP_SPEED_M_S, 10.0)
 
     def __post_init__(self) -> None:
         """Reject unknown templates, and starts far off the track."""
@@ -50,8 +48,7 @@ class StartDistribution:
             )
         for count in self.anchors:
             template(count)
-        for name, most in _BOUNDS.items():
-            check_number(name, getattr(self, name), 0.0, most)
+        check_bounds(self)
 
     def draw(self, rng: np.random.Generator) -> RacingStart:
         """Draw one race."""
