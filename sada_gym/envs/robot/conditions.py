@@ -52,15 +52,13 @@ class Conditions:
 
 NOMINAL = Conditions()
 
+
+def _parameter(name: str, bounds: tuple[float, float]) -> Parameter:
+    return Parameter(name, *bounds, unit=_UNITS.get(name.rpartition("_")[2], ""))
+
+
 PARAMETERS = ParameterSpace(
-    *(
-        Parameter(
-            condition.name,
-            *condition.metadata["bounds"],
-            _UNITS.get(condition.name.rpartition("_")[2], ""),
-        )
-        for condition in fields(Conditions)
-    )
+    *(_parameter(field.name, field.metadata["bounds"]) for field in fields(Conditions))
 )
 
 
