@@ -262,7 +262,7 @@ def test_keywords_of_ids_do_not_go_with_files(pole):
 def test_an_attack_takes_a_file_and_its_record_names_no_folder(pole, tmp_path, monkeypatch):
     whole = attack(str(pole), out=tmp_path / "whole", **RANDOM)
     application = read_application(pole)
-    assert whole.report.settings.track == "CartPole-v1"
+    assert whole.report.settings.experiment.target.track == "CartPole-v1"
     assert whole.report == attack(application, out=tmp_path / "python", **RANDOM).report
     for name in ("attack.json", "result.json"):
         assert str(tmp_path) not in (tmp_path / "whole" / name).read_text()
