@@ -65,49 +65,6 @@ class SuiteCard:
 
 
 @dataclass(frozen=True)
-class PurityCase:
-    """Worlds and batch sizes with which the registry's tests check that scores are pure.
-
-    Attributes:
-        n: Number of worlds; each is also tried alone.
-        sizes: Sizes of batches beside 1 and n; each begins at another world, so that a world
-            stands at several places of a tile.
-    """
-
-    n: int
-    sizes: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class RegistryCase:
-    """What the tests of all ids need to know of an application.
-
-    Attributes:
-        slow: Whether an evaluation is a whole episode in closed loop, or many.
-        quick_kwargs: Keywords that make an evaluation quick where any agent will do.
-        quick_agent: `module:class` of an agent whose episodes are short, where one is needed.
-        shipped_on: The suffix of the track on which the shipped agent is tested; None takes the one
-            that the general id is by default, or the general id itself.
-        purity: The least that would still catch a score that depends on its tile, its place or the
-            size of the batch, tried on one track.
-        purity_elsewhere: The same for the other tracks, which run the same code.
-        brief: Seeds of worlds in which the shipped agent's episodes end early, by suffix. They were
-            found by trying; any other seed tests the same and takes longer.
-        telling: Seeds with which a dead parameter would be noticed in the first worlds, by suffix;
-            found likewise.
-    """
-
-    slow: bool = False
-    quick_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    quick_agent: str = ""
-    shipped_on: str | None = None
-    purity: PurityCase = PurityCase(3, (2,))
-    purity_elsewhere: PurityCase = PurityCase(3, (2,))
-    brief: Mapping[str, int] = field(default_factory=dict)
-    telling: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class ApplicationCard:
     """All that the rest of the package knows of an application.
 
@@ -132,7 +89,6 @@ class ApplicationCard:
         reference_seeds: The number of evaluations of each of these points.
         sobol_seed: The seed by which these points are scrambled.
         suite: The benchmark's suite of its tracks; None where there is none.
-        case: What the tests of all ids need to know.
     """
 
     name: str
@@ -152,7 +108,6 @@ class ApplicationCard:
     reference_seeds: int = 3
     sobol_seed: int = 0
     suite: SuiteCard | None = None
-    case: RegistryCase = RegistryCase()
 
     @property
     def id(self) -> str:

@@ -20,12 +20,13 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import SyncVectorEnv
 from numpy.testing import assert_array_equal
+from registry_cases import PurityCase, case_of
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import sada_gym
 from sada_gym import envs
 from sada_gym.application import Application, Outcomes
-from sada_gym.cards import APPLICATIONS, ApplicationCard, PurityCase, cards
+from sada_gym.cards import APPLICATIONS, ApplicationCard, cards
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.ids import find_spec
@@ -53,22 +54,22 @@ def seed_of(env_id: str, seeds: Mapping[str, int]) -> int:
 
 
 def brief_seed(env_id: str) -> int:
-    return seed_of(env_id, CARD_OF[env_id].case.brief)
+    return seed_of(env_id, case_of(CARD_OF[env_id].name).brief)
 
 
 def purity_case(env_id: str) -> PurityCase:
-    case = CARD_OF[env_id].case
+    case = case_of(CARD_OF[env_id].name)
     return case.purity if env_id in SHIPPED else case.purity_elsewhere
 
 
 def one_step_is_slow(env_id: str) -> bool:
-    return CARD_OF[env_id].case.slow
+    return case_of(CARD_OF[env_id].name).slow
 
 
 def with_quick_agent(env_id: str) -> dict[str, Any]:
     """Keywords for tests of the environment's own doing, which any agent shows."""
-    case = CARD_OF[env_id].case
-    agent = {"agent": load(case.quick_agent)()} if case.quick_agent else {}
+    case = case_of(CARD_OF[env_id].name)
+    agent = {"agent": case.quick_agent()} if case.quick_agent else {}
     return {**case.quick_kwargs, **agent}
 
 
@@ -239,7 +240,7 @@ def test_another_process_gives_the_same_outcomes() -> None:
     for env_id in SHIPPED:
         application = sada_gym.make_application(env_id)
         worlds.append((application, *draw_worlds(application, 2, brief_seed(env_id))))
-    elsewhere = in_fresh_process(evaluated, worlds, home=PurityCase)
+    elsewhere = in_fresh_process(evaluated, worlds, home=ApplicationCard)
     for (application, _, _), here, there in zip(worlds, evaluated(worlds), elsewhere, strict=True):
         compare_outcomes(here, there, f"of {application.name} in another process")
         application.close()
@@ -261,7 +262,7 @@ def test_infos_can_be_batched(env_id: str) -> None:
 
 def test_no_parameter_is_dead(env_id: str) -> None:
     application = sada_gym.make_application(env_id)
-    check_live_parameters(application, seed=seed_of(env_id, CARD_OF[env_id].case.telling))
+    check_live_parameters(application, seed=seed_of(env_id, case_of(CARD_OF[env_id].name).telling))
     application.close()
 
 

@@ -6,11 +6,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+from registry_cases import case_of
 
 from sada_gym.cards import cards
 
 SHIPPED = tuple(
-    card.track_id(suffix) if (suffix := card.case.shipped_on or card.same_as) else card.id
+    card.track_id(suffix) if (suffix := case_of(card.name).shipped_on or card.same_as) else card.id
     for card in cards()
 )
 """One id of each application: its other tracks run the same code in other worlds."""

@@ -1,6 +1,6 @@
 """The card of the analytic application."""
 
-from sada_gym.cards import ApplicationCard, PurityCase, RegistryCase
+from sada_gym.cards import ApplicationCard
 
 CARD = ApplicationCard(
     name="SADA-Analytic",
@@ -8,5 +8,4 @@ CARD = ApplicationCard(
     summary="The adversary looks for the boxes in which a function is low; an exact list of them "
     "exists.",
     application="sada_gym.envs.analytic.application:AnalyticApplication",
-    case=RegistryCase(purity=PurityCase(70, tuple(range(1, 71)))),
 )

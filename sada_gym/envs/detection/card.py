@@ -1,6 +1,6 @@
 """The card of object detection."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
 
 _SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",
@@ -51,11 +51,5 @@ CARD = ApplicationCard(
         name="detection",
         tables=("equal-queries",),
         seeds_of={"Bicycle": 3, "Motorbike": 3, "Truck": 3},
-    ),
-    case=RegistryCase(
-        quick_kwargs={"tile": 1},  # one image a call instead of a tile of them
-        shipped_on="Car",
-        # tiles of 4 images: 6 worlds are a full tile and a padded one, 3 to 5 are at its border
-        purity=PurityCase(6, (2, 3, 4, 5)),
     ),
 )

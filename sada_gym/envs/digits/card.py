@@ -1,6 +1,6 @@
 """The card of the digits."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
 
 CNN = AgentCard(
     "cnn",
@@ -28,5 +28,4 @@ CARD = ApplicationCard(
     # with the Sobol seed 0, `bayesian` with the seed 0 would begin its search at the same points
     sobol_seed=2020,
     suite=SuiteCard(name="digits", seeds=3, images=0),
-    case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
 )

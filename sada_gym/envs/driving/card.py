@@ -1,6 +1,6 @@
 """The card of self-driving."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Driving",
@@ -48,13 +48,4 @@ CARD = ApplicationCard(
     },
     packages=("torch", "stable-baselines3", "highway-env", "numba", "pillow"),
     suite=SuiteCard(name="driving", seeds=3, images=0),
-    case=RegistryCase(
-        slow=True,
-        quick_agent="sada_gym.envs.driving.agent.swerving:Swerving",
-        shipped_on="Straight",
-        # tiles of 16 cars, and one evaluation is five: 1, 2 and 3 fill tiles in as many ways
-        purity_elsewhere=PurityCase(2),
-        brief={"Straight": 5, "OneCurve": 5, "Navigation": 5},
-        telling={"Straight": 1, "OneCurve": 1},
-    ),
 )

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sada_gym.cards import ApplicationCard, PurityCase, RegistryCase
+from sada_gym.cards import ApplicationCard
 from sada_gym.envs.digits.card import CNN, LOADER
 
 CARD = ApplicationCard(
@@ -15,5 +15,4 @@ CARD = ApplicationCard(
     agent_kind="classifier",
     agent_loader=LOADER,
     packages=("scikit-learn", "torch"),
-    case=RegistryCase(purity=PurityCase(40, (2, 15, 16, 17, 31, 33))),  # tiles of 16 images
 )

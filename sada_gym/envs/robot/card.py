@@ -1,6 +1,6 @@
 """The card of the robot."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-Robot",
@@ -39,5 +39,4 @@ CARD = ApplicationCard(
     reference_points=4_000,
     reference_seeds=4,
     suite=SuiteCard(name="robot", seeds=3, images=0),
-    case=RegistryCase(slow=True, purity=PurityCase(4, (3,))),
 )

@@ -1,6 +1,6 @@
 """The card of UAV racing."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, PurityCase, RegistryCase, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
 
 CARD = ApplicationCard(
     name="SADA-UAV",
@@ -39,13 +39,4 @@ CARD = ApplicationCard(
     reference_points=5_000,
     reference_seeds=5,
     suite=SuiteCard(name="racing", seeds=3, images=0),
-    case=RegistryCase(
-        slow=True,
-        quick_agent="sada_gym.envs.uav.agent.speechless:Speechless",
-        shipped_on="4Anchors",
-        # tiles of 8 drones; test_racing_pilot.py flies more than one tile
-        purity_elsewhere=PurityCase(2),
-        brief={"3Anchors": 8, "4Anchors": 1, "5Anchors": 15},
-        telling={"4Anchors": 2, "5Anchors": 3},
-    ),
 )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from registry_cases import NaNPilot
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.agent.speechless import Speechless
 from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.episodes import ACTION_SPACE, OBSERVATION_SPACE
 from sada_gym.envs.uav.world.referee import GateOutcome
@@ -252,7 +252,7 @@ def test_tracks_are_built_once_a_batch(monkeypatch):
             super().__init__(anchors)
 
     monkeypatch.setattr("sada_gym.envs.uav.world.templates.Tracks", Counted)
-    application = UAVApplication(3, agent=Speechless())
+    application = UAVApplication(3, agent=NaNPilot())
     application.evaluate(np.zeros((5, 6)), range(5))  # the first time an agent is asked twice
     built.clear()
     application.evaluate(np.zeros((5, 6)), range(5))
