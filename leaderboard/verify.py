@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, say
+from sada_gym.cli.console import errors_as_sentences, option, say, workers_option
 
 if TYPE_CHECKING:
     from sada_gym.submission.verification import Finding
@@ -21,35 +21,25 @@ app = typer.Typer(
 
 @app.command()
 def verify(
-    entries: Annotated[
-        list[Path], typer.Argument(metavar="ENTRY...", help="The folders of the entries.")
-    ],
-    nonce: Annotated[
-        str | None,
-        option(
-            "A text that no submitter could know; it makes the evaluation seeds fresh.",
-            metavar="TEXT",
-            default="none; with --check, the one in each file",
-        ),
-    ] = None,
-    workers: Annotated[int, option(WORKERS_HELP, minimum=1)] = 1,
-    again: Annotated[
-        bool, option("Evaluate again the results that were verified with this nonce.", "--again")
-    ] = False,
-    missing: Annotated[
-        bool, option("Skip results that were verified with any nonce.", "--missing")
-    ] = False,
-    check: Annotated[
-        bool, option("Write nothing; compare with the existing files.", "--check")
-    ] = False,
-    against: Annotated[
-        Path | None,
-        option(
-            "The folder of the entries to look for equal samples in.",
-            metavar="DIR",
-            default="the folder of each entry",
-        ),
-    ] = None,
+    entries: list[Path] = typer.Argument(metavar="ENTRY...", help="The folders of the entries."),
+    nonce: str | None = option(
+        None,
+        "A text that no submitter could know; it makes the evaluation seeds fresh.",
+        metavar="TEXT",
+        shown="none; with --check, the one in each file",
+    ),
+    workers: int = workers_option(1),
+    again: bool = option(
+        False, "Evaluate again the results that were verified with this nonce.", "--again"
+    ),
+    missing: bool = option(False, "Skip results that were verified with any nonce.", "--missing"),
+    check: bool = option(False, "Write nothing; compare with the existing files.", "--check"),
+    against: Path | None = option(
+        None,
+        "The folder of the entries to look for equal samples in.",
+        metavar="DIR",
+        shown="the folder of each entry",
+    ),
 ) -> None:
     """Score the samples of entries again on fresh seeds, and write the findings beside the claims.
 

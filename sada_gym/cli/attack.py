@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from sada_gym.cli.console import (
-    WORKERS_HELP,
-    ExecutorName,
     cores,
+    env_kwargs_option,
     err,
     errors_as_sentences,
+    executor_option,
     key_values,
     option,
     out,
     refuse_stray,
     say,
     show_resume_hint,
+    workers_option,
 )
 from sada_gym.errors import UserError
 from sada_gym.experiment.names import default_note, refuse_misspelt
@@ -33,49 +34,34 @@ _MAX_WORKERS = 8  # more seldom help, and each holds its own simulator
 
 def attack(
     context: typer.Context,
-    env_id: Annotated[
-        str,
-        typer.Argument(
-            metavar="ID|FILE.toml",
-            help="The environment; `sada-gym envs` lists them. Or a file that describes one.",
-        ),
-    ],
-    adversary: Annotated[
-        str, option("`sada-gym adversaries` lists them.", "--adversary", "-a")
-    ] = "bbgan",
-    preset: Annotated[
-        str | None, option("A named set of the adversary's options, such as `paper`.")
-    ] = None,
-    env_kwargs: Annotated[
-        list[str] | None,
-        option("A keyword of the environment, as object_class=car; repeatable.", metavar="k=v"),
-    ] = None,
-    agent: Annotated[
-        str | None,
-        option(
-            "The agent under test: a shipped one, or a .safetensors file of weights.",
-            metavar="NAME|FILE",
-        ),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        option("An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"),
-    ] = None,
-    budget: Annotated[
-        int, option("Number of training queries; with 0 only `random` and `ideal` work.", minimum=0)
-    ] = 2_000,
-    samples: Annotated[
-        int | None, option("Number of test samples.", minimum=1, default="the environment's own")
-    ] = None,
-    seed: Annotated[int, option("Fixes the whole result.", minimum=0)] = 0,
-    workers: Annotated[
-        int | None, option(WORKERS_HELP, minimum=1, default=f"the cores, at most {_MAX_WORKERS}")
-    ] = None,
-    executor: ExecutorName = "processes",
-    out_folder: Annotated[
-        Path | None, option("Results.", "--out", metavar="DIR", default="runs/ID-ADVERSARY-SEED")
-    ] = None,
-    resume: Annotated[bool, option("Go on with the run that DIR holds.", "--resume")] = False,
+    env_id: str = typer.Argument(
+        metavar="ID|FILE.toml",
+        help="The environment; `sada-gym envs` lists them. Or a file that describes one.",
+    ),
+    adversary: str = option("bbgan", "`sada-gym adversaries` lists them.", "--adversary", "-a"),
+    preset: str | None = option(None, "A named set of the adversary's options, such as `paper`."),
+    env_kwargs: list[str] | None = env_kwargs_option(),
+    agent: str | None = option(
+        None,
+        "The agent under test: a shipped one, or a .safetensors file of weights.",
+        metavar="NAME|FILE",
+    ),
+    set_: list[str] | None = option(
+        None, "An option of the adversary, as steps=600; repeatable.", "--set", metavar="k=v"
+    ),
+    budget: int = option(
+        2_000, "Number of training queries; with 0 only `random` and `ideal` work.", minimum=0
+    ),
+    samples: int | None = option(
+        None, "Number of test samples.", minimum=1, shown="the environment's own"
+    ),
+    seed: int = option(0, "Fixes the whole result.", minimum=0),
+    workers: int | None = workers_option(None, f"the cores, at most {_MAX_WORKERS}"),
+    executor: str = executor_option(),
+    out_folder: Path | None = option(
+        None, "Results.", "--out", metavar="DIR", shown="runs/ID-ADVERSARY-SEED"
+    ),
+    resume: bool = option(False, "Go on with the run that DIR holds.", "--resume"),
 ) -> None:
     """Train an adversary against an agent and measure how often its samples fool it.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
@@ -12,16 +12,16 @@ from rich.table import Table
 
 from sada_gym.benchmark.suite import SUITES, choose, find_suite
 from sada_gym.cli.console import (
-    WORKERS_HELP,
-    ExecutorName,
     cores,
     errors_as_sentences,
+    executor_option,
     make_table,
     option,
     out,
     refuse_stray,
     say,
     show_resume_hint,
+    workers_option,
 )
 from sada_gym.errors import UserError
 
@@ -35,69 +35,49 @@ SUITES_HELP = f"What to run: {', '.join(suite.name for suite in SUITES)}."
 
 def benchmark(
     context: typer.Context,
-    suite: Annotated[str, option(SUITES_HELP, metavar="NAME")] = "quick",
-    tracks: Annotated[
-        list[str] | None,
-        option("An environment; repeatable.", "--track", metavar="ID", default="the suite's own"),
-    ] = None,
-    tables: Annotated[
-        list[str] | None,
-        option("A table of the suite; repeatable.", "--table", metavar="NAME", default="all"),
-    ] = None,
-    agents: Annotated[
-        list[str] | None,
-        option("An agent; repeatable.", "--agent", metavar="NAME", default="the tables' own"),
-    ] = None,
-    adversaries: Annotated[
-        list[str] | None,
-        option(
-            "A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
-            *("--adversary", "-a"),
-            metavar="NAME",
-            default="the suite's own",
-        ),
-    ] = None,
-    seeds: Annotated[
-        int | None, option("Seeds on every track.", minimum=1, default="the suite's own")
-    ] = None,
-    budget: Annotated[
-        int | None, option("Training queries.", minimum=1, default="the tables' own")
-    ] = None,
-    samples: Annotated[
-        int | None, option("Test samples.", minimum=1, default="the environments' own")
-    ] = None,
-    images: Annotated[
-        int | None,
-        option(
-            "Samples, on the first seed, whose nearest queries are compared as images.",
-            minimum=0,
-            default="the suite's own",
-        ),
-    ] = None,
-    workers: Annotated[int | None, option(WORKERS_HELP, minimum=1, default="the cores")] = None,
-    executor: ExecutorName = "processes",
-    out_folder: Annotated[
-        Path | None,
-        option(
-            "Evaluations, costs, tables, pictures.",
-            "--out",
-            metavar="DIR",
-            default="runs/benchmark-SUITE",
-        ),
-    ] = None,
-    entries: Annotated[
-        Path | None,
-        option("Results, as entries of the leaderboard.", metavar="DIR", default="DIR/entries"),
-    ] = None,
-    references: Annotated[
-        Path | None, option("The reference sets.", metavar="DIR", default="the shipped ones")
-    ] = None,
-    report: Annotated[
-        bool, option("Run nothing; report what DIR holds by now.", "--report")
-    ] = False,
-    plan: Annotated[
-        bool, option("Run nothing; say what there is to do and what it costs.", "--plan")
-    ] = False,
+    suite: str = option("quick", SUITES_HELP, metavar="NAME"),
+    tracks: list[str] | None = option(
+        None, "An environment; repeatable.", "--track", metavar="ID", shown="the suite's own"
+    ),
+    tables: list[str] | None = option(
+        None, "A table of the suite; repeatable.", "--table", metavar="NAME", shown="all"
+    ),
+    agents: list[str] | None = option(
+        None, "An agent; repeatable.", "--agent", metavar="NAME", shown="the tables' own"
+    ),
+    adversaries: list[str] | None = option(
+        None,
+        "A name, `name:preset`, `module:Class` or `ideal`; repeatable.",
+        *("--adversary", "-a"),
+        metavar="NAME",
+        shown="the suite's own",
+    ),
+    seeds: int | None = option(None, "Seeds on every track.", minimum=1, shown="the suite's own"),
+    budget: int | None = option(None, "Training queries.", minimum=1, shown="the tables' own"),
+    samples: int | None = option(None, "Test samples.", minimum=1, shown="the environments' own"),
+    images: int | None = option(
+        None,
+        "Samples, on the first seed, whose nearest queries are compared as images.",
+        minimum=0,
+        shown="the suite's own",
+    ),
+    workers: int | None = workers_option(None, "the cores"),
+    executor: str = executor_option(),
+    out_folder: Path | None = option(
+        None,
+        "Evaluations, costs, tables, pictures.",
+        "--out",
+        metavar="DIR",
+        shown="runs/benchmark-SUITE",
+    ),
+    entries: Path | None = option(
+        None, "Results, as entries of the leaderboard.", metavar="DIR", shown="DIR/entries"
+    ),
+    references: Path | None = option(
+        None, "The reference sets.", metavar="DIR", shown="the shipped ones"
+    ),
+    report: bool = option(False, "Run nothing; report what DIR holds by now.", "--report"),
+    plan: bool = option(False, "Run nothing; say which runs are missing and their cost.", "--plan"),
 ) -> None:
     """Compare adversaries: every table, track, agent, adversary and seed.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from sada_gym.cli.console import EnvKwargs, errors_as_sentences, key_values, out, say
+from sada_gym.cli.console import env_kwargs_option, errors_as_sentences, key_values, out, say
 
 _INDENTED: dict[str, Any] = {
     "initial_indent": "  ",
@@ -21,10 +21,10 @@ _INDENTED: dict[str, Any] = {
 
 
 def envs(
-    env_id: Annotated[
-        str | None, typer.Argument(metavar="[ID|FILE.toml]", help="Show this one's parameters.")
-    ] = None,
-    env_kwargs: EnvKwargs = None,
+    env_id: str | None = typer.Argument(
+        None, metavar="[ID|FILE.toml]", help="Show this one's parameters."
+    ),
+    env_kwargs: list[str] | None = env_kwargs_option(),
 ) -> None:
     """List the environments, or show one's parameters, units and fooling threshold."""
     with errors_as_sentences():

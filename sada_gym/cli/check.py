@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 from rich.markup import escape
 
 from sada_gym.cli.console import (
-    EnvKwargs,
+    env_kwargs_option,
     errors_as_sentences,
     key_values,
     make_table,
@@ -20,14 +18,11 @@ from sada_gym.errors import UserError
 
 def check(
     context: typer.Context,
-    subject: Annotated[
-        str,
-        typer.Argument(
-            metavar="ID|FILE.toml|FILE.py",
-            help="An environment's id, a file that describes one, or one with applications.",
-        ),
-    ],
-    env_kwargs: EnvKwargs = None,
+    subject: str = typer.Argument(
+        metavar="ID|FILE.toml|FILE.py",
+        help="An environment's id, a file that describes one, or one with applications.",
+    ),
+    env_kwargs: list[str] | None = env_kwargs_option(),
 ) -> None:
     """Check an application against the contract: scores, seeds, purity, Gymnasium.
 

@@ -8,7 +8,7 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -23,34 +23,44 @@ _debug = False
 
 
 def option(
+    default: Any,
     text: str,
     *names: str,
     metavar: str | None = None,
     minimum: int | None = None,
-    default: str | bool = True,
+    shown: str | bool = True,
 ) -> Any:
     """Declare an option of a command.
 
     Args:
+        default: Its default; `...` where the option is required.
         text: Its help.
         names: Its names; without any it is named as the parameter.
         metavar: What the help calls its value.
         minimum: The smallest number that it takes.
-        default: What the help says of its default; True shows the value.
+        shown: What the help says of its default; True shows the value.
     """
-    return typer.Option(*names, help=text, metavar=metavar, min=minimum, show_default=default)
+    return typer.Option(
+        default, *names, help=text, metavar=metavar, min=minimum, show_default=shown
+    )
 
 
-EnvKwargs = Annotated[
-    list[str] | None, option("A keyword of the environment; repeatable.", metavar="k=v")
-]
-WORKERS_HELP = "Processes; the result does not depend on it."
-ExecutorName = Annotated[
-    str,
-    option(
-        "`processes`, `dask` (a local cluster), or `dask:ADDRESS` of a scheduler.", metavar="NAME"
-    ),
-]
+def env_kwargs_option() -> Any:
+    """Declare `--env-kwargs`."""
+    text = "A keyword of the environment, as object_class=car; repeatable."
+    return option(None, text, "--env-kwargs", metavar="k=v")
+
+
+def workers_option(default: int | None, shown: str | bool = True) -> Any:
+    """Declare `--workers`."""
+    text = "Processes; the result does not depend on it."
+    return option(default, text, "--workers", minimum=1, shown=shown)
+
+
+def executor_option() -> Any:
+    """Declare `--executor`."""
+    text = "`processes`, `dask` (a local cluster), or `dask:ADDRESS` of a scheduler."
+    return option("processes", text, "--executor", metavar="NAME")
 
 
 def set_debug(on: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.status import Status
@@ -12,29 +11,23 @@ from sada_gym.cli.console import err, errors_as_sentences, option, say
 
 
 def replay(
-    run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote.")
-    ],
-    out_file: Annotated[
-        Path,
-        option("The video; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"),
-    ],
-    worst: Annotated[
-        int | None, option("Show so many of the samples with the lowest scores.", default="1")
-    ] = None,
-    sample: Annotated[
-        int | None,
-        option("Show this one sample: its row in samples.npz, from 0.", metavar="I"),
-    ] = None,
-    seconds: Annotated[float, option("The length of a sample, about.")] = 10.0,
-    application: Annotated[
-        str | None,
-        option(
-            "What was attacked, where RUN cannot say it.",
-            metavar="ID|FILE.toml",
-            default="what RUN names",
-        ),
-    ] = None,
+    run: Path = typer.Argument(metavar="RUN", help="The folder that `sada-gym attack` wrote."),
+    out_file: Path = option(
+        ..., "The video; the ending says which kind.", "--out", metavar="FILE.gif|FILE.mp4"
+    ),
+    worst: int | None = option(
+        None, "Show so many of the samples with the lowest scores.", shown="1"
+    ),
+    sample: int | None = option(
+        None, "Show this one sample: its row in samples.npz, from 0.", metavar="I"
+    ),
+    seconds: float = option(10.0, "The length of a sample, about."),
+    application: str | None = option(
+        None,
+        "What was attacked, where RUN cannot say it.",
+        metavar="ID|FILE.toml",
+        shown="what RUN names",
+    ),
 ) -> None:
     """Replay samples of a run as a video, so that a person sees how the agent fails.
 

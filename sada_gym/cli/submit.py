@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from sada_gym.cli.console import WORKERS_HELP, errors_as_sentences, option, out, say
+from sada_gym.cli.console import errors_as_sentences, option, out, say, workers_option
 from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
@@ -15,64 +15,48 @@ if TYPE_CHECKING:
 
 
 def submit(
-    name: Annotated[str, option("The entry's name: small letters, digits and -+._")],
-    authors: Annotated[list[str], option("An author; repeatable.")],
-    licence: Annotated[str, option("The licence of the data, such as CC-BY-4.0.")],
-    runs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="RUN",
-            help="Folders of `sada-gym attack`, of several seeds and tracks, or entries that a "
-            "benchmark made (DIR/entries/NAME).",
-        ),
-    ] = None,
-    title: Annotated[
-        str, option("What the board calls it.", metavar="TEXT", default="the name")
-    ] = "",
-    paper: Annotated[str, option("The address of a paper.", metavar="URL", default=False)] = "",
-    repository: Annotated[
-        str, option("The address of the code.", metavar="URL", default=False)
-    ] = "",
-    command: Annotated[
-        str,
-        option("How the results are made.", metavar="TEXT", default="the first run's command"),
-    ] = "",
-    rule: Annotated[
-        str | None,
-        option(
-            "The rule for the budget: `paper-budgets` or `equal-queries`.",
-            metavar="NAME",
-            default="paper-budgets; of an entry, all that it has",
-        ),
-    ] = None,
-    samples: Annotated[
-        list[Path] | None,
-        option(
-            "Instead of runs: an NPY file of M samples, (M, d) in [-1, 1]; one for each seed.",
-            metavar="FILE",
-        ),
-    ] = None,
-    track: Annotated[str | None, option("The environment of the samples.", metavar="ID")] = None,
-    agent: Annotated[
-        str | None,
-        option("The agent that they fool.", metavar="NAME", default="the track's first"),
-    ] = None,
-    queries: Annotated[
-        int | None, option("The training queries that each seed spent.", minimum=0)
-    ] = None,
-    adversary: Annotated[
-        str | None, option("What you call the adversary that found them.", metavar="NAME")
-    ] = None,
-    options: Annotated[
-        str | None, option("The adversary's options, as a JSON object.", metavar="JSON")
-    ] = None,
-    workers: Annotated[int, option(WORKERS_HELP, minimum=1)] = 1,
-    out_folder: Annotated[
-        Path, option("The folder of the entries.", "--out", metavar="DIR")
-    ] = Path("leaderboard/entries"),
-    replace: Annotated[
-        bool, option("Replace results that the entry already has.", "--replace")
-    ] = False,
+    name: str = option(..., "The entry's name: small letters, digits and -+._"),
+    authors: list[str] = option(..., "An author; repeatable."),
+    licence: str = option(..., "The licence of the data, such as CC-BY-4.0."),
+    runs: list[Path] | None = typer.Argument(
+        None,
+        metavar="RUN",
+        help="Folders of `sada-gym attack`, of several seeds and tracks, or entries that a "
+        "benchmark made (DIR/entries/NAME).",
+    ),
+    title: str = option("", "What the board calls it.", metavar="TEXT", shown="the name"),
+    paper: str = option("", "The address of a paper.", metavar="URL", shown=False),
+    repository: str = option("", "The address of the code.", metavar="URL", shown=False),
+    command: str = option(
+        "", "How the results are made.", metavar="TEXT", shown="the first run's command"
+    ),
+    rule: str | None = option(
+        None,
+        "The rule for the budget: `paper-budgets` or `equal-queries`.",
+        metavar="NAME",
+        shown="paper-budgets; of an entry, all that it has",
+    ),
+    samples: list[Path] | None = option(
+        None,
+        "Instead of runs: an NPY file of M samples, (M, d) in [-1, 1]; one for each seed.",
+        metavar="FILE",
+    ),
+    track: str | None = option(None, "The environment of the samples.", metavar="ID"),
+    agent: str | None = option(
+        None, "The agent that they fool.", metavar="NAME", shown="the track's first"
+    ),
+    queries: int | None = option(None, "The training queries that each seed spent.", minimum=0),
+    adversary: str | None = option(
+        None, "What you call the adversary that found them.", metavar="NAME"
+    ),
+    options: str | None = option(
+        None, "The adversary's options, as a JSON object.", metavar="JSON"
+    ),
+    workers: int = workers_option(1),
+    out_folder: Path = option(
+        Path("leaderboard/entries"), "The folder of the entries.", "--out", metavar="DIR"
+    ),
+    replace: bool = option(False, "Replace results that the entry already has.", "--replace"),
 ) -> None:
     """Make an entry of the leaderboard from runs or from your own samples, and check it.
 
