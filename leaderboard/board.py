@@ -6,20 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from leaderboard.board_tables import (
-    attack_lines,
-    by_track_sheet,
-    outdated_sheet,
-    paper_sheet,
-    ranking_sheet,
-    strongest_sheet,
-)
-from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
+from leaderboard.board_tables import outdated_sheet, paper_sheet, ranking_lines, strongest_sheet
+from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup, track_of
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.cards import ApplicationCard, cards
 from sada_gym.experiment.record import slug
-from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.entry import Entry
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import Sheet
@@ -95,23 +88,20 @@ class GroupBoard(GroupResults):
         return None if self.comparisons else paper_sheet(self)
 
     def _rankings(self, table: Table, agent: str) -> Iterator[Ranking]:
+        verified = {row.entry for row in self.results["verified"].rows_of(table.name, agent, None)}
         for tier in TIERS:
-            results = self.results[tier]
-            rows = results.rows_of(table.name, agent, None)
+            rows = self.results[tier].rows_of(table.name, agent, None)
             if not rows:
                 continue
-            more = {row.entry for row in rows} - {
-                row.entry for row in self.results["verified"].rows_of(table.name, agent, None)
-            }
-            lines = attack_lines(self, table, agent, tier)
-            coverage = by_track_sheet(self, lines, "relative_coverage")
+            lines = ranking_lines(self, table, agent, tier)
+            coverage = lines.by_track(self.group, "relative_coverage")
             yield Ranking(
                 tier,
                 tuple(rows),
-                ranking_sheet(self, lines),
-                by_track_sheet(self, lines, "afr"),
+                lines.ranking(),
+                lines.by_track(self.group, "afr"),
                 coverage if coverage.lines else None,
-                bool(more),
+                any(row.entry not in verified for row in rows),
             )
 
 
@@ -132,7 +122,7 @@ class Board:
     @property
     def outdated(self) -> tuple[OutdatedResult, ...]:
         """All outdated results."""
-        return (*(one for group in self.groups for one in group.outdated), *self.elsewhere)
+        return (*(late for group in self.groups for late in group.outdated), *self.elsewhere)
 
     @cached_property
     def strongest(self) -> Sheet:
@@ -151,43 +141,35 @@ def make_board(
             Those beside the five of the benchmark's suites have a page where there are results.
     """
     groups = [TrackGroup.of(card) for card in (cards() if applications is None else applications)]
-    of_track = {track: group for group in groups for track in group.tracks}
-    reasons = {
-        (entry.metadata.name, place): find_outdated(result.claimed.experiment)
+    group_of = {track: group for group in groups for track in group.tracks}
+    outdated = [
+        OutdatedResult(entry, result, reason)
         for entry in entries
-        for place, result in entry.results.items()
-    }
+        for result in entry.results.values()
+        if (reason := find_outdated(result.claimed.experiment)) is not None
+    ]
+    late = {id(one.result) for one in outdated}
 
-    def outdated(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
-        return tuple(
-            OutdatedResult(entry, result, reason)
-            for entry in entries
-            for place, result in entry.results.items()
-            if of_track.get(result.claimed.experiment.target.track) == group
-            and (reason := reasons[entry.metadata.name, place]) is not None
-        )
+    def outdated_of(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
+        return tuple(one for one in outdated if group_of.get(track_of(one.result)) == group)
 
-    def chosen(entry: Entry, group: TrackGroup) -> Entry:
-        def is_wanted(result: EntryResult) -> bool:
-            track = result.claimed.experiment.target.track
-            reason = reasons[entry.metadata.name, result.place]
-            return of_track.get(track) == group and reason is None
-
-        return entry.keeping(is_wanted)
+    def current(entry: Entry, group: TrackGroup) -> Entry:
+        tracks = group.tracks
+        return entry.keeping(lambda result: track_of(result) in tracks and id(result) not in late)
 
     with_suite = {card.name for card in cards() if card.suite is not None}
     boards = []
     for group in groups:
-        held = tuple(chosen(entry, group) for entry in entries)
+        chosen = tuple(current(entry, group) for entry in entries)
         rules = {
             result.claimed.experiment.protocol.rule
-            for entry in held
+            for entry in chosen
             for result in entry.results.values()
         }
         # every entry goes in, so that two of one title are told apart on every page
-        results = {tier: results_of(held, tables_of(rules), tier=tier) for tier in TIERS}
-        there = tuple(entry for entry in held if entry.results)
-        left_out = outdated(group)
-        if there or left_out or group.application in with_suite:
-            boards.append(GroupBoard(group, there, results, left_out))
-    return Board(tuple(entries), tuple(boards), outdated(None))
+        results = {tier: results_of(chosen, tables_of(rules), tier=tier) for tier in TIERS}
+        with_results = tuple(entry for entry in chosen if entry.results)
+        left_out = outdated_of(group)
+        if with_results or left_out or group.application in with_suite:
+            boards.append(GroupBoard(group, with_results, results, left_out))
+    return Board(tuple(entries), tuple(boards), outdated_of(None))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -13,18 +12,20 @@ from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
 from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.experiment.record import slug
 from sada_gym.results import paper
+from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row, RunSummary
 from sada_gym.results.sheet import (
+    BLANK,
     Cell,
     Column,
     Kind,
     Line,
     Sheet,
     number_cell,
-    rank_cell,
     rate_cell,
+    shaded,
     text_cell,
 )
 from sada_gym.submission.current import current_target
@@ -32,354 +33,265 @@ from sada_gym.submission.current import current_target
 PAPER_RULE = "paper-budgets"
 """The rule under which the paper's numbers were made."""
 
-_ENTRY = Column("entry", "Entry", numeric=False)
+_ENTRY = Column("entry", "entry", numeric=False)
 _TIER = Column(
     "tier",
-    "Tier",
+    "tier",
     "Verified: we scored the samples again on fresh seeds. Claimed: the submitter's own figures.",
     numeric=False,
     choice=True,
 )
+_SEEDS = Column(
+    "seeds_sd",
+    "seeds, ± %",
+    "Standard deviation of the AFR between the seeds of a track, and the number of seeds.",
+)
+_FLAGS = Column(
+    "flags", "flags", "What a reader must know; the entry's page says it.", numeric=False
+)
+_FIGURES = ("rank", "f1", "afr", "relative_coverage", "coverage", "queries", "mu_std", "runs")
 _COLUMNS = (
-    Column(
-        "rank",
-        "Rank",
-        "By AFR, within this tier. Entries that the data cannot tell apart share it.",
-    ),
+    *row_columns("rank"),
     _ENTRY,
     _TIER,
-    Column("afr", "AFR, %", "Attack fooling rate, mean over tracks, with its 95 % interval."),
-    Column(
-        "seeds_sd",
-        "Seeds, ± %",
-        "Standard deviation of the AFR between the seeds of a track, and the number of seeds.",
-    ),
-    Column(
-        "relative_coverage",
-        "Coverage / ideal, %",
-        "The share of the known failures that the samples cover; ideal samples are 100 %.",
-    ),
-    Column("coverage_rank", "Rank by coverage", "By coverage / ideal, within this tier."),
-    Column("coverage", "Coverage, %", "The same without dividing by the ideal samples' coverage."),
-    Column("queries", "Queries", "Training queries a run; this is the submitter's word."),
-    Column("mu_std", "μ_std", "The spread of the samples; 0.577 where they are uniform."),
-    Column("runs", "Runs", "Tracks times seeds."),
-    Column("flags", "Flags", "What a reader must know; the entry's page says it.", numeric=False),
+    *row_columns("f1", "afr"),
+    _SEEDS,
+    *row_columns("relative_coverage", "coverage", "queries", "mu_std", "runs"),
+    _FLAGS,
 )
+_BY_TRACK = {
+    "afr": "AFR on each track, %",
+    "relative_coverage": "Coverage / ideal on each track, %",
+}
 
 
 @dataclass(frozen=True)
-class Attack:
-    """A row of a comparison, before it is laid out.
+class RankingLine:
+    """A line of a ranking, before it is laid out.
 
     Attributes:
         kind: What it is.
         name: The first cell.
-        row: Its figures over all tracks; None for what is no entry.
         cells: Its cells over all tracks, less the first one.
-        by_track: The rows of each track.
-        rates: The AFR on each track, where there are no such rows.
+        rates: Its AFR and its coverage over the ideal's on each track, by the columns' keys.
     """
 
     kind: Kind
     name: Cell
-    row: Row | None
     cells: Mapping[str, Cell]
-    by_track: Mapping[str, Row]
-    rates: Mapping[str, float]
+    rates: Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
-class Attacks:
-    """All rows of a comparison in one tier, the highest AFR first."""
+class RankingLines:
+    """All lines of a comparison in one tier: entries by F1 (AFR without coverage), then others."""
 
-    table: Table
-    agent: str
-    tier: Tier
+    name: str
     tracks: tuple[str, ...]
-    attacks: tuple[Attack, ...]
+    lines: tuple[RankingLine, ...]
 
-    def name(self, group: TrackGroup, what: str) -> str:
-        """Name the files of a table."""
-        parts = (group.name, self.table.name, self.agent, self.tier, what)
-        return ".".join(slug(part) for part in parts if part)
+    def ranking(self) -> Sheet:
+        """Lay out the figures over all tracks."""
+        count = len(self.tracks)
+        over = f", mean over {count} tracks" if count > 1 else " on the only track"
+        lines = [
+            Line(line.kind, {"entry": line.name, **line.cells}) for line in self.lines if line.cells
+        ]
+        return Sheet(f"{self.name}.all", f"All figures{over}", _COLUMNS, tuple(lines))
+
+    def by_track(self, group: TrackGroup, figure: str) -> Sheet:
+        """Lay out the AFR (`afr`) or the coverage (`relative_coverage`) by track."""
+        lines = [
+            Line(
+                line.kind,
+                {"entry": line.name}
+                | {track: shaded(rate_cell(rate)) for track, rate in rates.items()},
+            )
+            for line in self.lines
+            if (rates := line.rates.get(figure))
+        ]
+        columns = (Column(track, group.short(track)) for track in self.tracks)
+        return Sheet(f"{self.name}.{figure}", _BY_TRACK[figure], (_ENTRY, *columns), tuple(lines))
 
 
-def attack_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> Attacks:
+def ranking_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> RankingLines:
     """Put entries, controls, the paper's numbers and the reference set's rates in order."""
     results, group = board.results[tier], board.group
     entries = {entry.metadata.name: entry for entry in board.entries}
     runs = [run for run in results.runs if (run.table, run.agent) == (table.name, agent)]
-    there = {run.track for run in runs}
-    tracks = tuple(track for track in group.tracks if track in there)
-    by_track = {track: results.rows_of(table.name, agent, track) for track in tracks}
-    attacks = []
-    for row in results.rows_of(table.name, agent, None):
-        own = [run for run in runs if run.entry == row.entry]
-        attacks.append(
-            Attack(
-                _kind(row),
-                text_cell(row.label, href=f"entries/{row.entry}.html"),
-                row,
-                dict(_cells(row, own, entries[row.entry])),
-                {t: one for t in tracks for one in by_track[t] if one.entry == row.entry},
-                {},
-            )
+    attacked = {run.track for run in runs}
+    tracks = tuple(track for track in group.tracks if track in attacked)
+    on_tracks = [row for track in tracks for row in results.rows_of(table.name, agent, track)]
+    rows = results.rows_of(table.name, agent, None)
+    rows.sort(key=lambda row: -row.deciding.value if row.deciding else math.inf)
+    lines = [
+        RankingLine(
+            "control" if row.control else "ranked" if row.rank else "unranked",
+            text_cell(row.label, href=f"entries/{row.entry}.html"),
+            _cells(row, [run for run in runs if run.entry == row.entry], entries[row.entry]),
+            _rates([one for one in on_tracks if one.entry == row.entry]),
         )
-    attacks.sort(
-        key=lambda one: -math.inf if one.row is None or one.row.afr is None else -one.row.afr.value
+        for row in rows
+    ]
+    parts = (group.name, table.name, agent, tier)
+    return RankingLines(
+        ".".join(slug(part) for part in parts if part),
+        tracks,
+        (*lines, *_paper(table, agent, group, tracks), *_uniform(agent, tracks)),
     )
-    attacks += _paper(table, agent, group, tracks)
-    attacks += _uniform(agent, tracks)
-    return Attacks(table, agent, tier, tracks, tuple(attacks))
+
+
+def _rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    rates: dict[str, dict[str, float]] = {name: {} for name in _BY_TRACK}
+    for row in rows:
+        for name, figure in (("afr", row.afr), ("relative_coverage", row.relative_coverage)):
+            if row.track is not None and figure is not None:
+                rates[name][row.track] = figure.value
+    return rates
 
 
 def paper_sheet(board: GroupResults) -> Sheet | None:
-    """Give the paper's numbers where there is no entry yet; None where the paper has none."""
+    """Return the paper's numbers where there is no entry yet; None where the paper has none."""
     group, agent = board.group, next(iter(board.group.agents), "")
-    paper_rows = tuple(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
-    if not paper_rows:
+    lines = tuple(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
+    if not lines:
         return None
-    rows = (*paper_rows, *_uniform(agent, group.tracks))
-    found = Attacks(TABLES[PAPER_RULE], agent, "claimed", group.tracks, rows)
-    return replace(by_track_sheet(board, found, "afr"), name=f"{group.name}.paper")
+    lines = (*lines, *_uniform(agent, group.tracks))
+    sheet = RankingLines(group.name, group.tracks, lines).by_track(group, "afr")
+    return replace(sheet, name=f"{group.name}.paper")
 
 
-def ranking_sheet(board: GroupResults, found: Attacks) -> Sheet:
-    """Lay out the figures over all tracks."""
-    lines = [Line(one.kind, {"entry": one.name, **one.cells}) for one in found.attacks]
-    return Sheet(
-        found.name(board.group, "all"),
-        _over(len(found.tracks)),
-        _COLUMNS,
-        tuple(line for line in lines if len(line.cells) > 1),
-    )
-
-
-def _over(tracks: int) -> str:
-    return (
-        "All figures on the only track"
-        if tracks == 1
-        else f"All figures, mean over {tracks} tracks"
-    )
-
-
-def by_track_sheet(
-    board: GroupResults, found: Attacks, what: Literal["afr", "relative_coverage"]
-) -> Sheet:
-    """Lay out a rate by track."""
-    titles = {
-        "afr": "AFR on each track, %",
-        "relative_coverage": "Coverage / ideal on each track, %",
+def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> dict[str, Cell]:
+    places = _places(entry, runs)
+    tiers = {entry.results[place].tier for place in places}
+    return row_cells(row, _FIGURES) | {
+        "tier": text_cell(tiers.pop() if len(tiers) == 1 else "partly verified"),
+        "seeds_sd": _spread(runs),
+        "flags": _flags(entry, places),
     }
-    lines = []
-    for one in found.attacks:
-        cells = {
-            track: rate_cell(rate, shaded=True)
-            for track in found.tracks
-            if (rate := _rate(one, track, what)) is not None
-        }
-        if cells:
-            lines.append(Line(one.kind, {"entry": one.name, **cells}))
-    columns = [Column(track, board.group.short(track)) for track in found.tracks]
-    return Sheet(found.name(board.group, what), titles[what], (_ENTRY, *columns), tuple(lines))
 
 
-def _rate(one: Attack, track: str, what: Literal["afr", "relative_coverage"]) -> float | None:
-    if track in one.by_track:
-        figure = one.by_track[track].afr if what == "afr" else one.by_track[track].relative_coverage
-        return None if figure is None else figure.value
-    return one.rates.get(track) if what == "afr" else None
-
-
-def _kind(row: Row) -> Kind:
-    if row.control:
-        return "control"
-    return "ranked" if row.afr and row.afr.rank else "unranked"
-
-
-def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> Iterator[tuple[str, Cell]]:
-    yield "rank", rank_cell(row.afr)
-    yield "tier", text_cell(_tier(runs, entry))
-    yield "afr", rate_cell(row.afr)
-    yield "seeds_sd", _spread(runs)
-    yield "relative_coverage", rate_cell(row.relative_coverage)
-    yield "coverage_rank", rank_cell(row.relative_coverage)
-    yield "coverage", rate_cell(row.coverage.value if row.coverage else None)
-    yield "queries", number_cell(row.queries)
-    yield "mu_std", number_cell(row.mu_std, 3)
-    note = f"{row.failed} failed" if row.failed else ("" if row.complete else "incomplete")
-    yield "runs", number_cell(row.runs, note=note)
-    yield "flags", flags_cell(runs, entry)
-
-
-def _of(entry: Entry, runs: Iterable[RunSummary]) -> list[str]:
+def _places(entry: Entry, runs: Iterable[RunSummary]) -> list[str]:
     """Name the results that runs are of."""
-    return [
-        place
-        for place in dict.fromkeys(run.experiment.place for run in runs)
-        if place in entry.results
-    ]
-
-
-def _tier(runs: Sequence[RunSummary], entry: Entry) -> str:
-    tiers = {entry.results[stem].tier for stem in _of(entry, runs)}
-    return tiers.pop() if len(tiers) == 1 else "partly verified"
+    places = dict.fromkeys(run.experiment.place for run in runs)
+    return [place for place in places if place in entry.results]
 
 
 def _spread(runs: Sequence[RunSummary]) -> Cell:
-    """Give the standard deviation between the seeds of a track, its variance pooled over tracks."""
+    """Return the deviation between the seeds of a track, its variance pooled over tracks."""
     rates: dict[str, list[float]] = {}
     for run in runs:
         if run.measures is not None:
             rates.setdefault(run.track, []).append(run.measures.afr)
     counts = sorted({len(seeds) for seeds in rates.values()})
     if not counts:
-        return Cell()
+        return BLANK
     several = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     note = f"{several} seed{'' if counts == [1] else 's'}"
     variances = [float(np.var(seeds, ddof=1)) for seeds in rates.values() if len(seeds) > 1]
     if not variances:
         return Cell(note=note)
-    spread = math.sqrt(float(np.mean(variances)))
-    return Cell(text=f"{100 * spread:.1f}", value=spread, note=note)
+    return replace(rate_cell(math.sqrt(float(np.mean(variances)))), note=note)
 
 
-def flags_cell(runs: Sequence[RunSummary], entry: Entry) -> Cell:
+def _flags(entry: Entry, places: Sequence[str]) -> Cell:
     """Name the verifier's flags, and count what else a reader must know."""
-    names: dict[str, None] = {}
-    for stem in _of(entry, runs):
-        if (verified := entry.results[stem].verified) is not None:
-            names.update(dict.fromkeys(verified.flags))
-    claimed = {
-        flag
-        for stem in _of(entry, runs)
-        for seed in entry.results[stem].claimed.seeds
-        for flag in seed.flags
-    }
-    count = len(claimed)
-    text = "" if not count else "1 note" if count == 1 else f"{count} notes"
-    if not names and not text:
-        return Cell()
+    results = [entry.results[place] for place in places]
+    names = dict.fromkeys(
+        name for result in results if result.verified for name in result.verified.flags
+    )
+    count = len(
+        {flag for result in results for seed in result.claimed.seeds for flag in seed.flags}
+    )
+    notes = [f"{count} note{'s' if count > 1 else ''}"] if count else []
+    if not names and not notes:
+        return BLANK
     return Cell(
-        text=text,
-        value="; ".join((*names, *((text,) if text else ()))),
+        text="".join(notes),
+        value="; ".join((*names, *notes)),
         href=f"entries/{entry.metadata.name}.html#flags",
         marks=tuple(names),
     )
 
 
-def _paper(table: Table, agent: str, group: TrackGroup, tracks: Sequence[str]) -> Iterator[Attack]:
-    """Give the paper's own numbers, where it has this rule, this agent's place and these tracks."""
+def _paper(
+    table: Table, agent: str, group: TrackGroup, tracks: Sequence[str]
+) -> Iterator[RankingLine]:
+    """Return the paper's numbers, where it has this rule, this agent's place and these tracks."""
     if table.name != PAPER_RULE or agent != next(iter(group.agents), ""):
         return
-    for name, row in _paper_rows(tracks).items():
+    for name, row in paper.rows_on(tracks).items():
         cells = {"afr": rate_cell(row.average), "mu_std": number_cell(row.mu_std, 3)}
         label = text_cell(f"{name} · AAAI 2020")
-        yield Attack("paper", label, None, cells if row.average else {}, {}, row.rates)
+        shown = cells if row.average is not None else {}
+        yield RankingLine("paper", label, shown, {"afr": row.afr})
 
 
-@dataclass(frozen=True)
-class _PaperRow:
-    rates: Mapping[str, float]
-    average: float | None
-    mu_std: float | None
-
-
-def _paper_rows(tracks: Sequence[str]) -> Mapping[str, _PaperRow]:
-    rows = {}
-    if set(tracks) <= set(paper.CLASS_COLUMNS.values()):
-        whole = set(tracks) == set(paper.CLASS_COLUMNS.values())
-        for name, row in paper.CLASS_TABLE.items():
-            rates = dict(zip(paper.CLASS_COLUMNS.values(), row.afr, strict=True))
-            rows[name] = _PaperRow(
-                {track: rates[track] / 100 for track in tracks},
-                row.average / 100 if whole else None,
-                row.mu_std if whole else None,
-            )
-        return rows
-    columns = {track: i for i, track in enumerate(paper.TABLE_1_COLUMNS.values()) if track}
-    for name, printed in paper.TABLE_1.items():
-        found = {
-            track: rate / 100
-            for track in tracks
-            if track in columns and (rate := printed[columns[track]]) is not None
-        }
-        if found:
-            average = sum(found.values()) / len(found) if set(found) == set(tracks) else None
-            rows[name] = _PaperRow(found, average, None)
-    return rows
-
-
-def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[Attack]:
-    """Give the rates of uniform worlds, from the reference sets."""
-    found = {track: uniform_rate(track, agent) for track in tracks}
-    rates = {track: rate for track, rate in found.items() if rate is not None}
+def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[RankingLine]:
+    """Return the rates of uniform worlds, from the reference sets."""
+    rates = {track: rate for track in tracks if (rate := uniform_rate(track, agent)) is not None}
     if rates:
-        average = sum(rates.values()) / len(rates) if len(rates) == len(tracks) else None
-        cells = {"afr": rate_cell(average)} if average is not None else {}
-        yield Attack(
-            "reference", text_cell("uniform worlds · reference set"), None, cells, {}, rates
-        )
+        whole = len(rates) == len(tracks)
+        cells = {"afr": rate_cell(sum(rates.values()) / len(rates))} if whole else {}
+        label = text_cell("uniform worlds · reference set")
+        yield RankingLine("reference", label, cells, {"afr": rates})
 
 
 def uniform_rate(track: str, agent: str) -> float | None:
-    """Give the share of uniform worlds that fool an agent; None where there is no reference set."""
+    """Return the share of uniform worlds that fool an agent; None without a reference set."""
     reference = current_target(track, agent).target.reference
     return None if reference is None else reference.uniform_rate
 
 
 _STRONGEST = (
-    Column("agent", "Agent", numeric=False),
-    Column("track", "Track", numeric=False),
-    Column("group", "Group", numeric=False, choice=True),
-    Column("nominal", "In nominal worlds, it", numeric=False),
+    Column("agent", "agent", numeric=False),
+    Column("track", "track", numeric=False),
+    Column("group", "group", numeric=False, choice=True),
+    Column("nominal", "in nominal worlds, it", numeric=False),
     Column(
         "uniform_rate",
-        "Uniform worlds, %",
+        "uniform worlds, %",
         "The share of uniform worlds that fool the agent, from the track's reference set.",
     ),
     Column(
         "afr",
-        "Strongest attack, AFR %",
-        "The verified entry whose AFR has the highest lower bound, with its 95 % interval.",
+        "strongest attack, AFR %",
+        "The verified entry whose F1 (AFR without coverage) has the highest lower bound; its AFR "
+        "with the 95 % interval.",
     ),
-    Column("entry", "Entry", numeric=False),
-    Column("rule", "Budget rule", numeric=False, choice=True),
-    Column("queries", "Queries"),
+    *row_columns("relative_coverage"),
+    _ENTRY,
+    Column("rule", "budget rule", numeric=False, choice=True),
+    *row_columns("queries"),
 )
 
 
 def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
-    """Give the strongest verified attack on each track and agent beside the agent's usual rate."""
+    """Return the strongest verified attack on each track and agent beside its usual rate."""
     lines = []
     for board in groups:
         for agent in board.group.agents or {"": ""}:
             for track in board.group.tracks:
-                row = _strongest(board, track, agent)
-                uniform = uniform_rate(track, agent)
                 cells = {
                     "agent": text_cell(agent or "-"),
                     "track": text_cell(track, href=f"{board.group.name}.html"),
                     "group": text_cell(board.group.title),
                     "nominal": text_cell(board.group.nominal.get(agent, "")),
-                    "uniform_rate": rate_cell(uniform),
-                    "afr": rate_cell(row.afr if row else None),
+                    "uniform_rate": rate_cell(uniform_rate(track, agent)),
                 }
-                if row is not None:
-                    cells |= {
+                if row := _strongest(board, track, agent):
+                    cells |= row_cells(row, ("afr", "relative_coverage", "queries")) | {
                         "entry": text_cell(row.label, href=f"entries/{row.entry}.html"),
                         "rule": text_cell(row.table),
-                        "queries": number_cell(row.queries),
                     }
                 lines.append(Line("ranked", cells))
     # what was attacked comes first, the weakest agent at the top
-    lines.sort(key=lambda line: -float(line.cells["afr"].value or -1.0))
+    lines.sort(key=lambda line: -float(line.cells.get("afr", BLANK).value or -1.0))
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
 
 
 def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
-    """Give the ranked verified entry without flags of the verifier whose interval is highest."""
+    """Return the ranked verified entry without flags of the verifier whose interval is highest."""
     results = board.results["verified"]
     flagged = {
         (entry.metadata.name, experiment.protocol.rule)
@@ -390,11 +302,11 @@ def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
         if (experiment.target.track, experiment.target.agent) == (track, agent)
     }
     bounds = {
-        (row.table, row.entry): (row.afr.interval_95[0], row)
+        (row.table, row.entry): (row.deciding.interval_95[0], row)
         for table in results.tables
         for row in results.rows_of(table.name, agent, track)
         if (row.entry, table.name) not in flagged
-        if row.afr is not None and row.afr.rank is not None and row.afr.interval_95 is not None
+        if row.rank is not None and row.deciding is not None and row.deciding.interval_95
     }
     if not bounds:
         return None
@@ -404,27 +316,27 @@ def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
 
 _OUTDATED = (
     _ENTRY,
-    Column("track", "Track", numeric=False),
-    Column("agent", "Agent", numeric=False),
-    Column("rule", "Budget rule", numeric=False),
+    Column("track", "track", numeric=False),
+    Column("agent", "agent", numeric=False),
+    Column("rule", "budget rule", numeric=False),
     Column("afr", "AFR as claimed, %", "The mean over its seeds."),
-    Column("reason", "What is no longer today's", numeric=False),
+    Column("reason", "what is no longer today's", numeric=False),
 )
 
 
 def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:
     """List results that no longer compare with others."""
     lines = []
-    for one in outdated:
-        experiment, metadata = one.result.claimed.experiment, one.entry.metadata
-        rates = [seed.measures.afr for seed in one.result.claimed.seeds if seed.measures]
+    for late in outdated:
+        experiment, metadata = late.result.claimed.experiment, late.entry.metadata
+        rates = [seed.measures.afr for seed in late.result.claimed.seeds if seed.measures]
         cells = {
             "entry": text_cell(metadata.title, href=f"entries/{metadata.name}.html"),
             "track": text_cell(experiment.target.track),
             "agent": text_cell(experiment.target.agent),
             "rule": text_cell(experiment.protocol.rule),
             "afr": rate_cell(float(np.mean(rates)) if rates else None),
-            "reason": text_cell(one.reason),
+            "reason": text_cell(late.reason),
         }
         lines.append(Line("unranked", cells))
     return Sheet(f"{name}.outdated", "Outdated results", _OUTDATED, tuple(lines))

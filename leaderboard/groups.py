@@ -48,6 +48,11 @@ class TrackGroup:
         return track.removeprefix(f"{self.application}-").rsplit("-v", 1)[0]
 
 
+def track_of(result: EntryResult) -> str:
+    """Return the id of the track that a result is on."""
+    return result.claimed.experiment.target.track
+
+
 @dataclass(frozen=True, eq=False)
 class OutdatedResult:
     """A result that no longer compares with others.

@@ -107,7 +107,7 @@ def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
 
 @dataclass(frozen=True)
 class Leader:
-    """Who shares the first rank of a comparison, each with its AFR and its coverage."""
+    """Who shares the first rank of a comparison, each with its F1, AFR and coverage."""
 
     tier: str
     title: str
@@ -118,8 +118,8 @@ def leaders(group: GroupBoard) -> Iterator[Leader]:
     """Give the first ranks of each comparison in the highest tier that ranks anything."""
     for comparison in group.comparisons:
         for ranking in comparison.rankings:
-            first = [row for row in ranking.rows if row.afr and row.afr.rank in ("1", "1=")]
-            first.sort(key=lambda row: -row.afr.value if row.afr else 0.0)
+            first = [row for row in ranking.rows if row.is_first]
+            first.sort(key=lambda row: -row.deciding.value if row.deciding else 0.0)
             if first:
                 title = " · ".join(filter(None, (comparison.table.title, comparison.agent)))
                 names = [_with_figures(row) for row in first[:_NAMED]]
@@ -130,9 +130,9 @@ def leaders(group: GroupBoard) -> Iterator[Leader]:
 
 
 def _with_figures(row: Row) -> str:
-    figures = (("AFR", row.afr), ("coverage", row.relative_coverage))
-    told = (f"{name} {100 * one.value:.0f} %" for name, one in figures if one is not None)
-    return f"{row.label}: {', '.join(told)}"
+    figures = (("F1", row.f1), ("AFR", row.afr), ("coverage", row.relative_coverage))
+    texts = (f"{name} {100 * figure.value:.0f} %" for name, figure in figures if figure)
+    return f"{row.label}: {', '.join(texts)}"
 
 
 _NAMED = 3  # leaders on a card

@@ -16,23 +16,18 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
+from leaderboard.groups import track_of
 from sada_gym import agents
-from sada_gym.benchmark.report.tables import (
-    percent,
-    rank_of,
-    table_head,
-    table_line,
-    with_interval,
-    write_tables,
-)
+from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import cards
+from sada_gym.results.columns import COLUMNS, row_cells, row_columns
 from sada_gym.results.entry import Entry, read_entries
-from sada_gym.results.figures import Figure
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
+from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
@@ -111,64 +106,72 @@ def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed
 
 def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
     """Keep the results on some tracks."""
-    held = (
-        entry.keeping(lambda result: result.claimed.experiment.target.track in tracks)
-        for entry in entries
-    )
-    return [entry for entry in held if entry.results]
+    kept = (entry.keeping(lambda result: track_of(result) in tracks) for entry in entries)
+    return [entry for entry in kept if entry.results]
+
+
+def _sheet(rows: Sequence[Row], *keys: str) -> Iterator[str]:
+    lines = [Line("ranked", row_cells(row, keys, places=0)) for row in rows]
+    return Sheet("", "", row_columns(*keys), tuple(lines)).markdown()
 
 
 def compared(comparison: Comparison, entries: Sequence[Entry]) -> Iterator[str]:
-    """Give each adversary's AFR and coverage, with intervals and ranks."""
+    """Show each adversary's F1 with its rank, and the AFR and coverage that it joins."""
     rows = comparison.rows(entries)
     if not rows:
         yield _NONE
         return
-    yield from table_head(("adversary", "AFR, %", "rank", "coverage", "rank"))
-    for row in rows:
-        cells = (with_interval(row.afr, 0), rank_of(row.afr))
-        coverage = row.relative_coverage
-        yield table_line(row.label, *cells, with_interval(coverage, 0), rank_of(coverage))
+    yield from _sheet(rows, "adversary", "f1", "rank", "afr", "relative_coverage")
 
 
 def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iterator[str]:
-    """Give AFR / coverage of adversaries in all comparisons; rank 1 is bold.
+    """Show AFR / coverage of adversaries in all comparisons; rank 1 is bold.
 
     Args:
         labels: The adversaries; None for all.
         entries: The entries.
     """
-    found = [_by_label(one.rows(entries)) for one in COMPARISONS.values()]
-    yield from table_head(("adversary", *(one.title for one in COMPARISONS.values())))
-    for label in labels or list(ADVERSARIES):
-        cells = (_pair(rows.get(label)) for rows in found)
-        yield table_line(label, *cells)
+    rows = {one.title: _by_label(one.rows(entries)) for one in COMPARISONS.values()}
+    lines = [
+        Line(
+            "ranked",
+            {"adversary": text_cell(label)}
+            | {
+                title: _pair(of_title[label])
+                for title, of_title in rows.items()
+                if label in of_title
+            },
+        )
+        for label in labels or ADVERSARIES
+    ]
+    columns = (*row_columns("adversary"), *(Column(title, title) for title in rows))
+    return Sheet("", "", columns, tuple(lines)).markdown()
 
 
 def on_track(
     name: str, track: str, labels: Sequence[str], entries: Sequence[Entry]
 ) -> Iterator[str]:
-    """Give AFR and coverage of some adversaries on one track of a comparison."""
+    """Show AFR and coverage of some adversaries on one track of a comparison."""
     rows = _by_label(COMPARISONS[name].rows(entries, track))
-    yield from table_head(("adversary", "AFR, %", "coverage"))
-    for label in labels:
-        if row := rows.get(label):
-            cells = (with_interval(row.afr, 0), with_interval(row.relative_coverage, 0))
-            yield table_line(label, *cells)
+    chosen = [rows[label] for label in labels if label in rows]
+    return _sheet(chosen, "adversary", "afr", "relative_coverage")
 
 
 _AGAINST = ("random", "gp", "smc", "bbgan", "bbgan-boost", "trees", "level-set")
 
 
 def robustness(entries: Sequence[Entry]) -> Iterator[str]:
-    """Give how often uniform worlds, and those of some adversaries, fool each shipped agent."""
-    yield from table_head(("application", "agent", *_AGAINST))
+    """Show how often uniform worlds, and those of some adversaries, fool each shipped agent."""
+    lines = []
     for default in COMPARISONS.values():
         for agent in agents.names(_application(default.suite)):
             other = replace(default, table="other-agents", agent=agent)
             rows = _by_label((default if agent == default.agent else other).rows(entries))
-            cells = (_alone(row.afr) if (row := rows.get(label)) else "-" for label in _AGAINST)
-            yield table_line(default.title, agent, *cells)
+            cells = {label: _afr(rows[label]) for label in _AGAINST if label in rows}
+            heads = {"application": text_cell(default.title), "agent": text_cell(agent)}
+            lines.append(Line("ranked", heads | cells))
+    columns = tuple(Column(key, key) for key in ("application", "agent", *_AGAINST))
+    return Sheet("", "", columns, tuple(lines)).markdown()
 
 
 def _application(suite: str) -> str:
@@ -179,20 +182,14 @@ def _by_label(rows: Sequence[Row]) -> dict[str, Row]:
     return {row.label: row for row in rows}
 
 
-def _alone(figure: Figure | None) -> str:
-    return percent(None if figure is None else figure.value, 0)
+def _afr(row: Row) -> Cell:
+    return replace(COLUMNS["afr"].cell(row, 0), interval=None)
 
 
-def _pair(row: Row | None) -> str:
-    """Give AFR / coverage, each in bold where it has rank 1, shared or not."""
-    if row is None:
-        return "-"
-    found = (row.afr, row.relative_coverage)
-    return " / ".join(f"**{_alone(one)}**" if _first(one) else _alone(one) for one in found)
-
-
-def _first(figure: Figure | None) -> bool:
-    return figure is not None and figure.rank in ("1", "1=")
+def _pair(row: Row) -> Cell:
+    """Join AFR / coverage, in bold where the row has rank 1, shared or not."""
+    pair = (COLUMNS[key].cell(row, 0).text for key in ("afr", "relative_coverage"))
+    return text_cell(" / ".join(text or "-" for text in pair), bold=row.is_first)
 
 
 _RL = ("reinforce", "ppo", "sac", "td3")

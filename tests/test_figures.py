@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from prose import numbers, rows
-from sada_gym.submission.entry import CLAIMS, read_entries, read_result
-from sada_gym.submission.models import Result
 
 from leaderboard.tables import COMPARISONS, ENTRIES
-from sada_gym.benchmark.report.tables import with_interval
+from sada_gym.results.entry import read_entries, read_entry
+from sada_gym.results.models import Result
+from sada_gym.results.sheet import rate_cell
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -96,7 +96,7 @@ def test_the_example_of_a_citation_is_what_the_board_says() -> None:
         if row.label == "level-set"
     )
     afr, coverage = (
-        with_interval(figure).replace(" (", " % (", 1)
+        rate_cell(figure).markdown().replace(" (", " % (", 1)
         for figure in (row.afr, row.relative_coverage)
     )
     page = (DOCS / "measures.md").read_text(encoding="utf-8")
@@ -105,8 +105,8 @@ def test_the_example_of_a_citation_is_what_the_board_says() -> None:
     )
 
 
-def claims_of(name: str, stem: str) -> Result:
-    return read_result(ENTRIES / name / f"{stem}{CLAIMS}")
+def claims_of(name: str, place: str) -> Result:
+    return read_entry(ENTRIES / name).results[place].claimed
 
 
 def afr_of(claims: Result, seed: int) -> float:
@@ -124,8 +124,9 @@ def test_the_example_of_a_submission_is_what_the_entry_of_gp_claims() -> None:
 
 def test_the_headline_is_what_the_entry_of_make_attack_claims() -> None:
     claims = claims_of("bbgan", "SADA-Detection-Car-v0.photographer.paper-budgets")
-    assert claims.identity.reference is not None
-    afr, uniform = afr_of(claims, 0), claims.identity.reference.uniform_rate
+    reference = claims.experiment.target.reference
+    assert reference is not None
+    afr, uniform = afr_of(claims, 0), reference.uniform_rate
     headline = (
         f"In half a minute BBGAN learns worlds that fool the car detector {100 * afr:.0f} % of the "
         f"time; random worlds fool it {100 * uniform:.0f} %"

@@ -24,6 +24,7 @@ from sada_gym.cli.console import (
     workers_option,
 )
 from sada_gym.errors import UserError
+from sada_gym.results.columns import row_cells, row_columns
 
 if TYPE_CHECKING:
     from sada_gym.benchmark.costs import Estimate
@@ -173,15 +174,12 @@ def _show_result(result: BenchmarkResult) -> None:
     for name, agent in results.comparisons():
         title = f"{titles[name]} · {agent}" if agent else titles[name]
         table = Table(title=title, header_style="bold", title_justify="left")
-        for column in ("adversary", "AFR, %", "rank", "coverage / ideal, %", "rank", "runs"):
-            table.add_column(column, justify="left" if column == "adversary" else "right")
+        keys = ("adversary", "f1", "rank", "afr", "relative_coverage", "runs")
+        for column in row_columns(*keys):
+            table.add_column(column.title, justify="right" if column.numeric else "left")
         for row in results.rows_of(name, agent, None):
-            cells = [escape(row.label)]
-            for figure in (row.afr, row.relative_coverage):
-                cells.append(f"{100 * figure.value:.1f}" if figure else "-")
-                cells.append((figure and figure.rank) or "")
-            failed = f" ({row.failed} failed)" if row.failed else ""
-            table.add_row(*cells, f"{row.runs}{failed}")
+            cells = row_cells(row, keys)
+            table.add_row(*(escape(cells[key].text) for key in keys))
         out.print(table)
     for note in result.notes:
         say(note, lead="[yellow]Warning:[/] ")

@@ -80,6 +80,7 @@ def estimate(
     *,
     statistic: Statistic = "mean",
     samples: int | npt.ArrayLike | None = None,
+    draws: npt.ArrayLike | None = None,
     seed: int = 0,
     resamples: int = 10_000,
     level: float = 0.95,
@@ -103,6 +104,8 @@ def estimate(
         statistic: The mean or the interquartile mean of all runs.
         samples: M where the values are rates among M test samples, as AFR is: one number, or one
             for each track. None where they are anything else, such as coverage.
+        draws: For figures that are no plain rates: what each track's mean could have been with
+            other test samples, (tracks, resamples). They stand in for the posterior of a rate.
         seed: The seed of the resampling.
         resamples: The number of resamples.
         level: The interval's nominal coverage.
@@ -114,11 +117,12 @@ def estimate(
     _check(runs, statistic, resamples, level)
     seeds = runs.shape[1]
     value = float(trim_mean(runs.ravel(), _TRIMMED[statistic]))
-    if samples is None and seeds == 1:
+    if samples is None and draws is None and seeds == 1:
         return Estimate(value, None, "nothing")
     counts = None if samples is None else _validate_counts(samples, runs)
-    tested = _varies_as_samples_do(runs, counts)
-    drawn = _resample(runs, counts, tested, resamples, np.random.default_rng(seed))
+    means = None if draws is None else _validate_draws(draws, (len(runs), resamples))
+    tested = _varies_as_samples_do(runs, counts, means)
+    drawn = _resample(runs, counts, means, tested, resamples, np.random.default_rng(seed))
 
     freedom = (seeds - 1) * int((~tested).sum())
     tail = (1.0 - level) / 2
@@ -181,19 +185,24 @@ def shared_ranks(
     )
 
 
-def _varies_as_samples_do(runs: Values, counts: Values | None) -> npt.NDArray[np.bool_]:
+def _varies_as_samples_do(
+    runs: Values, counts: Values | None, means: Values | None
+) -> npt.NDArray[np.bool_]:
     """Tell in which tracks the test samples explain all differences between seeds, (tracks,)."""
     tracks, seeds = runs.shape
+    spread = runs.var(axis=1, ddof=1) if seeds > 1 else np.zeros(tracks)
+    if means is not None:
+        return np.asarray(spread <= seeds * means.var(axis=1))
     if counts is None:
         return np.zeros(tracks, np.bool_)
     rate = runs.mean(axis=1)
-    spread = runs.var(axis=1, ddof=1) if seeds > 1 else np.zeros(tracks)
     return np.asarray(spread <= rate * (1.0 - rate) / counts)
 
 
 def _resample(
     runs: Values,
     counts: Values | None,
+    means: Values | None,
     tested: npt.NDArray[np.bool_],
     resamples: int,
     rng: np.random.Generator,
@@ -202,7 +211,9 @@ def _resample(
     tracks, seeds = runs.shape
     chosen = rng.integers(seeds, size=(resamples, tracks, max(seeds - 1, 1)))
     drawn = np.take_along_axis(runs[None], chosen, axis=2)
-    if counts is not None:
+    if means is not None:
+        drawn[:, tested] = means[tested].T[:, :, None]
+    elif counts is not None:
         fooled, trials = np.round(runs.sum(axis=1) * counts)[tested], (counts * seeds)[tested]
         rates = rng.beta(fooled + 0.5, trials - fooled + 0.5, size=(resamples, len(fooled)))
         drawn[:, tested] = rates[:, :, None]
@@ -222,6 +233,16 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
             "Expected at least 1 resample and a level within (0, 1), got "
             f"resamples={resamples}, level={level}."
         )
+
+
+def _validate_draws(draws: npt.ArrayLike, shape: tuple[int, int]) -> Values:
+    means = as_array(draws, "draws").astype(np.float64)
+    if means.shape != shape or not np.isfinite(means).all():
+        raise UserError(
+            f"Expected finite draws of shape (tracks, resamples) = {shape}, got shape "
+            f"{means.shape}. Give one row of draws for each track."
+        )
+    return means
 
 
 def _validate_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:

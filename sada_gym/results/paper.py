@@ -6,6 +6,7 @@ Table `detector-table` (lines 671-683), as printed there, contradictions include
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 AVERAGE = "12-class avg"
@@ -122,20 +123,54 @@ ROWS: dict[str, str] = {
 
 
 def table_1(label: str, column: str) -> float | None:
-    """Give the AFR of the paper's Table 1, in percent; None where it has none."""
+    """Return the AFR of the paper's Table 1, in percent; None where it has none."""
     if label not in ROWS:
         return None
     return TABLE_1[ROWS[label]][list(TABLE_1_COLUMNS).index(column)]
 
 
 def class_row(label: str) -> ClassRow | None:
-    """Give the row of the appendix's table; None where there is none."""
+    """Return the row of the appendix's table; None where there is none."""
     return CLASS_TABLE[ROWS[label]] if label in ROWS else None
 
 
 def class_rate(label: str, class_name: str | None) -> float | None:
-    """Give the AFR of the appendix's table for a class or `AVERAGE`; None where it has none."""
+    """Return the AFR of the appendix's table for a class or `AVERAGE`; None where it has none."""
     row = class_row(label)
     if row is not None and class_name in CLASS_COLUMNS:
         return row.afr[list(CLASS_COLUMNS).index(class_name)]
     return row.average if row is not None and class_name == AVERAGE else None
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """The paper's numbers of one adversary on some of our tracks.
+
+    Attributes:
+        afr: The AFR by track, as shares; tracks where the paper has a dash are missing.
+        average: Their average; None unless all tracks have one.
+        mu_std: The samples' spread over the twelve classes; None for other tracks.
+    """
+
+    afr: Mapping[str, float]
+    average: float | None
+    mu_std: float | None
+
+
+def rows_on(tracks: Collection[str]) -> dict[str, PaperRow]:
+    """Return the paper's numbers on some tracks by its rows, from the appendix where it has all."""
+    rows = {}
+    if set(tracks) <= set(CLASS_COLUMNS.values()):
+        whole = set(tracks) == set(CLASS_COLUMNS.values())
+        for name, row in CLASS_TABLE.items():
+            rates = dict(zip(CLASS_COLUMNS.values(), row.afr, strict=True))
+            average, mu_std = (row.average / 100, row.mu_std) if whole else (None, None)
+            rows[name] = PaperRow({track: rates[track] / 100 for track in tracks}, average, mu_std)
+        return rows
+    for name, printed in TABLE_1.items():
+        of_column = dict(zip(TABLE_1_COLUMNS.values(), printed, strict=True))
+        afr = {track: rate / 100 for track in tracks if (rate := of_column.get(track)) is not None}
+        if afr:
+            average = sum(afr.values()) / len(afr) if set(afr) == set(tracks) else None
+            rows[name] = PaperRow(afr, average, None)
+    return rows

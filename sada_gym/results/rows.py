@@ -1,18 +1,23 @@
-"""A contender's figures in a table: over the seeds and tracks of its runs, with ranks."""
+"""A contender's figures in a table: over the seeds and tracks of its runs, with its rank."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from sada_gym.experiment.measure import Measures
+from sada_gym.experiment.names import IDEAL
 from sada_gym.experiment.record import Experiment
 from sada_gym.files import Strict
 from sada_gym.measures.statistics import interquartile_mean
-from sada_gym.results.figures import Figure, figure, ranked
+from sada_gym.results.f1 import f1_figure
+from sada_gym.results.figures import Figure, figure, ranks_of
 from sada_gym.results.models import SeedResult
+
+T = TypeVar("T")
 
 
 class RunSummary(Strict):
@@ -47,6 +52,11 @@ class RunSummary(Strict):
         return self.experiment.target.agent
 
     @property
+    def samples(self) -> int:
+        """The number of test samples, M."""
+        return self.experiment.protocol.samples
+
+    @property
     def measures(self) -> Measures | None:
         """The measures of the test samples; None after an error."""
         return self.claims.measures
@@ -68,8 +78,12 @@ class Row(Strict):
         failed: The number of further runs that ended with an error.
         complete: Whether it has runs on all tracks that any contender has, and none that failed.
             Only then it is ranked.
+        rank: `1`, or shared `1=`, by F1; by AFR where a track has no coverage. None for controls,
+            and for what is incomplete or disqualified.
         budget: The queries that it might spend. This figure and the next ones are means.
         queries: The queries that it spent.
+        f1: How often its samples fool and how much they cover, joined; see `sada_gym.results.f1`.
+            None where a track has no coverage.
         afr: The attack fooling rate.
         afr_iqm: The interquartile mean of the attack fooling rate over all runs.
         coverage: See `Measures`, also for the next figures.
@@ -95,8 +109,10 @@ class Row(Strict):
     runs: int
     failed: int
     complete: bool
+    rank: str | None
     budget: float
     queries: float | None
+    f1: Figure | None
     afr: Figure | None
     afr_iqm: float | None
     coverage: Figure | None
@@ -110,75 +126,118 @@ class Row(Strict):
     image_novelty_ratio: float | None
     afr_feasible: float | None = None
 
+    @property
+    def deciding(self) -> Figure | None:
+        """The figure that orders the table: F1, or the AFR where there is none."""
+        return self.f1 or self.afr
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it has rank 1, shared or not."""
+        return self.rank in ("1", "1=")
+
 
 @dataclass(frozen=True)
-class Mean:
-    """A measure that a row gives the mean of: how it is read and how the tables show it.
+class Measure:
+    """A measure that rows give: how it is read off a run and how tables show it.
 
     Attributes:
-        of: Reads it off a run's measures; None where the run has none.
+        read: Reads it off a run's measures; None where the run has none.
         title: The column's title; empty for no column.
         places: Decimal places; None shows per cent.
-        legend: A line of the legend. Where no row has the measure, such a column is left out.
+        hint: A sentence that explains it.
+        optional: Whether a table leaves the column out where no row has the measure; the legend
+            then explains it where one has.
     """
 
-    of: Callable[[Measures], float | None]
+    read: Callable[[Measures], float | None]
     title: str = ""
     places: int | None = None
-    legend: str = ""
+    hint: str = ""
+    optional: bool = False
 
 
-MEANS: Mapping[str, Mean] = {
-    "density": Mean(lambda m: m.density, "density", 2),
-    "mu_std": Mean(lambda m: m.mu_std, "μ_std", 3),
-    "mean_score": Mean(lambda m: m.mean_score, "mean Q", 3),
-    "novelty": Mean(lambda m: m.novelty.median if m.novelty else None, "novelty", 3),
-    "novelty_ratio": Mean(lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2),
-    "novelty_fifth_ratio": Mean(lambda m: m.novelty.fifth_ratio if m.novelty else None),
-    "image_novelty_ratio": Mean(
+MEANS: Mapping[str, Measure] = {
+    "density": Measure(lambda m: m.density, "density", 2),
+    "mu_std": Measure(
+        lambda m: m.mu_std, "μ_std", 3, "The spread of the samples; 0.577 where they are uniform."
+    ),
+    "mean_score": Measure(lambda m: m.mean_score, "mean Q", 3),
+    "novelty": Measure(lambda m: m.novelty.median if m.novelty else None, "novelty", 3),
+    "novelty_ratio": Measure(
+        lambda m: m.novelty.ratio if m.novelty else None, "novelty / ideal", 2
+    ),
+    "novelty_fifth_ratio": Measure(lambda m: m.novelty.fifth_ratio if m.novelty else None),
+    "image_novelty_ratio": Measure(
         lambda m: m.image_novelty.ratio if m.image_novelty else None, "image novelty / ideal", 2
     ),
-    "afr_feasible": Mean(
+    "afr_feasible": Measure(
         lambda m: m.feasible.afr if m.feasible else None,
         "AFR, feasible, %",
-        legend="- AFR, feasible: the AFR over those samples whose worlds a privileged agent "
-        "masters.\n",
+        hint="AFR, feasible: the AFR over those samples whose worlds a privileged agent masters.",
+        optional=True,
     ),
 }
 """The measures that rows give the mean of, by the row's field."""
 
 
 def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
-    """Give the rows of each table and agent: over all tracks, then of each track."""
+    """Sum up the runs of each table and agent: over all tracks, then on each track.
+
+    Rows have a rank by F1. Where some track of the rows has no coverage, as without a reference
+    set, there is no F1, and the rank is by AFR. The AFR of ideal samples is that of the control
+    `ideal` on the track; without its runs it counts as 100 %.
+    """
     for table, agent in dict.fromkeys((run.table, run.agent) for run in runs):
         of_both = [run for run in runs if (run.table, run.agent) == (table, agent)]
         for track in (None, *dict.fromkeys(run.track for run in of_both)):
             chosen = [run for run in of_both if track in (None, run.track)]
-            every = {run.track for run in chosen}
-            rows = [
-                _row(track, [run for run in chosen if run.entry == entry], every)
-                for entry in dict.fromkeys(run.entry for run in chosen)
-            ]
-            yield from _with_ranks(rows)
+            yield from _ranked(list(_rows(track, chosen)))
 
 
-def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
+def _rows(track: str | None, runs: Sequence[RunSummary]) -> Iterator[Row]:
+    measured = [(run, run.measures) for run in runs if run.measures is not None]
+    tracks = {run.track for run in runs}
+    covered = {run.track for run, measures in measured if measures.relative_coverage is not None}
+    is_ideal = {run.entry for run in runs if run.experiment.adversary.name == IDEAL}
+    ideal = _by_track([(run, m.afr) for run, m in measured if run.entry in is_ideal])
+    ideal_afr = {name: float(np.mean(rates)) for name, rates in ideal.items()}
+    for entry in dict.fromkeys(run.entry for run in runs):
+        row = _row(track, [run for run in runs if run.entry == entry], tracks)
+        own = _by_track([pair for pair in measured if pair[0].entry == entry])
+        if covered == tracks and all(
+            m.relative_coverage is not None for seeds in own.values() for m in seeds
+        ):
+            samples = {
+                run.track: run.experiment.protocol.samples
+                for run, _ in measured
+                if run.entry == entry
+            }
+            row = row.model_copy(update={"f1": f1_figure(own, samples, ideal_afr)})
+        yield row
+
+
+def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
+    by_track: dict[str, list[T]] = {}
+    for run, value in values:
+        by_track.setdefault(run.track, []).append(value)
+    return by_track
+
+
+def _row(track: str | None, runs: Sequence[RunSummary], tracks: set[str]) -> Row:
     first = runs[0]
     good = [(run, run.measures) for run in runs if run.measures is not None]
 
-    def measured(get: Callable[[Measures], float | None]) -> list[list[float]]:
-        """Give a measure of all runs by track, less what has none."""
-        by_track: dict[str, list[float]] = {}
-        for run, measures in good:
-            if (value := get(measures)) is not None:
-                by_track.setdefault(run.track, []).append(value)
-        return list(by_track.values())
+    def measured(read: Callable[[Measures], float | None]) -> list[list[float]]:
+        """Read a measure off all runs that have it, by track."""
+        values = [(run, value) for run, m in good if (value := read(m)) is not None]
+        return list(_by_track(values).values())
 
     def mean(values: Sequence[Sequence[float]]) -> float | None:
         return float(np.mean([np.mean(seeds) for seeds in values])) if values else None
 
     rates = measured(lambda m: m.afr)
-    samples = {run.track: run.experiment.protocol.samples for run, _ in good}
+    samples = {run.track: run.samples for run, _ in good}
     return Row(
         table=first.table,
         agent=first.agent,
@@ -190,22 +249,41 @@ def _row(track: str | None, runs: Sequence[RunSummary], every: set[str]) -> Row:
         runs=len(good),
         failed=len(runs) - len(good),
         disqualified=any(run.disqualified for run in runs),
-        complete=len(good) == len(runs) and {run.track for run, _ in good} == every,
+        complete=len(good) == len(runs) and {run.track for run, _ in good} == tracks,
         budget=float(np.mean([run.experiment.protocol.budget for run in runs])),
         queries=mean([[run.claims.queries] for run, _ in good]),
+        rank=None,
+        f1=None,
         afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(measured(lambda m: m.coverage)),
         relative_coverage=figure(measured(lambda m: m.relative_coverage)),
-        **{name: mean(measured(one.of)) for name, one in MEANS.items()},
+        **{name: mean(measured(measure.read)) for name, measure in MEANS.items()},
     )
 
 
-def _with_ranks(rows: Sequence[Row]) -> list[Row]:
-    """Rank the contenders of one table, agent and track by AFR and by coverage."""
-    unranked = [row.entry for row in rows if row.control or row.disqualified or not row.complete]
-    for name in ("afr", "coverage", "relative_coverage"):
-        there = {row.entry: one for row in rows if (one := getattr(row, name)) is not None}
-        with_ranks = ranked(there, unranked)
-        rows = [row.model_copy(update={name: with_ranks.get(row.entry)}) for row in rows]
-    return list(rows)
+def _ranked(rows: Sequence[Row]) -> Iterator[Row]:
+    """Rank the rows of one table, agent and track by F1, or by AFR where none has F1."""
+    by = "f1" if any(row.f1 for row in rows) else "afr"
+    figures = {row.entry: value for row in rows if (value := getattr(row, by)) is not None}
+    unranked = {row.entry for row in rows if row.control or row.disqualified or not row.complete}
+    ranks = ranks_of(figures, unranked & figures.keys())
+    for row in rows:
+        yield row.model_copy(update={"rank": ranks.get(row.entry)})
+
+
+def front_of(rows: Iterable[Row]) -> dict[str, bool]:
+    """Say which entries no other one beats in both AFR and coverage.
+
+    Returns:
+        Whether an entry is on the front, for each complete one with both figures; no controls.
+    """
+    points = {
+        row.entry: (row.afr.value, row.relative_coverage.value)
+        for row in rows
+        if not row.control and row.complete and row.afr and row.relative_coverage
+    }
+    return {
+        entry: not any(a > afr and c > coverage for a, c in points.values())
+        for entry, (afr, coverage) in points.items()
+    }

@@ -1,12 +1,13 @@
-"""A table of the board: typed cells, which a page, a CSV and a JSON file show alike."""
+"""A table of results: typed cells, which give Markdown, HTML, CSV and JSON alike."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from html import escape
 from typing import Literal
 
 from sada_gym.results.figures import Figure
@@ -17,6 +18,9 @@ Kind = Literal["ranked", "unranked", "control", "paper", "reference"]
 SHADES = 10
 """The number of shades of a cell that stands for a rate, beside 0 for none."""
 
+_LONG = 28  # letters from which a cell may wrap
+_FILTERED = 5  # lines above which a page offers filters
+
 
 @dataclass(frozen=True)
 class Column:
@@ -24,10 +28,11 @@ class Column:
 
     Attributes:
         key: Its name in the CSV and JSON files.
-        title: Its title on the page.
+        title: Its title.
         hint: A sentence that explains it.
         numeric: Whether its cells are numbers.
         choice: Whether the page offers to show the rows of one value alone.
+        blank: What Markdown shows where there is nothing.
     """
 
     key: str
@@ -35,6 +40,7 @@ class Column:
     hint: str = ""
     numeric: bool = True
     choice: bool = False
+    blank: str = "-"
 
 
 @dataclass(frozen=True)
@@ -42,22 +48,49 @@ class Cell:
     """A cell.
 
     Attributes:
-        text: What the page shows.
+        text: What readers see.
         value: What files hold and what rows are sorted by; None for nothing.
-        note: A smaller text behind the first, such as an interval.
-        interval: The ends of a 95 % interval.
+        note: A smaller text behind the first.
+        interval: The ends of a 95 % interval, as shares.
+        places: The decimal places of the interval, which is shown in per cent.
         href: The page that the cell leads to.
         shade: How dark its background is, from 0 to `SHADES`.
         marks: Short words that stand out, such as the names of flags.
+        bold: Whether Markdown shows the text in bold.
     """
 
     text: str = ""
     value: float | str | None = None
     note: str = ""
     interval: tuple[float, float] | None = None
+    places: int = 1
     href: str = ""
     shade: int = 0
     marks: tuple[str, ...] = ()
+    bold: bool = False
+
+    def markdown(self) -> str:
+        """Return the cell as Markdown: the text, then the interval or the note in brackets."""
+        text = f"**{self.text}**" if self.bold else self.text
+        note = self._ends(" to ") or self.note
+        return f"{text} ({note})".strip() if note else text
+
+    def html(self, root: str) -> str:
+        """Return the cell's content as HTML.
+
+        Args:
+            root: The way from the page to the site's root, such as `../`.
+        """
+        text = escape(self.text)
+        if self.href:
+            marks = "".join(f' <span class="mark">{escape(mark)}</span>' for mark in self.marks)
+            text = f'<a href="{escape(root + self.href)}">{text}{marks}</a>'
+        note = self._ends(" – ") or self.note  # noqa: RUF001
+        return f"{text} <small>{escape(note)}</small>" if note else text
+
+    def _ends(self, between: str) -> str:
+        ends = (f"{100 * end:.{self.places}f}" for end in self.interval or ())
+        return between.join(ends)
 
 
 BLANK = Cell()
@@ -78,12 +111,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of the board.
+    """A table of results.
 
     Attributes:
         name: The name of its files, without ending.
         title: What it shows.
-        columns: The columns; the first one names the row on the page.
+        columns: The columns.
         lines: The rows.
         note: What a reader must know.
     """
@@ -93,14 +126,44 @@ class Sheet:
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
     note: str = ""
-    kinds: frozenset[str] = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Note which kinds of rows there are."""
-        object.__setattr__(self, "kinds", frozenset(line.kind for line in self.lines))
+    @property
+    def kinds(self) -> frozenset[str]:
+        """The kinds of rows that there are."""
+        return frozenset(line.kind for line in self.lines)
+
+    def markdown(self) -> Iterator[str]:
+        """Return the lines of a Markdown table."""
+        yield _markdown_line(column.title for column in self.columns)
+        yield _markdown_line("---" for _ in self.columns)
+        for line in self.lines:
+            yield _markdown_line(
+                (line.cells.get(column.key, BLANK).markdown() or column.blank)
+                for column in self.columns
+            )
+
+    def html(self, root: str = "") -> str:
+        """Return the table as HTML, with links to its files.
+
+        Args:
+            root: The way from the page to the site's root, such as `../`.
+        """
+        title, files = escape(self.title), escape(f"{root}data/{self.name}")
+        filters = " data-filters" if len(self.lines) > _FILTERED else ""
+        note = f'<p class="note">{escape(self.note)}</p>\n' if self.note else ""
+        return (
+            '<div class="sheet">\n<div class="bar">\n<span class="filters" hidden></span>\n'
+            f'<span class="downloads">Download <a href="{files}.csv" download>CSV</a> '
+            f'<a href="{files}.json" download>JSON</a></span>\n</div>\n'
+            f'<div class="scroll" tabindex="0" role="region" aria-label="{title}">\n'
+            f'<table class="board"{filters}>\n<caption>{title}</caption>\n'
+            f"<thead><tr>\n{''.join(self._html_heads())}</tr></thead>\n"
+            f"<tbody>\n{''.join(self._html_line(line, root) for line in self.lines)}</tbody>\n"
+            f"</table>\n</div>\n{note}</div>\n"
+        )
 
     def csv(self) -> bytes:
-        """Give the table as CSV."""
+        """Return the table as CSV."""
         buffer = io.StringIO()
         rows = self._records()
         writer = csv.DictWriter(buffer, list(rows[0]) if rows else self._fields())
@@ -109,21 +172,50 @@ class Sheet:
         return buffer.getvalue().encode()
 
     def json(self) -> bytes:
-        """Give the table as JSON: a list with an object for each row."""
+        """Return the table as JSON: a list with an object for each row."""
         text = json.dumps(self._records(), indent=1, ensure_ascii=False, allow_nan=False)
         return f"{text}\n".encode()
 
+    def _names_row(self, column: Column) -> bool:
+        return column.key == "entry" or (column == self.columns[0] and not column.numeric)
+
+    def _html_class(self, column: Column, *more: str) -> str:
+        name = "name" if self._names_row(column) else ""
+        classes = ("number" if column.numeric else "text", name, *more)
+        return f'class="{" ".join(filter(None, classes))}"'
+
+    def _html_heads(self) -> Iterator[str]:
+        for column in self.columns:
+            choice = " data-choice" if column.choice else ""
+            hint = f' title="{escape(column.hint)}"' if column.hint else ""
+            heading = f'<th scope="col" {self._html_class(column)}{choice}{hint}>'
+            yield f"{heading}{escape(_capitalised(column.title))}</th>\n"
+
+    def _html_line(self, line: Line, root: str) -> str:
+        cells = []
+        for column in self.columns:
+            cell = line.cells.get(column.key, BLANK)
+            tag, scope = ("th", " scope=row") if self._names_row(column) else ("td", "")
+            classes = self._html_class(
+                column,
+                "long" if len(cell.text) > _LONG else "",
+                "marks" if cell.marks else "",
+                f"shade-{cell.shade}" if cell.shade else "",
+            )
+            order = escape("" if cell.value is None else str(cell.value))
+            search = escape(f"{cell.text} {' '.join(cell.marks)}")
+            cells.append(
+                f'<{tag}{scope} {classes} data-order="{order}" data-search="{search}">'
+                f"{cell.html(root)}</{tag}>\n"
+            )
+        return f'<tr class="{line.kind}">\n{"".join(cells)}</tr>\n'
+
     def _fields(self) -> list[str]:
-        with_ends = {
-            column.key
-            for column in self.columns
-            for line in self.lines
-            if line.cells.get(column.key, BLANK).interval
-        }
         fields = ["kind"]
         for column in self.columns:
-            ends = (f"{column.key}_low", f"{column.key}_high") if column.key in with_ends else ()
-            fields += [column.key, *ends]
+            fields.append(column.key)
+            if any(line.cells.get(column.key, BLANK).interval for line in self.lines):
+                fields += [f"{column.key}_low", f"{column.key}_high"]
         return fields
 
     def _records(self) -> list[dict[str, float | str | None]]:
@@ -141,9 +233,9 @@ class Sheet:
         return records
 
 
-def text_cell(text: str, *, href: str = "", marks: Iterable[str] = ()) -> Cell:
+def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
     """Make a cell of a text."""
-    return Cell(text=text, value=text, href=href, marks=tuple(marks))
+    return Cell(text=text, value=text, href=href, bold=bold)
 
 
 def number_cell(value: float | None, places: int = 0, *, note: str = "") -> Cell:
@@ -153,25 +245,28 @@ def number_cell(value: float | None, places: int = 0, *, note: str = "") -> Cell
     return Cell(text=f"{value:,.{places}f}", value=value, note=note)
 
 
-def rate_cell(rate: float | Figure | None, *, note: str = "", shaded: bool = False) -> Cell:
+def rate_cell(rate: float | Figure | None, places: int = 1) -> Cell:
     """Make a cell of a rate in per cent, with its interval if it has one; blank without a rate."""
     if rate is None:
         return BLANK
-    interval = None
-    if isinstance(rate, Figure):
-        interval, rate = rate.interval_95, rate.value
-    if interval is not None:
-        low, high = (f"{100 * end:.1f}" for end in interval)
-        note = f"{low} – {high}"  # noqa: RUF001
-    shade = 1 + min(int(rate * SHADES), SHADES - 1) if shaded else 0
-    return Cell(text=f"{100 * rate:.1f}", value=rate, note=note, interval=interval, shade=shade)
+    interval = rate.interval_95 if isinstance(rate, Figure) else None
+    value = rate.value if isinstance(rate, Figure) else rate
+    return Cell(f"{100 * value:.{places}f}", value, interval=interval, places=places)
 
 
-def rank_cell(figure: Figure | None) -> Cell:
-    """Make a cell of a rank; blank for what has none."""
-    if figure is None or figure.rank is None:
-        return BLANK
-    return Cell(text=figure.rank, value=figure.rank)
+def shaded(cell: Cell) -> Cell:
+    """Return the cell of a rate with the darker a background the higher it is."""
+    if not isinstance(cell.value, float):
+        return cell
+    return replace(cell, shade=1 + min(int(cell.value * SHADES), SHADES - 1))
+
+
+def _markdown_line(texts: Iterable[str]) -> str:
+    return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"
+
+
+def _capitalised(title: str) -> str:
+    return title if title.startswith("μ") else title[:1].upper() + title[1:]
 
 
 def _no_formula(value: float | str | None) -> float | str | None:

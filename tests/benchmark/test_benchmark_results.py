@@ -162,12 +162,12 @@ def test_what_shows_that_figures_mean_nothing_takes_the_rank(flag):
         entry("good", result([50, 50], verified=[50, 50])),
     ]
     found = rows(results_of(entries, [EQUAL], tier="verified"))
-    ranks = {name: row.afr.rank for name, row in found.items()}
+    ranks = {name: row.rank for name, row in found.items()}
     if flag == "duplicates":
         assert ranks == {"thief": "1", "good": "2"}
     else:
         assert ranks == {"thief": None, "good": "1"}
-    assert rows(results_of(entries, [EQUAL]))["thief"].afr.rank == "1"
+    assert rows(results_of(entries, [EQUAL]))["thief"].rank == "1"
 
 
 def test_failed_seeds_are_counted_in_both_tiers():
@@ -189,7 +189,7 @@ def test_controls_are_known_by_their_adversary_and_have_no_rank():
         entry("weak", result([20])),
     ]
     found = rows(results_of(entries, [EQUAL]))
-    assert {name: (row.control, row.afr.rank) for name, row in found.items()} == {
+    assert {name: (row.control, row.rank) for name, row in found.items()} == {
         "ideal": (True, None),
         "theirs": (False, "1"),
         "weak": (False, "2"),
@@ -209,12 +209,12 @@ def test_seeds_may_differ_in_number_but_tracks_may_not():
         entry("one-track", result([90], track=TRACKS[0])),
     ]
     results = results_of(entries, [EQUAL])
-    assert {name: row.afr.rank for name, row in rows(results).items()} == {
+    assert {name: row.rank for name, row in rows(results).items()} == {
         "many": "1",
         "few": "2",
         "one-track": None,
     }
-    assert rows(results, track=TRACKS[0])["one-track"].afr.rank == "1"
+    assert rows(results, track=TRACKS[0])["one-track"].rank == "1"
     assert [target.seeds for target in results.targets] == [(0, 1, 2, 3)] * 2
 
 

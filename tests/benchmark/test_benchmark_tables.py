@@ -88,8 +88,12 @@ def report(tmp_path, runs, notes=()):
 
 @pytest.fixture
 def whole(tmp_path):
-    rates = {"random": 100, "bbgan": 200, "level-set": 240}
-    runs = [run(track, label, n) for label, n in rates.items() for track in TRACKS]
+    figures = {"random": (100, 0.25), "bbgan": (200, 0.5), "level-set": (240, 0.75)}
+    runs = [
+        run(track, label, fooled, relative=relative)
+        for label, (fooled, relative) in figures.items()
+        for track in TRACKS
+    ]
     return report(tmp_path, runs)
 
 
@@ -133,9 +137,15 @@ def test_the_measures_stand_with_intervals_and_ranks(whole):
     assert "mean over 12 tracks" in text
     own = line(text, "### All measures", "level-set")
     [row] = [r for r in results.rows_of("t", "photographer", None) if r.label == "level-set"]
-    low, high = (100 * end for end in row.afr.interval_95)
-    assert own[1:3] == [f"96.0 ({low:.1f} to {high:.1f})", "1"]
-    assert own[4:6] == ["75.0", ""]  # one seed a track tells of no interval
+    texts = [
+        f"{100 * figure.value:.1f} ({100 * low:.1f} to {100 * high:.1f})"
+        for figure in (row.f1, row.afr)
+        for low, high in [figure.interval_95]
+    ]
+    assert own[1:4] == [texts[0], "1", texts[1]]
+    assert texts[0].startswith("84.2 (")
+    assert texts[1].startswith("96.0 (")
+    assert own[5] == "75.0"  # one seed a track tells of no interval
     assert own[-1] == "12"
 
 

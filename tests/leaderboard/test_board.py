@@ -53,7 +53,11 @@ def test_a_tier_ranks_its_own_figures_alone(board):
     }
     claimed = column(tiers["claimed"].whole, "rank")
     assert list(claimed)[:2] == ["boaster", "newcomer"]  # by what they claim
-    assert claimed["boaster"] == "1"
+    assert {name: claimed[name] for name in ("boaster", "newcomer", "weak")} == {
+        "boaster": "1=",  # above the AFR of the ideal, both count as good as that
+        "newcomer": "1=",
+        "weak": "6",
+    }
     assert column(tiers["claimed"].whole, "tier")["newcomer"] == "claimed"
     assert set(column(tiers["verified"].whole, "tier").values()) == {"verified"}
     assert tiers["claimed"].open  # the newcomer is in no other tier

@@ -116,7 +116,7 @@ def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
     for label in dict.fromkeys(run.label for run in runs if run.label != IDEAL):
         measured = [run.measures for run in runs if run.label == label and run.measures]
         median, fifth, image = (
-            [ratio for measures in measured if (ratio := MEANS[name].of(measures)) is not None]
+            [ratio for measures in measured if (ratio := MEANS[name].read(measures)) is not None]
             for name in ("novelty_ratio", "novelty_fifth_ratio", "image_novelty_ratio")
         )
         if median:

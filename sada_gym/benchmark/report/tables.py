@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -15,13 +16,25 @@ from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.suite import is_default
 from sada_gym.files import write_file
 from sada_gym.results import paper
-from sada_gym.results.figures import Figure
-from sada_gym.results.rows import MEANS, Mean, Row
+from sada_gym.results.columns import row_cells, row_columns
+from sada_gym.results.rows import MEANS, Measure, Row, front_of
+from sada_gym.results.sheet import (
+    BLANK,
+    Cell,
+    Column,
+    Line,
+    Sheet,
+    number_cell,
+    rate_cell,
+    text_cell,
+)
 
-_BLANK = "-"
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
 
 _LEGEND = """\
+- F1: how often the samples fool *and* how much they cover, in one figure: the harmonic mean of the
+  AFR over that of `ideal`, at most 1, and coverage / ideal. The rank is by F1. Where there is no
+  coverage, it is by AFR.
 - AFR: the share of an adversary's M test samples that fool the agent, on seeds that training never
   saw. IQM: its interquartile mean over all runs.
 - Coverage: the share of the true fooling set, as a dense reference sample shows it, that those
@@ -50,23 +63,23 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    legend = "".join(mean.legend for mean in _columns(results.rows).values())
-    yield from ("# Benchmark results", "", _LEGEND + legend, "")
+    hints = (measure.hint for measure in _means(results.rows).values() if measure.optional)
+    yield from ("# Benchmark results", "", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
     tables = {table.name: table for table in results.tables}
     for table in dict.fromkeys(table for table, _ in results.comparisons()):
-        yield from _table_1(results, table, tables[table].title)
+        yield from _all_applications(results, table, tables[table].title)
     for table, agent in results.comparisons():
         rows = results.rows_of(table, agent, None)
         against = f", {agent}" if agent else ""
         yield from (f"## {tables[table].title}{against}", "", tables[table].note, _budgets(rows))
+        tracks = [run.track for run in results.runs if (run.table, run.agent) == (table, agent)]
+        by_track = _ByTrack(results, table, dict.fromkeys(tracks, agent))
         over = _tracks(max(row.tracks for row in rows))
         yield from ("", f"### All measures, mean over {over}", "")
-        tracks = [run.track for run in results.runs if (run.table, run.agent) == (table, agent)]
-        ours = _ByTrack(results, table, dict.fromkeys(tracks, agent))
-        yield from _measures(rows, _fronts(ours))
-        yield from _like_the_paper(ours, _paper_columns(tracks))
-        yield from _by_track(ours)
-        yield from _coverage_by_track(ours)
+        yield from _all_measures(rows, by_track)
+        yield from _like_the_paper(by_track, _paper_columns(tracks))
+        yield from _rates(by_track)
+        yield from _coverages(by_track)
     yield from _targets(results)
     yield from _remarks(results, notes)
     versions = (f"{name} {' and '.join(found)}" for name, found in results.packages.items())
@@ -89,53 +102,33 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _fronts(ours: _ByTrack) -> dict[str, str]:
-    """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
-    held, tracks = Counter[str](), Counter[str]()
-    points = {
-        key: (row.afr.value, row.relative_coverage.value)
-        for key, row in ours.rows.items()
-        if not row.control and row.afr and row.relative_coverage
-    }
-    for (track, label), (afr, coverage) in points.items():
-        others = [point for (other, _), point in points.items() if other == track]
-        tracks[label] += 1
-        held[label] += not any(a > afr and c > coverage for a, c in others)
-    return {label: f"{held[label]} of {count}" for label, count in tracks.items()}
+def _all_measures(rows: Sequence[Row], by_track: _ByTrack) -> Iterator[str]:
+    shown = ("adversary", "f1", "rank", "afr", "afr_iqm", "relative_coverage")
+    more = ("coverage", *_means(rows), "runs")
+    front = Column("front", "front", blank="")
+    columns = (*row_columns(*shown), front, *row_columns(*more))
+    fronts = by_track.fronts()
+    lines = [
+        Line("ranked", row_cells(row, (*shown, *more)) | {"front": fronts.get(row.label, BLANK)})
+        for row in rows
+    ]
+    yield from (*_markdown(columns, lines), "")
 
 
-def _measures(rows: Sequence[Row], fronts: Mapping[str, str]) -> Iterator[str]:
-    means = _columns(rows)
-    known = "adversary", "AFR, %", "rank", "IQM, %", "coverage / ideal, %", "rank", "front"
-    yield from table_head((*known, "coverage, %", *(mean.title for mean in means.values()), "runs"))
-    for row in rows:
-        afr, relative = row.afr, row.relative_coverage
-        runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
-        yield table_line(
-            row.label,
-            with_interval(afr),
-            rank_of(afr),
-            percent(row.afr_iqm),
-            with_interval(relative),
-            rank_of(relative),
-            fronts.get(row.label, ""),
-            percent(row.coverage.value if row.coverage else None),
-            *(_number(getattr(row, name), mean.places) for name, mean in means.items()),
-            runs if row.complete else f"{runs} (incomplete)",
-        )
-    yield ""
-
-
-def _columns(rows: Sequence[Row]) -> dict[str, Mean]:
-    """Choose the measures that the rows' table shows."""
+def _means(rows: Sequence[Row]) -> dict[str, Measure]:
+    """Choose the means that the rows' table shows."""
     return {
         name: mean
         for name, mean in MEANS.items()
-        if mean.title and (not mean.legend or any(getattr(row, name) is not None for row in rows))
+        if mean.title and (not mean.optional or any(getattr(row, name) is not None for row in rows))
     }
 
 
-def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
+def _markdown(columns: Sequence[Column], lines: Sequence[Line]) -> Iterator[str]:
+    return Sheet("", "", tuple(columns), tuple(lines)).markdown()
+
+
+def _all_applications(results: Results, table: str, title: str) -> Iterator[str]:
     """Put all applications in one table, each by its default agent; none if there is only one."""
     application_of = {target.track: target.application.name for target in results.targets}
     agent_of = {
@@ -147,14 +140,14 @@ def _table_1(results: Results, table: str, title: str) -> Iterator[str]:
         return
     agents = ", ".join(dict.fromkeys(agent_of.values()))
     yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
-    ours, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
-    yield from _like_the_paper(ours, columns)
+    by_track, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
+    yield from _like_the_paper(by_track, columns)
     # the paper itself has no coverage
-    yield from ours.coverage("### The same columns: coverage / ideal, %", columns)
+    yield from by_track.coverage("### The same columns: coverage / ideal, %", columns)
 
 
 @dataclass(frozen=True)
-class _Column:
+class _TrackColumn:
     """A column of a table by track: one track, or the average of several, beside the paper's."""
 
     title: str
@@ -178,69 +171,94 @@ class _ByTrack:
         self.overall = {
             row.label: row for agent in agents for row in results.rows_of(table, agent, None)
         }
+        self.rows = {
+            (track, row.label): row
+            for track, agent in agent_of.items()
+            for row in results.rows_of(table, agent, track)
+        }
         self._uniform = {
-            target.track: target.reference.uniform_rate
+            (target.track, paper.FULL_SET): target.reference.uniform_rate
             for target in results.targets
             if target.reference and agent_of.get(target.track) == target.agent
         }
-        rows = (
-            row for track, agent in agent_of.items() for row in results.rows_of(table, agent, track)
-        )
-        self.rows = {(row.track, row.label): row for row in rows}
 
-    def rates(self, columns: Sequence[_Column]) -> Iterator[tuple[str, list[str]]]:
-        """Give each row's label and its cells: our AFR and the paper's, rank 1 in bold."""
-        found = {key: row.afr for key, row in self.rows.items() if row.afr}
-        values = {key: one.value for key, one in found.items()}
-        values |= {(track, paper.FULL_SET): rate for track, rate in self._uniform.items()}
-        best = {key for key, one in found.items() if one.rank in ("1", "1=")}
+    def values(self, name: Literal["afr", "relative_coverage"]) -> dict[tuple[str, str], float]:
+        """Return a figure by track and label, where there is one."""
+        figures = {key: getattr(row, name) for key, row in self.rows.items()}
+        return {key: figure.value for key, figure in figures.items() if figure is not None}
+
+    def fronts(self) -> dict[str, Cell]:
+        """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
+        held, tracks = Counter[str](), Counter[str]()
+        for track in self.tracks:
+            of_track = {row.entry: row for (name, _), row in self.rows.items() if name == track}
+            for entry, is_on_front in front_of(of_track.values()).items():
+                tracks[of_track[entry].label] += 1
+                held[of_track[entry].label] += is_on_front
+        return {label: text_cell(f"{held[label]} of {count}") for label, count in tracks.items()}
+
+    def rates(
+        self, columns: Sequence[_TrackColumn], spread: Callable[[str], Cell] | None = None
+    ) -> Iterator[str]:
+        """Lay the AFR out in columns beside the paper's, rank 1 in bold."""
+        values = self.values("afr") | self._uniform
+        heads, lines = self._heads(columns), []
         for label in (paper.FULL_SET, *self.overall):
-            cells = []
+            cells = {"adversary": text_cell(label)}
             for column in columns:
                 keys, theirs = [(t, label) for t in column.tracks], column.theirs(label)
-                text = percent(_mean([values.get(key) for key in keys]))
-                text = f"**{text}**" if not column.average and keys[0] in best else text
-                cells.append(text if theirs is None else f"{text} / {theirs:.1f}")
-            yield label, cells
+                cell = rate_cell(_mean([values.get(key) for key in keys]))
+                first = not column.average and (row := self.rows.get(keys[0])) and row.is_first
+                text = f"**{cell.text}**" if first else cell.text or "-"
+                text = text if theirs is None else f"{text} / {theirs:.1f}"
+                cells[column.title] = text_cell(text)
+            if spread is not None:
+                cells["mu_std"] = spread(label)
+            lines.append(Line("ranked", cells))
+        return _markdown((*heads, *row_columns(*(["mu_std"] if spread else []))), lines)
 
-    @cached_property
-    def coverages(self) -> dict[tuple[str | None, str], float]:
-        """Give the coverage over the ideal's by track and label, where there is one."""
-        found = {key: row.relative_coverage for key, row in self.rows.items()}
-        return {key: one.value for key, one in found.items() if one}
-
-    def coverage(self, title: str, columns: Sequence[_Column]) -> Iterator[str]:
+    def coverage(self, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
         """Lay coverage out in columns; nothing where there is none."""
-        if not columns or not self.coverages:
+        values = self.values("relative_coverage")
+        if not columns or not values:
             return
-        yield from (title, "", *table_head(("adversary", *(column.title for column in columns))))
-        for label in self.overall:
-            found = [[self.coverages.get((t, label)) for t in one.tracks] for one in columns]
-            yield table_line(label, *(percent(_mean(values)) for values in found))
-        yield ""
+        lines = [
+            Line(
+                "ranked",
+                {"adversary": text_cell(label)}
+                | {
+                    column.title: rate_cell(_mean([values.get((t, label)) for t in column.tracks]))
+                    for column in columns
+                },
+            )
+            for label in self.overall
+        ]
+        yield from (title, "", *_markdown(self._heads(columns), lines), "")
+
+    @staticmethod
+    def _heads(columns: Sequence[_TrackColumn]) -> tuple[Column, ...]:
+        return (*row_columns("adversary"), *(Column(one.title, one.title) for one in columns))
 
 
-def _paper_columns(tracks: Collection[str]) -> list[_Column]:
+def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
     """Choose the columns of the paper's Table 1 for which there are tracks."""
     columns = []
     for title, track in paper.TABLE_1_COLUMNS.items():
         own = [track] if track else list(_CLASSES)
         if set(own) <= set(tracks):
             theirs = partial(paper.table_1, column=title)
-            columns.append(_Column(title, own, theirs, average=track is None))
+            columns.append(_TrackColumn(title, own, theirs, average=track is None))
     return columns
 
 
-def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
+def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iterator[str]:
     """Lay the AFR out like the paper's Table 1: ours / the paper's."""
     if not columns:
         return
     yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-    yield from table_head(("adversary", *(column.title for column in columns)))
-    yield from (table_line(label, *cells) for label, cells in ours.rates(columns))
-    yield ""
+    yield from (*by_track.rates(columns), "")
     yield (
-        "Bold: rank 1 on this track, shared or not. The paper attacked other agents in other "
+        "Bold: rank 1 by F1 on this track, shared or not. The paper attacked other agents in other "
         "worlds (YOLOv3 in Blender, a driver in CARLA, a pilot in Sim4CV), and its rates are the "
         "best of many settings chosen on the test samples: compare orders, not numbers. Full set: "
         "the rate of uniform points, here from the reference set."
@@ -248,58 +266,59 @@ def _like_the_paper(ours: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]
     yield ""
 
 
-def _by_track(ours: _ByTrack) -> Iterator[str]:
+def _rates(by_track: _ByTrack) -> Iterator[str]:
     """Give the AFR of every track, beside the paper's appendix where that has the class."""
-    if set(ours.tracks) <= set(_CLASSES):
+    if set(by_track.tracks) <= set(_CLASSES):
         yield from ("### By class: AFR in %, ours / the paper's appendix", "")
     else:
         yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
     columns = [
-        _Column(
+        _TrackColumn(
             short_name(track), [track], partial(paper.class_rate, class_name=_CLASSES.get(track))
         )
-        for track in ours.tracks
+        for track in by_track.tracks
     ]
-    whole = set(ours.tracks) == set(_CLASSES)
-    average = paper.AVERAGE if whole else f"mean of {_tracks(len(ours.tracks))}"
+    whole = set(by_track.tracks) == set(_CLASSES)
+    average = paper.AVERAGE if whole else f"mean of {_tracks(len(by_track.tracks))}"
     theirs = partial(paper.class_rate, class_name=average)
-    columns.append(_Column(average, ours.tracks, theirs, average=True))
-    yield from table_head(("adversary", *(column.title for column in columns), "μ_std"))
-    for label, cells in ours.rates(columns):
-        row, known = ours.overall.get(label), paper.class_row(label) if whole else None
-        spread = _number(row.mu_std if row else None, 3) + (
-            f" / {known.mu_std:.3f}" if known else ""
-        )
-        yield table_line(label, *cells, spread)
-    yield ""
+    columns.append(_TrackColumn(average, by_track.tracks, theirs, average=True))
+
+    def spread(label: str) -> Cell:
+        row, known = by_track.overall.get(label), paper.class_row(label) if whole else None
+        cell = number_cell(row.mu_std if row else None, 3)
+        return text_cell(f"{cell.text or '-'} / {known.mu_std:.3f}") if known else cell
+
+    yield from (*by_track.rates(columns, spread), "")
 
 
-def _coverage_by_track(ours: _ByTrack) -> Iterator[str]:
+def _coverages(by_track: _ByTrack) -> Iterator[str]:
     """Give the coverage of every track that has a reference set."""
-    tracks = [track for track in ours.tracks if any(track == t for t, _ in ours.coverages)]
+    covered = {track for track, _ in by_track.values("relative_coverage")}
+    tracks = [track for track in by_track.tracks if track in covered]
     kind = "class" if set(tracks) <= set(_CLASSES) else "track"
-    columns = [_Column(short_name(track), [track]) for track in tracks]
-    columns.append(_Column(f"mean of {_tracks(len(tracks))}", tracks))
-    yield from ours.coverage(f"### By {kind}: coverage / ideal, %", columns)
+    columns = [_TrackColumn(short_name(track), [track]) for track in tracks]
+    columns.append(_TrackColumn(f"mean of {_tracks(len(tracks))}", tracks))
+    yield from by_track.coverage(f"### By {kind}: coverage / ideal, %", columns)
 
 
 def _targets(results: Results) -> Iterator[str]:
-    yield from ("## What was attacked", "")
-    yield from table_head(
-        ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
-    )
+    titles = ("track", "agent", "ε", "seeds", "reference points", "fooling set", "agent's SHA-256")
+    lines = []
     for target in results.targets:
         reference, fingerprint = target.reference, target.application.fingerprint
-        yield table_line(
+        fooling = rate_cell(reference.fooling / reference.points) if reference else None
+        texts = (
             target.track,
-            target.agent or _BLANK,
+            target.agent,
             f"{target.fooling_threshold:g}",
             f"{len(results.seeds_of(target))}",
             f"{reference.points:,}" if reference else "none",
-            f"{percent(reference.fooling / reference.points)} %" if reference else _BLANK,
-            f"`{fingerprint[:12]}`" if fingerprint else _BLANK,
+            f"{fooling.text} %" if fooling else "",
+            f"`{fingerprint[:12]}`" if fingerprint else "",
         )
-    yield ""
+        lines.append(Line("ranked", dict(zip(titles, map(text_cell, texts), strict=True))))
+    columns = [Column(title, title) for title in titles]
+    yield from ("## What was attacked", "", *_markdown(columns, lines), "")
 
 
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
@@ -323,38 +342,5 @@ def short_name(track: str) -> str:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    there = [value for value in values if value is not None]
-    return float(np.mean(there)) if there and len(there) == len(values) else None
-
-
-def percent(value: float | None, places: int = 1) -> str:
-    """Write a share as per cent."""
-    return _BLANK if value is None else f"{100 * value:.{places}f}"
-
-
-def _number(value: float | None, places: int | None) -> str:
-    """Write a number with so many decimal places, or as per cent."""
-    return percent(value) if value is None or places is None else f"{value:.{places}f}"
-
-
-def with_interval(figure: Figure | None, places: int = 1) -> str:
-    """Write a figure as per cent, with its interval where it has one."""
-    if figure is None or figure.interval_95 is None:
-        return percent(figure.value if figure else None, places)
-    low, high = (percent(end, places) for end in figure.interval_95)
-    return f"{percent(figure.value, places)} ({low} to {high})"
-
-
-def rank_of(figure: Figure | None) -> str:
-    """Give a figure's rank; empty where it has none."""
-    return figure.rank or "" if figure else ""
-
-
-def table_head(columns: Sequence[str]) -> tuple[str, str]:
-    """Give the first two lines of a Markdown table."""
-    return table_line(*columns), table_line(*("---" for _ in columns))
-
-
-def table_line(*cells: str) -> str:
-    """Give a line of a Markdown table."""
-    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known and len(known) == len(values) else None
