@@ -4,22 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sada_gym.submission.entry import Entry, EntryResult
-from sada_gym.submission.models import (
-    FORMAT,
-    About,
-    Identity,
-    Result,
-    SeedResult,
-    Verified,
-    VerifiedSeed,
-)
+from made_experiments import made_experiment, made_target
 
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import TABLES, Budget, Table, tables_of
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.measure import measure
+from sada_gym.results.entry import Entry, EntryResult
+from sada_gym.results.models import EntryMetadata, Result, SeedResult, Verified, VerifiedSeed
 
 EQUAL = TABLES["equal-queries"]
 TRACKS = ("SADA-Driving-Straight-v0", "SADA-Driving-OneCurve-v0")
@@ -45,23 +38,8 @@ def result(
     fingerprint="f",
 ):
     """A result that claims so many fooled samples of 100 in each seed; None where a seed failed."""
-    identity = Identity(
-        track=track,
-        agent=agent,
-        rule=rule,
-        budget=2_000,
-        samples=100,
-        application="SADA-Driving",
-        version=0,
-        application_settings={},
-        fingerprint=fingerprint,
-        fooling_threshold=0.3,
-        reference=None,
-        adversary=adversary,
-        preset=None,
-        options={},
-        resolved={},
-    )
+    target = made_target(track, agent, application="SADA-Driving", fingerprint=fingerprint)
+    experiment = made_experiment(target, adversary, rule=rule, budget=2_000, samples=100)
     samples, seeds = {}, []
     for seed, count in enumerate(fooled):
         found = None
@@ -71,11 +49,12 @@ def result(
         seeds.append(
             SeedResult(seed=seed, queries=7, error=error, measures=found, packages={"numpy": numpy})
         )
-    claimed = Result.make(identity, seeds)
+    claimed = Result.make(experiment, seeds)
     if verified is not None:
         verified = Verified.make(
             claimed,
             samples,
+            ("entry", "result"),
             "n",
             (
                 VerifiedSeed(seed=seed, measures=measures(count)[1])
@@ -86,11 +65,9 @@ def result(
     return EntryResult(claimed, samples, verified)
 
 
-def entry(name, *results, title=None, adversary="gp"):
-    about = About(
-        format=FORMAT, name=name, title=title or name, authors=(), licence="", adversary=adversary
-    )
-    return Entry(Path(name), about, {one.claimed.identity.stem: one for one in results})
+def entry(name, *results, title=None):
+    metadata = EntryMetadata(name=name, title=title or name, authors=(), licence="")
+    return Entry(Path(name), metadata, {result.place: result for result in results})
 
 
 def rows(results, table="equal-queries", agent="cil", track=None):
@@ -124,17 +101,21 @@ def test_tables_take_the_results_of_their_rule_and_agents():
 
 def test_a_user_s_own_agent_is_the_default_one_of_its_application():
     table = Table(name="t", title="", note="", budget=Budget(queries=1))
-    assert table.rule == "t"
-    assert table.shows("t", "SADA-Mine", "anything")
-    assert not table.shows("other", "SADA-Mine", "anything")
-    assert not table.model_copy(update={"agents": "others"}).shows("t", "SADA-Mine", "anything")
+    target = made_target("Mine-v0", "anything", application="SADA-Mine")
+    own, other = (
+        made_experiment(target, "gp", rule=rule, budget=1, samples=1) for rule in ("t", "other")
+    )
+    assert table.shows(own)
+    assert not table.shows(other)
+    assert not table.model_copy(update={"agents": "others"}).shows(own)
 
 
 def test_the_tables_of_rules_are_ours_or_plain():
     assert [table.name for table in tables_of({"equal-queries"})] == ["equal-queries"]
     ours = tables_of({"paper-budgets", "mine"})
     assert [table.name for table in ours] == ["paper-budgets", "mine"]
-    assert ours[-1].shows("mine", "SADA-Driving", "ppo")
+    target = made_target(TRACKS[0], "ppo", application="SADA-Driving")
+    assert ours[-1].shows(made_experiment(target, "gp", rule="mine", budget=1, samples=1))
 
 
 def test_the_verified_tier_shows_what_was_verified_alone():
@@ -147,8 +128,8 @@ def test_the_verified_tier_shows_what_was_verified_alone():
     assert set(rows(claimed)) == {"good", "unseen"}
     assert rows(verified)["good"].afr.value == pytest.approx(0.82)
     assert set(rows(verified)) == {"good"}
-    assert {run.flags for run in claimed.runs} == {()}
-    assert {run.flags for run in verified.runs} == {
+    assert {run.claims.flags for run in claimed.runs} == {()}
+    assert {run.claims.flags for run in verified.runs} == {
         ("claimed: The claim is outside of the interval.",)
     }
 
@@ -184,7 +165,7 @@ def test_failed_seeds_are_counted_in_both_tiers():
 
 def test_controls_are_known_by_their_adversary_and_have_no_rank():
     entries = [
-        entry("ideal", result([95], adversary="ideal"), adversary="ideal"),
+        entry("ideal", result([95], adversary="ideal")),
         entry("theirs", result([90]), title="ideal"),
         entry("weak", result([20])),
     ]
@@ -215,7 +196,7 @@ def test_seeds_may_differ_in_number_but_tracks_may_not():
         "one-track": None,
     }
     assert rows(results, track=TRACKS[0])["one-track"].rank == "1"
-    assert [target.seeds for target in results.targets] == [(0, 1, 2, 3)] * 2
+    assert [results.seeds_of(target) for target in results.targets] == [[0, 1, 2, 3]] * 2
 
 
 def test_versions_of_packages_may_differ():

@@ -1,10 +1,12 @@
 import pytest
+from made_experiments import made_experiment, made_target
 
 from sada_gym.benchmark.report.tables import short_name, write_tables
-from sada_gym.benchmark.results import Results, Target
+from sada_gym.benchmark.results import Results
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.experiment.measure import FeasibleRate, Measures, Search
-from sada_gym.experiment.record import ReferenceSummary
+from sada_gym.experiment.target import ReferenceSummary
+from sada_gym.results.models import SeedResult
 from sada_gym.results.paper import CLASS_COLUMNS
 from sada_gym.results.rows import RunSummary, rows_of_runs
 
@@ -37,49 +39,42 @@ def run(
         image_novelty=None,
         feasible=feasible,
     )
-    return RunSummary(
-        table="t",
-        track=track,
-        agent=agent,
-        label=label,
-        entry=label,
-        rule="t",
+    claims = SeedResult(
         seed=seed,
-        adversary=label,
-        preset=None,
-        options={},
-        budget=2000,
-        samples=250,
         queries=0 if error else 2000,
         error=error,
         measures=None if error else measures,
         search=None if error else Search(queries=2000, fooled=700, curve=()),
         flags=flags,
+    )
+    return RunSummary(
+        table="t",
+        label=label,
+        entry=label,
+        experiment=made_experiment(
+            target_of(track, agent), label, rule="t", budget=2000, samples=250, seed=seed
+        ),
+        claims=claims,
         control=label == "ideal",
         disqualified=False,
     )
 
 
-def report(tmp_path, runs, notes=()):
-    mark = ReferenceSummary(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
-    targets = tuple(
-        Target(
-            track=track,
-            agent=agent,
-            application=track.rpartition("-")[0].rpartition("-")[0],
-            version=0,
-            application_settings={},
-            fingerprint="abc",
-            fooling_threshold=0.3,
-            reference=mark,
-            seeds=(0,),
-        )
-        for track, agent in dict.fromkeys((c.track, c.agent) for c in runs)
+def target_of(track, agent):
+    application = track.rpartition("-")[0].rpartition("-")[0]
+    reference = ReferenceSummary(sha256="0", points=1000, fooling=300, uniform_rate=0.37)
+    return made_target(
+        track, agent, application=application, fingerprint="abc", reference=reference
     )
+
+
+def report(tmp_path, runs, notes=()):
     results = Results(
         tables=(TABLE,),
         packages={"numpy": ("2.0",)},
-        targets=targets,
+        targets=tuple(
+            target_of(*key) for key in dict.fromkeys((run.track, run.agent) for run in runs)
+        ),
         rows=tuple(rows_of_runs(runs)),
         runs=tuple(runs),
     )

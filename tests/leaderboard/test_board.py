@@ -4,7 +4,6 @@ import json
 
 import pytest
 from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
-from sada_gym.submission.entry import read_entries
 
 from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
@@ -13,6 +12,7 @@ from leaderboard.pictures import Pictures
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
 from sada_gym.cards import find_card
+from sada_gym.results.entry import read_entries
 from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
 
 
@@ -65,7 +65,7 @@ def test_a_tier_ranks_its_own_figures_alone(board):
 
 def test_figures_are_those_of_the_benchmark(board, entries):
     sheet = rankings(board, "digits")["verified"].whole
-    plain = [one for one in entries if one.about.name in ("middle", "weak")]
+    plain = [one for one in entries if one.metadata.name in ("middle", "weak")]
     results = results_of(plain, tables_of({"paper-budgets"}), tier="verified")
     for row in results.rows_of("paper-budgets", "cnn", None):
         cells = next(one.cells for one in sheet.lines if one.cells["entry"].text == row.label)
@@ -115,7 +115,7 @@ def test_uniform_worlds_have_the_rate_of_the_reference_set(board):
 
 
 def test_outdated_results_stand_apart(board):
-    (one,) = {one.entry.about.name for one in board.outdated}
+    (one,) = {one.entry.metadata.name for one in board.outdated}
     assert one == "old"
     assert "old" not in column(rankings(board, "digits")["claimed"].whole, "afr")
     lines = group(board, "digits").outdated_sheet.lines
@@ -170,7 +170,7 @@ def test_the_front_is_what_no_other_ranked_entry_beats_twice(board):
 def test_an_entry_says_its_flags_in_words_once(board, entries, tmp_path):
     (middle, strong, newcomer) = (
         entry_page(
-            board, next(e for e in entries if e.about.name == name), Pictures(False, tmp_path)
+            board, next(e for e in entries if e.metadata.name == name), Pictures(False, tmp_path)
         )
         for name in ("middle", "strong", "newcomer")
     )

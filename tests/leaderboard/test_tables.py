@@ -4,7 +4,6 @@ import re
 
 import pytest
 from prose import numbers, rows
-from sada_gym.submission.entry import read_entries
 
 from leaderboard.tables import (
     BLOCKS,
@@ -17,9 +16,10 @@ from leaderboard.tables import (
     robustness,
 )
 from sada_gym.benchmark.report.tables import TABLE_FILE, write_tables
-from sada_gym.benchmark.suite import CONTENDERS, find_suite
+from sada_gym.benchmark.suite import ADVERSARIES, find_suite
 from sada_gym.benchmark.suite import SUITES as SUITES_OF_ALL
-from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.results.entry import read_entries
+from sada_gym.submission.checks import check_entry, find_outdated
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def entries():
 @pytest.mark.parametrize("comparison", COMPARISONS.values(), ids=COMPARISONS)
 def test_all_adversaries_are_verified_on_all_tracks(entries, comparison):
     rows = comparison.rows(entries)
-    assert [row.label for row in rows] == [contender.label for contender in CONTENDERS]
+    assert [row.label for row in rows] == list(ADVERSARIES)
     tracks = find_suite(comparison.suite).tracks
     assert {row.tracks for row in rows} == {len(tracks)}
     assert all(row.failed == 0 for row in rows)
@@ -61,7 +61,7 @@ def test_the_whole_tables_say_what_the_entries_say(entries, suite, tmp_path):
 
 
 def test_an_entry_that_changes_changes_the_pages(entries):
-    fewer = [entry for entry in entries if entry.about.name != "gp"]
+    fewer = [entry for entry in entries if entry.metadata.name != "gp"]
     page = DOCS / "results" / "adversaries.md"
     before, after = pages(entries)[page], pages(fewer)[page]
     assert "| gp |" in before
@@ -80,7 +80,9 @@ def settings(entries):
     """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
     found = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
     found |= {
-        f"{result.claimed.identity.budget:,}" for one in entries for result in one.results.values()
+        f"{result.claimed.experiment.protocol.budget:,}"
+        for one in entries
+        for result in one.results.values()
     }
     for suite in SUITES_OF_ALL:
         found |= {f"{len(suite.tracks)}"}
@@ -118,4 +120,4 @@ def test_the_entries_pass_the_checks_and_are_of_today(entries):
     for entry in entries:
         check_entry(entry.folder, submission=False)
         for result in entry.results.values():
-            assert is_outdated(result.claimed.identity) is None
+            assert find_outdated(result.claimed.experiment) is None

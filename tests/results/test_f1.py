@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from made_experiments import made_experiment, made_target
 
 from sada_gym.experiment.measure import Measures
 from sada_gym.results.f1 import f1, f1_figure
+from sada_gym.results.models import SeedResult
 from sada_gym.results.rows import RunSummary, front_of, rows_of_runs
 
 M = 100
@@ -25,29 +27,18 @@ def measures(fooled, relative, ideal=0.9):
     )
 
 
-def runs_of(label, seeds, track="a", **changes):
+def runs_of(label, seeds, track="a"):
     return [
         RunSummary(
             table="t",
-            track=track,
-            agent="",
             label=label,
             entry=label,
-            rule="t",
-            seed=seed,
-            adversary=label,
-            preset=None,
-            options={},
-            budget=10,
-            samples=M,
-            queries=10,
-            error=None,
-            measures=measures(fooled, relative),
-            search=None,
-            flags=(),
+            experiment=made_experiment(
+                made_target(track), label, rule="t", budget=10, samples=M, seed=seed
+            ),
+            claims=SeedResult(seed=seed, queries=10, measures=measures(fooled, relative)),
             control=label == "ideal",
             disqualified=False,
-            **changes,
         )
         for seed, (fooled, relative) in enumerate(seeds)
     ]
