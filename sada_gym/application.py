@@ -18,9 +18,7 @@ from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, ParameterSpace
-
-SEED_BOUND = 2**31
-"""Evaluation seeds are Python ints in [0, SEED_BOUND)."""
+from sada_gym.seeds import validate_seeds
 
 RESERVED_KEYS = frozenset({"score", "fooled", "seed", "parameters"})
 """The keys that `Application.evaluate` sets in every info itself."""
@@ -63,9 +61,19 @@ class Scored:
 class Application(ABC):
     """A frozen agent in a world built from mu, scored over a whole episode.
 
-    A subclass sets the class attributes and `parameters`, and implements `_evaluate`; it may add
-    `render`, `observation` and `replay`. `_evaluate` must be pure: Q(mu, seed) is the same to the
-    last bit whatever else is in the batch. `sada-gym check` tests that.
+    A subclass must set `name`, `fooling_threshold`, `sample_size` and `parameters`, and implement
+    `_evaluate`. That method must be pure: Q(mu, seed) is the same to the last bit whatever else is
+    in the batch. `sada-gym check` tests that.
+
+    A subclass may set or override
+
+    - what a stored score belongs to: `version`, `settings`, `fingerprint`;
+    - the agent: `agent`, `agent_name`, `privileged_score`;
+    - pictures: `render` and its `legend`, `render_batch`, `replay` and its `render_fps`,
+      `observation`;
+    - `close`, where it holds anything.
+
+    It inherits `evaluate` and `can_render` for its callers and does not override them.
 
     Attributes:
         name: The general environment's id without its version, such as `SADA-Detection`.
@@ -105,14 +113,9 @@ class Application(ABC):
         """
         return ""
 
-    @property
-    def without_fingerprint(self) -> str:
-        """Says what to pass where there is no fingerprint."""
-        return (
-            f"Expected a fingerprint of {self.name}'s agent to store evaluations under, got none. "
-            "Pass agent_id='a name you change with the agent' and with any function of your own, "
-            "give a renderer of your own an `identity`, or use no store."
-        )
+    @abstractmethod
+    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
+        """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
         """Score the agent in the worlds of a batch of mu, in one thread: see `single_threaded`.
@@ -132,8 +135,8 @@ class Application(ABC):
         checked = validate_seeds(seeds, len(batch))
         if not len(batch):
             return Outcomes(np.zeros(0), np.zeros(0, dtype=np.bool_), ())
-        with single_threaded(), self.isolated_rng():
-            self._refuse_random_agent(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
+        with single_threaded(), isolated_rng(self):
+            self._check_deterministic(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = fools(score, self.fooling_threshold)
         names = self.parameters.names
@@ -150,50 +153,6 @@ class Application(ABC):
         )
         return Outcomes(score, fooled, infos)
 
-    def _scored(
-        self, mu: Mu, seeds: list[int]
-    ) -> tuple[npt.NDArray[np.float64], Sequence[Mapping[str, Any]]]:
-        """Check what `_evaluate` returns: n scores and n extras."""
-        source = f"{type(self).__name__}._evaluate"
-        scored = self._evaluate(mu, seeds)
-        if not isinstance(scored, Scored):
-            raise UserTypeError(f"Expected a Scored from {source}, got {scored!r}. Return one.")
-        score = real_scores(scored.score, source)
-        if score.shape != (len(mu),) or not ((score >= 0.0) & (score <= 1.0)).all():
-            raise UserError(
-                f"Expected {len(mu)} scores in [0, 1] from {source}, got shape {score.shape}: "
-                f"{score}. Mend the application's scoring."
-            )
-        _check_extras(scored.extras, len(mu), source)
-        return score, scored.extras
-
-    def isolated_rng(self) -> AbstractContextManager[None]:
-        """Keep what a user's agent does to the global generators of libraries from the caller.
-
-        `evaluate` does so itself; the environments use it for pictures.
-        """
-        return generators_kept() if self._brings_agent else nullcontext()
-
-    @cached_property
-    def _brings_agent(self) -> bool:
-        """Whether the agent is a user's own. The shipped ones are known to be deterministic."""
-        from sada_gym import agents
-
-        package = type(self.agent).__module__.partition(".")[0]
-        shipped = self.agent_name in agents.names(self.name) and package in _TRUSTED
-        return self.agent is not None and not shipped
-
-    def _refuse_random_agent(self, mu: Mu, seeds: list[int]) -> None:
-        """Let a user's agent answer twice before its first score counts."""
-        if self._brings_agent and "_asked_twice" not in self.__dict__:
-            first, second = (
-                [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
-                for _ in range(2)
-            )
-            name = self.agent_name or type(self.agent).__name__
-            check_deterministic(name, first, second, seeds, self._other_cause)
-            self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
-
     @property
     def legend(self) -> Sequence[LegendEntry]:
         """What the lines and marks in frames of `render` mean, for the pictures of an attack."""
@@ -203,10 +162,6 @@ class Application(ABC):
     def can_render(self) -> bool:
         """Whether it can draw pictures."""
         return type(self).render is not Application.render
-
-    @abstractmethod
-    def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        """Score a checked, non-empty batch: mu (n, d) float32 in [-1, 1], n seeds."""
 
     def privileged_score(
         self,
@@ -226,19 +181,6 @@ class Application(ABC):
             ValueError: If mu or the seeds are not what `evaluate` takes.
         """
         return None
-
-    def feasible(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.bool_] | None:
-        """Find the worlds in which a privileged agent is not fooled, so that failures count.
-
-        Args:
-            mu: (n, d), values in [-1, 1].
-            seeds: n seeds.
-
-        Returns:
-            (n,) bool, or None if no privileged agent is known, as by default.
-        """
-        score = self.privileged_score(mu, seeds)
-        return None if score is None else ~fools(score, self.fooling_threshold)
 
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw one frame of the world of mu, shape (d,), for a person to look at."""
@@ -263,20 +205,87 @@ class Application(ABC):
         return self.render(mu, seed)
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
-        """Evaluate one mu of shape (d,) again and give all frames of the episode and its score.
+        """Evaluate one mu of shape (d,) again and return all frames of the episode and its score.
 
         The default suits applications whose episode is a single frame.
         """
-        one: Any = [mu]
-        score = float(self.evaluate(one, [seed]).score[0])
+        batch: Any = [mu]
+        score = float(self.evaluate(batch, [seed]).score[0])
         return [self.render(mu, seed)], score
 
     def close(self) -> None:  # noqa: B027 - most applications hold nothing
         """Free what the application holds; calling it twice is fine."""
 
+    @property
+    def _without_fingerprint(self) -> str:
+        return (
+            f"Expected a fingerprint of {self.name}'s agent to store evaluations under, got none. "
+            "Pass agent_id='a name you change with the agent' and with any function of your own, "
+            "give a renderer of your own an `identity`, or use no store."
+        )
 
-def refuse_undeclared(application: Application) -> None:
-    """Refuse an application that lacks its parameters or its fooling threshold.
+    def _scored(
+        self, mu: Mu, seeds: list[int]
+    ) -> tuple[npt.NDArray[np.float64], Sequence[Mapping[str, Any]]]:
+        source = f"{type(self).__name__}._evaluate"
+        scored = self._evaluate(mu, seeds)
+        if not isinstance(scored, Scored):
+            raise UserTypeError(f"Expected a Scored from {source}, got {scored!r}. Return one.")
+        score = real_scores(scored.score, source)
+        if score.shape != (len(mu),) or not ((score >= 0.0) & (score <= 1.0)).all():
+            raise UserError(
+                f"Expected {len(mu)} scores in [0, 1] from {source}, got shape {score.shape}: "
+                f"{score}. Mend the application's scoring."
+            )
+        _check_extras(scored.extras, len(mu), source)
+        return score, scored.extras
+
+    @cached_property
+    def _brings_agent(self) -> bool:
+        from sada_gym import agents  # the shipped ones are known to be deterministic
+
+        package = type(self.agent).__module__.partition(".")[0]
+        shipped = self.agent_name in agents.names(self.name) and package in _TRUSTED
+        return self.agent is not None and not shipped
+
+    def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
+        if self._brings_agent and "_asked_twice" not in self.__dict__:
+            first, second = (
+                [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
+                for _ in range(2)
+            )
+            name = self.agent_name or type(self.agent).__name__
+            check_deterministic(name, first, second, seeds, self._other_cause)
+            self.__dict__["_asked_twice"] = True  # a frozen dataclass may be an application, too
+
+
+def isolated_rng(application: Application) -> AbstractContextManager[None]:
+    """Keep what a user's agent does to the global generators of libraries from the caller.
+
+    `evaluate` does so itself; pictures need it, too.
+    """
+    return generators_kept() if application._brings_agent else nullcontext()
+
+
+def feasible_worlds(
+    application: Application, mu: npt.ArrayLike, seeds: Sequence[int]
+) -> npt.NDArray[np.bool_] | None:
+    """Find the worlds in which a privileged agent is not fooled, so that failures count.
+
+    Args:
+        application: The application.
+        mu: (n, d), values in [-1, 1].
+        seeds: n seeds.
+
+    Returns:
+        (n,) bool, or None if the application knows no privileged agent.
+    """
+    score = application.privileged_score(mu, seeds)
+    return None if score is None else ~fools(score, application.fooling_threshold)
+
+
+def check_declared(application: Application) -> None:
+    """Check that an application has its parameters and its fooling threshold.
 
     Raises:
         UserTypeError: If one of them is missing, or the threshold is not within [0, 1].
@@ -298,10 +307,10 @@ def refuse_undeclared(application: Application) -> None:
 
 def _check_extras(extras: Any, count: int, source: str) -> None:
     if not isinstance(extras, Sequence) or len(extras) != count:
-        found = len(extras) if isinstance(extras, Sequence) else repr(extras)
+        got = len(extras) if isinstance(extras, Sequence) else repr(extras)
         raise UserError(
-            f"Expected {count} extras from {source}, one for each mu, got {found}. Give an empty "
-            "dictionary where there is nothing to add."
+            f"Expected {count} extras from {source}, one for each mu, got {got}. Return an "
+            "empty dictionary where there is nothing to add."
         )
     odd = [extra for extra in extras if not isinstance(extra, Mapping)]
     if odd:
@@ -312,57 +321,3 @@ def _check_extras(extras: Any, count: int, source: str) -> None:
             f"Expected the extras of {source} to leave {taken} to Application.evaluate, which sets "
             "them. Name yours differently."
         )
-
-
-def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
-    """Check one mu, (d,), and a seed, and give them as (1, d) and a Python int.
-
-    Raises:
-        ValueError: If they are not what `Application.evaluate` takes.
-    """
-    one: Any = [mu]
-    row = parameters.validate(one)
-    return row, validate_seeds([seed], 1)[0]
-
-
-def fold_seed(seed: int) -> int:
-    """Give an evaluation seed for any int from 0 up.
-
-    A seed below 2**31 stays as it is. A larger one becomes the upper 31 bits of the first word that
-    NumPy's `SeedSequence` makes of it, so that s and 2**31 + s have nothing in common.
-    """
-    if seed < SEED_BOUND:
-        return seed
-    return int(np.random.SeedSequence(seed).generate_state(1, np.uint32)[0]) >> 1
-
-
-def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) -> list[int]:
-    """Check that there are `count` seeds, ints in [0, 2**31), and give them as Python ints.
-
-    Args:
-        seeds: The seeds.
-        count: The expected number of seeds.
-        bounded: Whether seeds must be below 2**31. Gymnasium's may be any ints from 0 up.
-
-    Raises:
-        ValueError: If not.
-    """
-    if not isinstance(seeds, Sequence) and np.ndim(seeds) != 1:
-        raise UserTypeError(f"Expected a list of seeds, one for each mu, got {seeds!r}.")
-    if len(seeds) != count:
-        raise UserError(f"Expected {count} seeds, one for each mu, got {len(seeds)}.")
-    checked = []
-    for seed in seeds:
-        if (
-            isinstance(seed, bool)
-            or not isinstance(seed, int | np.integer)
-            or seed < 0
-            or (bounded and seed >= SEED_BOUND)
-        ):
-            allowed = "in [0, 2**31)" if bounded else "from 0 up"
-            raise UserError(
-                f"Expected seeds to be ints {allowed}, got {seed!r}. "
-                "Draw them with rng.integers(2**31)."
-            )
-        checked.append(int(seed))
-    return checked

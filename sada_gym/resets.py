@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from sada_gym.application import validate_seeds
 from sada_gym.arrays import as_array
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.seeds import validate_seeds
 
 RESET_MASK = "reset_mask"
 

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
-from sada_gym.application import SEED_BOUND, Application, fold_seed, refuse_undeclared
+from sada_gym.application import Application, check_declared, isolated_rng
 from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.frames import Frame
 from sada_gym.lazy import load
 from sada_gym.lockstep import SAME_STEP, Indices, LockstepEnv, LockstepVectorEnv, RenderModes
 from sada_gym.proposals import Observation, Proposals
+from sada_gym.seeds import SEED_BOUND, fold_seed
 
 
 class AdversaryEnv(LockstepEnv[Observation]):
@@ -90,7 +91,7 @@ class AdversaryEnv(LockstepEnv[Observation]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again: all frames of the inner episode, and its score."""
-        with self.application.isolated_rng():
+        with isolated_rng(self.application):
             return self.application.replay(mu, seed)
 
 
@@ -126,7 +127,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Observation]):
 
     def replay(self, mu: npt.ArrayLike, seed: int) -> tuple[list[Frame], float]:
         """Evaluate one mu of shape (d,) again, see `AdversaryEnv.replay`."""
-        with self.application.isolated_rng():
+        with isolated_rng(self.application):
             return self.application.replay(mu, seed)
 
 
@@ -174,7 +175,7 @@ class _Evaluations(Proposals):
     def _draw(self, shown: tuple[npt.NDArray[np.float32], int] | None) -> Frame:
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
-        with self._application.isolated_rng():
+        with isolated_rng(self._application):
             return self._application.render(*shown)
 
     def close(self) -> None:
@@ -192,7 +193,7 @@ def _made(
                 f"Expected no keywords beside a made application, got {', '.join(keywords)}. Pass "
                 "them to the application, or pass its class."
             )
-        refuse_undeclared(named)
+        check_declared(named)
         return named
     if not (isinstance(named, type) and issubclass(named, Application)):
         raise UserTypeError(
@@ -205,7 +206,7 @@ def _made(
         known = [*accepted, "horizon", "render_mode"]
         check_known(f"keyword of {subject}", keywords, known)
     made = named(**keywords)
-    refuse_undeclared(made)
+    check_declared(made)
     return made
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Application, refuse_undeclared
+from sada_gym.application import Application, check_declared
 from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
@@ -181,7 +181,7 @@ def _described(
                 f"Expected dimension and threshold only with a function; {scorer.name} has its "
                 "own. Drop them."
             )
-        refuse_undeclared(scorer)
+        check_declared(scorer)
         return len(scorer.parameters), float(scorer.fooling_threshold)
     if not callable(scorer):
         raise UserTypeError(

@@ -47,7 +47,7 @@ class ApplicationKey(Strict):
                 f"Expected the fingerprint of {name} to be a text or None, got {fingerprint!r}."
             )
         if fingerprint is None:
-            raise StoreError(application.without_fingerprint)
+            raise StoreError(application._without_fingerprint)
         try:
             settings = json.loads(json.dumps(application.settings, allow_nan=False))
         except (TypeError, ValueError) as error:

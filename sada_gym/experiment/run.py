@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Adversary
+from sada_gym.application import feasible_worlds
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
@@ -185,7 +186,7 @@ class Run:
         """Measure the test samples and the search."""
         self._report("measure")
         settings, samples, queries = self.settings, self.samples, self.queries
-        feasible = self.application.feasible(samples.mu, samples.seed.tolist())
+        feasible = feasible_worlds(self.application, samples.mu, samples.seed.tolist())
         measures = measure(
             samples,
             queries,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.application import Application
+from sada_gym.application import Application, isolated_rng
 from sada_gym.evaluations import Evaluations
 from sada_gym.frames import Frame, LegendEntry, Mark, checked_frame
 from sada_gym.parameters import ParameterSpace
@@ -55,7 +55,7 @@ def draw_failures(
         except Exception as error:  # drawing is a user's code, too, and must not cost the result
             raise NotDrawnError(f": {source} raised {type(error).__name__}: {error}") from error
 
-    with application.isolated_rng():
+    with isolated_rng(application):
         (first,) = frames(choose_failures(space, samples, threshold, (1, 0, 0)).worst)
         legend = _legend(application)
         plain = all(entry.mark == "note" for entry in legend)

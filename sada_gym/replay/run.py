@@ -73,6 +73,10 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
     Raises:
         UserError: If it cannot be opened, or differs.
     """
+    if not isinstance(given, Application | str | None):
+        raise UserTypeError(
+            f"Expected an Application, an environment's id or a TOML file, got {given!r}."
+        )
     target = settings.experiment.target
     if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
@@ -91,9 +95,7 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
 
 
 def _mend(folder: Path) -> str:
-    """Say how to replay what the settings cannot open."""
-    where = "If a TOML file describes it, name that by --application FILE.toml. "
     return (
-        f"{where}If you made it in Python: sada_gym.replay.replay({str(folder)!r}, "
-        "application=YOURS, out='failure.gif')."
+        "If a TOML file describes it, name that by --application FILE.toml. If you made it in "
+        f"Python: sada_gym.replay.replay({str(folder)!r}, application=YOURS, out='failure.gif')."
     )

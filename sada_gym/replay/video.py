@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from sada_gym.application import Application
+from sada_gym.application import Application, isolated_rng
 from sada_gym.clips.captions import captioned
 from sada_gym.clips.make import find_clip
 from sada_gym.clips.shots import Clip
@@ -194,7 +194,7 @@ def _played(
             "run's samples.npz is of another run."
         )
     try:
-        with application.isolated_rng():
+        with isolated_rng(application):
             clip = find_clip(application)(application, mu, seed, seconds)
     except NotImplementedError as error:
         raise UserError(

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from typing_extensions import Self
 
+from sada_gym.application import feasible_worlds
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluations import Evaluations, seed_of
@@ -248,7 +249,7 @@ def _seed_evidence(
     if target.reference is None:
         mu = _uniform(json.dumps([*text, claimed.seed]), samples.mu.shape)
         uniform = _score(target.evaluator, mu, fresh)
-    feasible = target.application.feasible(again.mu, fresh)
+    feasible = feasible_worlds(target.application, again.mu, fresh)
     measures = measure(
         again,
         Evaluations.empty(target.dimension),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Scored, validate_seeds, validate_world
+from sada_gym.application import Application, Scored
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.frame import annotate, legend
@@ -33,6 +33,7 @@ from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes,
 from sada_gym.errors import UserError
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.seeds import validate_seeds, validate_world
 
 
 class DetectionApplication(Application):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import known_as
-from sada_gym.application import Application, Scored, validate_world
+from sada_gym.application import Application, Scored
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
 from sada_gym.envs.digits.images import test_images, validate_images
@@ -21,6 +21,7 @@ from sada_gym.envs.hashing import splitmix
 from sada_gym.errors import UserError
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu
+from sada_gym.seeds import validate_world
 
 _PIXELS_AT_ONCE = 2**18
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Scored, validate_world
+from sada_gym.application import Scored
 from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
@@ -19,6 +19,7 @@ from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.seeds import validate_world
 
 if TYPE_CHECKING:
     from sada_gym.frames import LegendEntry

@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, known_as
-from sada_gym.application import Application, validate_seeds, validate_world
+from sada_gym.application import Application
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
+from sada_gym.seeds import validate_seeds, validate_world
 
 _AT_ONCE = 4
 """Worlds whose rollouts are held in memory together."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.application import Scored, validate_seeds, validate_world
+from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play
 from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
@@ -22,6 +22,7 @@ from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
+from sada_gym.seeds import validate_seeds, validate_world
 
 if TYPE_CHECKING:
     from sada_gym.frames import LegendEntry

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.application import Scored, validate_seeds, validate_world
+from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
@@ -21,6 +21,7 @@ from sada_gym.envs.uav.world.templates import template
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
+from sada_gym.seeds import validate_seeds, validate_world
 
 if TYPE_CHECKING:
     from sada_gym.frames import LegendEntry

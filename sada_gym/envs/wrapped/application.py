@@ -19,7 +19,7 @@ from gymnasium.wrappers import TimeLimit
 
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.application import Scored, refuse_undeclared, validate_world
+from sada_gym.application import Scored, check_declared
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.bindings import (
@@ -37,6 +37,7 @@ from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
+from sada_gym.seeds import validate_world
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
@@ -132,7 +133,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             self.episode_spec = self._explore(env, factory, parameters, as_score(score))
         if name is not None:
             self.name = name  # type: ignore[misc]
-        refuse_undeclared(self)
+        check_declared(self)
         if isinstance(agent, str | Path):
             file = Path(agent)
             super().__init__(self._load(file), agent_id)
@@ -248,8 +249,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         return None if own_code and not self._agent_id else super().fingerprint
 
     @property
-    def without_fingerprint(self) -> str:
-        """Says which function makes an `agent_id` necessary."""
+    def _without_fingerprint(self) -> str:
         environment, score = self.episode_spec.factory.environment, self.episode_spec.score
         functions: dict[str, Any] = {}
         if callable(environment):
@@ -260,7 +260,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             if isinstance(binding, Function):
                 functions[f"parameter {key!r}"] = binding.set
         if not functions or self._agent_id:
-            return super().without_fingerprint
+            return super()._without_fingerprint
         named = [f"the {role} ({function_name(given)})" for role, given in functions.items()]
         return (
             f"Expected agent_id in {self.name}, because {' and '.join(named)} "

@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from registry_cases import NaNPilot
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from sada_gym.application import feasible_worlds
 from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from sada_gym.envs.uav.application import UAVApplication
@@ -229,9 +230,9 @@ def test_bad_seeds_of_the_privileged_pilot_are_refused(seeds):
 
 def test_a_track_is_feasible_where_the_privileged_pilot_is_not_fooled(monkeypatch):
     ours = application()
-    assert ours.feasible(np.zeros((2, 6)), [0, 1]).tolist() == [True, True]
+    assert feasible_worlds(ours, np.zeros((2, 6)), [0, 1]).tolist() == [True, True]
     monkeypatch.setattr(UAVApplication, "fooling_threshold", 1.0)
-    assert ours.feasible(np.zeros((1, 6)), [0]).tolist() == [False]
+    assert feasible_worlds(ours, np.zeros((1, 6)), [0]).tolist() == [False]
 
 
 @pytest.mark.parametrize("name", ["waypoint-pid", "ppo"])
