@@ -21,16 +21,24 @@ from typing_extensions import Self
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec
-from sada_gym.files import file_errors, first_error, read_model, read_toml, write_file, write_model
+from sada_gym.files import (
+    file_errors,
+    first_error,
+    read_model,
+    read_toml,
+    shown,
+    write_file,
+    write_model,
+)
 from sada_gym.results.models import (
     FORMAT,
-    Claims,
+    ClaimedResults,
     EntryMetadata,
-    Findings,
     Result,
     SeedResult,
     Tier,
     Verified,
+    VerifiedResults,
 )
 from sada_gym.results.samples import Samples, read_samples, samples_bytes, samples_sha256
 
@@ -69,13 +77,13 @@ class EntryResult:
         return "claimed" if self.verified is None else "verified"
 
     def with_seed(self, claims: SeedResult, samples: Evaluations | None) -> Self:
-        """Return the result with one more seed, which takes the place of one that is there."""
-        seeds = {known.seed: known for known in self.claimed.seeds} | {claims.seed: claims}
-        held = {seed: known for seed, known in self.samples.items() if seed != claims.seed}
+        """Return the result with one more seed, or with other claims and samples of a seed."""
+        seeds = {old.seed: old for old in self.claimed.seeds} | {claims.seed: claims}
+        all_samples = {s: old for s, old in self.samples.items() if s != claims.seed}
         if samples is not None:
-            held[claims.seed] = samples
+            all_samples[claims.seed] = samples
         result = Result.make(self.claimed.experiment, seeds.values())
-        return replace(self, claimed=result, samples=held, verified=None)
+        return replace(self, claimed=result, samples=all_samples, verified=None)
 
 
 @dataclass(frozen=True)
@@ -106,30 +114,26 @@ class GroupFiles:
         return self.folder / f"{self.group}{VERIFIED}"
 
     def read(self) -> dict[str, EntryResult]:
-        """Read the results, by place; seeds that lack claims or samples are left out.
+        """Read the results, by place; there are none where the files are missing.
+
+        Seeds that lack claims or samples are left out.
 
         Raises:
             FileError: If a file cannot be read.
         """
+        if not self.claims.exists():
+            return {}
         claimed, samples, findings = self.read_claims(), read_samples(self.samples), {}
         if self.verified.exists():
             findings = self.read_verified()
-        results = {}
-        for result in claimed:
-            place = result.experiment.place
-            held = samples.get(place, {})
-            seeds = tuple(s for s in result.seeds if s.measures is None or s.seed in held)
-            measured = {s.seed for s in seeds if s.measures is not None}
-            kept = {seed: one for seed, one in held.items() if seed in measured}
-            verified = findings.get(place)
-            # of another result, or of samples that were changed since
-            if verified is not None and (verified.sha256, verified.samples_sha256) != (
-                result.sha256,
-                samples_sha256(kept),
-            ):
-                verified = None
-            results[place] = EntryResult(result.model_copy(update={"seeds": seeds}), kept, verified)
-        return results
+        return {
+            result.experiment.place: _join(
+                result,
+                samples.get(result.experiment.place, {}),
+                findings.get(result.experiment.place),
+            )
+            for result in claimed
+        }
 
     def read_claims(self) -> tuple[Result, ...]:
         """Read what the results claim.
@@ -138,30 +142,36 @@ class GroupFiles:
             FileError: If the file cannot be read, is of another format, or was edited by hand.
         """
         path = self.claims
-        claims = read_model(path, Claims)
-        _refuse_other_format(path, claims.format)
-        places = [result.experiment.place for result in claims.results]
+        content = read_model(path, ClaimedResults)
+        _check_format(path, content.format)
+        places = [result.experiment.place for result in content.results]
         if places != sorted(set(places)):
-            raise FileError(f"Expected ascending results in {path}, each once, got {places}.")
-        for result in claims.results:
-            place, expected = result.experiment.place, result.experiment.sha256
+            raise FileError(
+                f"Expected ascending results in {path}, each once, got {shown(str(places))}."
+            )
+        for result in content.results:
+            place, group, expected = (
+                result.experiment.place,
+                result.experiment.group,
+                result.experiment.sha256,
+            )
             if result.sha256 != expected:
                 raise FileError(
                     f"Expected sha256 of {place} in {path} to be the hash of its experiment, "
                     f"{expected}, got {result.sha256}. Make the entry anew instead of editing it."
                 )
-            group = result.experiment.group
             if group != self.group:
                 raise FileError(
                     f"Expected the results on {group} in a file called {group}{CLAIMS}, got {path}."
                     " Rename it, or make the entry anew."
                 )
-            seeds = [claimed.seed for claimed in result.seeds]
+            seeds = [claims.seed for claims in result.seeds]
             if seeds != sorted(set(seeds)):
                 raise FileError(
-                    f"Expected ascending seeds of {place} in {path}, each once, got {seeds}."
+                    f"Expected ascending seeds of {place} in {path}, each once, got "
+                    f"{shown(str(seeds))}."
                 )
-        return claims.results
+        return content.results
 
     def read_verified(self) -> dict[str, Verified]:
         """Read what the verifier found, by the place of the result.
@@ -169,34 +179,50 @@ class GroupFiles:
         Raises:
             FileError: If the file cannot be read or is of another format.
         """
-        findings = read_model(self.verified, Findings)
-        _refuse_other_format(self.verified, findings.format)
-        return findings.results
+        content = read_model(self.verified, VerifiedResults)
+        _check_format(self.verified, content.format)
+        return content.results
 
     def write(self, results: Iterable[EntryResult]) -> None:
         """Write results; what was verified of other samples is removed.
 
         The samples come first. Where the process is killed in between, the file holds samples of a
         seed that nothing is claimed of; `read` leaves them out.
+
+        Raises:
+            UserError: If samples were not evaluated on the test seeds of their seed.
         """
         ordered = sorted(results, key=lambda result: result.place)
         write_file(self.samples, samples_bytes({r.place: r.samples for r in ordered}))
-        claims = Claims(format=FORMAT, results=tuple(result.claimed for result in ordered))
-        write_model(self.claims, claims)
+        claimed = tuple(result.claimed for result in ordered)
+        write_model(self.claims, ClaimedResults(format=FORMAT, results=claimed))
         self._write_verified({r.place: r.verified for r in ordered if r.verified is not None})
 
     def add_verified(self, place: str, verified: Verified) -> None:
         """Write what the verifier found of a result beside what it found of others."""
-        known = self.read_verified() if self.verified.exists() else {}
-        self._write_verified(known | {place: verified})
+        findings = self.read_verified() if self.verified.exists() else {}
+        self._write_verified(findings | {place: verified})
 
     def _write_verified(self, findings: Mapping[str, Verified]) -> None:
         if findings:
             ordered = dict(sorted(findings.items()))
-            write_model(self.verified, Findings(format=FORMAT, results=ordered))
+            write_model(self.verified, VerifiedResults(format=FORMAT, results=ordered))
         else:
             with file_errors("remove", self.verified):
                 self.verified.unlink(missing_ok=True)
+
+
+def _join(result: Result, samples: Samples, verified: Verified | None) -> EntryResult:
+    """Join what the three files say of a result, as far as they agree."""
+    seeds = tuple(s for s in result.seeds if s.measures is None or s.seed in samples)
+    measured = {claims.seed for claims in seeds if claims.measures is not None}
+    samples = {seed: rows for seed, rows in samples.items() if seed in measured}
+    # findings of another result, or of samples that were changed since, do not count
+    if verified is not None and (
+        verified.sha256 != result.sha256 or verified.samples_sha256 != samples_sha256(samples)
+    ):
+        verified = None
+    return EntryResult(result.model_copy(update={"seeds": seeds}), samples, verified)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,8 +281,7 @@ def write_results(folder: Path, results: Iterable[EntryResult]) -> None:
         by_group.setdefault(result.group, []).append(result)
     for group, new in by_group.items():
         files = GroupFiles(folder, group)
-        known = files.read() if files.claims.exists() else {}
-        files.write((known | {result.place: result for result in new}).values())
+        files.write((files.read() | {result.place: result for result in new}).values())
 
 
 def group_files(folder: Path) -> list[GroupFiles]:
@@ -269,11 +294,13 @@ def group_files(folder: Path) -> list[GroupFiles]:
         ]
 
 
-def _refuse_other_format(path: Path, found: int) -> None:
-    if found != FORMAT:
+def _check_format(path: Path, number: object) -> None:
+    if number != FORMAT:
+        # TOML holds anything, such as integers that are too long to be shown
+        is_short = isinstance(number, int) and abs(number) < 2**63
         raise FileError(
-            f"Expected format {FORMAT} in {path}, got {found}. Make the entry anew with this "
-            "version of sada_gym."
+            f"Expected format {FORMAT} in {path}, got {number if is_short else 'another'}. Make "
+            "the entry anew with this version of sada_gym."
         )
 
 
@@ -297,7 +324,7 @@ def read_metadata(folder: Path) -> EntryMetadata:
     """
     path = folder / METADATA_FILE
     content = read_toml(path)
-    _refuse_other_format(path, content.get("format", FORMAT))
+    _check_format(path, content.get("format", FORMAT))
     try:
         metadata = EntryMetadata.model_validate(content)
     except ValidationError as error:

@@ -1,10 +1,9 @@
-"""What an entry of the leaderboard says: who made it, its claims, and what the verifier found."""
+"""The contents of an entry's files: who made it, its claims, and what the verifier found."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
@@ -34,11 +33,11 @@ _MAX_TEXT = 200
 
 
 def entry_name(label: str) -> str:
-    """Make an entry's name of what reports call its adversary."""
+    """Derive an entry's name from what reports call its adversary."""
     return slug(label).lower().strip("._+-")
 
 
-def _checked_name(name: str) -> str:
+def _validate_name(name: str) -> str:
     # no capitals: some file systems do not tell them apart
     if not re.fullmatch(r"[a-z0-9][a-z0-9._+-]{0,63}", name) or name.endswith((".", ".tmp")):
         raise ValueError(
@@ -47,7 +46,7 @@ def _checked_name(name: str) -> str:
     return name
 
 
-EntryName = Annotated[str, AfterValidator(_checked_name)]
+EntryName = Annotated[str, AfterValidator(_validate_name)]
 ShortLine = Annotated[OneLine, Field(max_length=_MAX_TEXT)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -99,19 +98,14 @@ class SeedResult(Strict):
 
     @classmethod
     def of(cls, report: RunReport | RunFailure) -> Self:
-        """Take a run's measures."""
+        """Return what a run claims."""
         settings = report.settings
         if isinstance(report, RunFailure):
             # an adversary of a user's own may raise with any text
             printable = "".join(c if c.isprintable() else " " for c in report.error)
             error = " ".join(printable.split())[:MAX_ERROR]
-            return cls(
-                seed=settings.seed,
-                queries=0,
-                error=error,
-                measures=None,
-                packages=settings.packages,
-            )
+            packages = settings.packages
+            return cls(seed=settings.seed, queries=0, error=error, measures=None, packages=packages)
         return cls(
             seed=settings.seed,
             queries=report.search.queries,
@@ -137,14 +131,18 @@ class Result(Strict):
 
     @classmethod
     def make(cls, experiment: Experiment, seeds: Iterable[SeedResult]) -> Self:
-        """Put seeds in order under their experiment."""
+        """Make the result of an experiment, whatever its seed is; seeds may come in any order."""
         experiment = experiment.at(None)
         ordered = sorted(seeds, key=lambda claims: claims.seed)
         return cls(experiment=experiment, sha256=experiment.sha256, seeds=tuple(ordered))
 
     @model_validator(mode="after")
-    def _has_short_names(self) -> Self:
+    def _check_experiment(self) -> Self:
         target, adversary = self.experiment.target, self.experiment.adversary
+        if self.experiment.seed is not None:
+            raise ValueError(
+                f"expected no seed of the experiment of all seeds, got {self.experiment.seed}"
+            )
         for name, text in {
             "track": target.track,
             "agent": target.agent,
@@ -162,7 +160,7 @@ class Result(Strict):
         return self
 
 
-class Claims(Strict):
+class ClaimedResults(Strict):
     """The results of an entry on the tracks of one application: GROUP.json.
 
     Attributes:
@@ -213,20 +211,20 @@ class Verified(Strict):
         salt: tuple[str, str],
         nonce: str,
         seeds: Iterable[VerifiedSeed] = (),
-        flags: Mapping[str, str] = MappingProxyType({}),
+        flags: Mapping[str, str] | None = None,
     ) -> Self:
-        """Put findings under the experiment and the samples that they are of."""
+        """Record findings with the digests of the experiment and the samples that they are of."""
         return cls(
             sha256=claimed.sha256,
             samples_sha256=samples_sha256(samples),
             salt=salt,
             nonce=nonce,
             seeds=tuple(seeds),
-            flags=dict(flags),
+            flags=dict(flags or {}),
         )
 
 
-class Findings(Strict):
+class VerifiedResults(Strict):
     """What the verifier found of the results in GROUP.json: GROUP.verified.json.
 
     Attributes:

@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.files import read_array_groups
+from sada_gym.files import read_array_groups, shown
 
 Samples = Mapping[int, Evaluations]
 """The test samples of each seed, by ascending seed."""
 
+_MEND = "Restore the file, or make it anew."
 _KINDS = {"seeds": ("i8", 1), "mu": ("f4", 2), "score": ("f8", 1)}
 
 
@@ -35,16 +36,16 @@ def samples_bytes(results: Mapping[str, Samples]) -> bytes:
     arrays: dict[str, Any] = {}
     for place, samples in results.items():
         ordered = [samples[seed] for seed in sorted(samples)]
-        for seed, part in samples.items():
-            if not np.array_equal(part.seed, _evaluation_seeds(seed, len(part))):
+        for seed, rows in samples.items():
+            if not np.array_equal(rows.seed, _evaluation_seeds(seed, len(rows))):
                 raise UserError(
                     f"Expected the evaluation seeds of the test stream of seed {seed} of {place}, "
                     "got others. Evaluate the samples by sada-gym submit --samples."
                 )
         if ordered:
             arrays[f"{place}.seeds"] = np.array(sorted(samples), np.int64)
-            arrays[f"{place}.mu"] = np.concatenate([part.mu for part in ordered])
-            arrays[f"{place}.score"] = np.concatenate([part.score for part in ordered])
+            arrays[f"{place}.mu"] = np.concatenate([rows.mu for rows in ordered])
+            arrays[f"{place}.score"] = np.concatenate([rows.score for rows in ordered])
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     return buffer.getvalue()
@@ -54,9 +55,9 @@ def samples_sha256(samples: Samples) -> str:
     """Return the SHA-256 of samples: of each seed, its mu, scores and evaluation seeds."""
     digest = hashlib.sha256()
     for seed in sorted(samples):
-        part = samples[seed]
-        digest.update(f"{seed}:{len(part)}:{part.mu.shape[1]};".encode())
-        for array, dtype in ((part.mu, "<f4"), (part.score, "<f8"), (part.seed, "<i8")):
+        rows = samples[seed]
+        digest.update(f"{seed}:{len(rows)}:{rows.mu.shape[1]};".encode())
+        for array, dtype in ((rows.mu, "<f4"), (rows.score, "<f8"), (rows.seed, "<i8")):
             digest.update(np.ascontiguousarray(array, dtype).tobytes())
     return digest.hexdigest()
 
@@ -68,7 +69,7 @@ def read_samples(path: Path) -> dict[str, dict[int, Evaluations]]:
         FileError: If the file cannot be read or does not hold such samples.
     """
     return {
-        place: _unpack(path, place, **arrays)
+        place: _unpack(path, shown(place), **arrays)
         for place, arrays in read_array_groups(path, _KINDS).items()
     }
 
@@ -80,22 +81,27 @@ def _unpack(
     mu: npt.NDArray[Any],
     score: npt.NDArray[Any],
 ) -> dict[int, Evaluations]:
+    ascending = seeds.tolist()
     count, rest = divmod(len(mu), max(1, len(seeds)))
-    if rest or not count or len(score) != len(mu) or len(set(seeds.tolist())) != len(seeds):
+    if rest or not count or not ascending or len(score) != len(mu):
         raise FileError(
             f"Expected as many samples of each seed of {place} in {path}, each with a score, got "
-            f"{len(seeds)} seeds, {len(mu)} mu and {len(score)} scores. Restore the file, or make "
-            "it anew."
+            f"{len(seeds)} seeds, {len(mu)} mu and {len(score)} scores. {_MEND}"
         )
-    if min(seeds) < 0:
-        raise FileError(f"Expected seeds of {place} in {path} from 0 up, got {min(seeds)}.")
+    if ascending != sorted(set(ascending)):
+        raise FileError(
+            f"Expected ascending seeds of {place} in {path}, each once, got "
+            f"{shown(str(ascending))}. {_MEND}"
+        )
+    if ascending[0] < 0:
+        raise FileError(f"Expected seeds of {place} in {path} from 0 up, got {ascending[0]}.")
     return {
         seed: Evaluations(
             mu[i * count : (i + 1) * count],
             score[i * count : (i + 1) * count],
             _evaluation_seeds(seed, count),
         )
-        for i, seed in enumerate(seeds.tolist())
+        for i, seed in enumerate(ascending)
     }
 
 

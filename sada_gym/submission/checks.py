@@ -10,13 +10,12 @@ import itertools
 import os
 import re
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from sada_gym import __version__
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.record import Experiment
 from sada_gym.files import as_path, file_errors, shown
@@ -29,7 +28,7 @@ from sada_gym.results.entry import (
     GroupFiles,
     read_metadata,
 )
-from sada_gym.results.models import EntryMetadata, Result
+from sada_gym.results.models import EntryMetadata, Result, SeedResult
 from sada_gym.results.samples import read_samples
 from sada_gym.submission.claims import check_claims, check_coverage, check_samples, refuse
 from sada_gym.submission.current import current_experiment, current_target
@@ -38,8 +37,8 @@ from sada_gym.submission.strict_json import check_strict_json
 MAX_FILES = 100
 """The most files of an entry."""
 
-MAX_BYTES = {METADATA_FILE: 2**16, CLAIMS: 2**24, SAMPLES: 2**26}
-"""The most bytes of entry.toml, of the JSON of results, and of their samples."""
+MAX_BYTES = {METADATA_FILE: 2**16, CLAIMS: 2**24, SAMPLES: 2**26, VERIFIED: 2**24}
+"""The most bytes of entry.toml, of the JSON of results, of their samples, and of findings."""
 
 MAX_ENTRY_BYTES = 2**27
 """The most bytes of all files of an entry."""
@@ -69,15 +68,15 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
         UserError: If something is wrong; the message names the first fault.
     """
     folder = as_path(folder, "an entry")
-    groups = _check_files(folder, submission)
+    groups = check_files(folder, submission=submission)
     metadata = read_metadata(folder)
-    check_metadata(metadata, folder / METADATA_FILE, submission)
-    adversaries = [
-        (files, result.experiment.adversary)
+    check_metadata(metadata, folder / METADATA_FILE, submission=submission)
+    results = [
+        (files, result)
         for files in (GroupFiles(folder, group) for group in groups)
         for result in _check_group(files, submission)
     ]
-    _check_adversaries(adversaries)
+    _check_together(results)
 
 
 def find_outdated(experiment: Experiment) -> str | None:
@@ -87,14 +86,18 @@ def find_outdated(experiment: Experiment) -> str | None:
     """
     target, rule = experiment.target, experiment.protocol.rule
     try:
-        now = current_experiment(target.track, target.agent, rule, experiment.adversary)
+        current = current_experiment(target.track, target.agent, rule, experiment.adversary)
     except UserError as error:
         return shown(str(error))
-    return shown("; ".join(differences(experiment.model_dump(), now.model_dump()))) or None
+    return shown("; ".join(differences(experiment.model_dump(), current.model_dump()))) or None
 
 
-def _check_files(folder: Path, submission: bool) -> list[str]:
-    """Check names, kinds and sizes of all files, and give what the results' files begin with."""
+def check_files(folder: Path, *, submission: bool) -> list[str]:
+    """Check names, kinds and sizes of an entry's files, and return the names of its groups.
+
+    Raises:
+        UserError: If a file does not belong into the folder, is too large, or lacks its twin.
+    """
     with file_errors("read", folder):
         name = folder.absolute().name
         if not _STEM.fullmatch(name) or _RESERVED.fullmatch(name):
@@ -104,13 +107,13 @@ def _check_files(folder: Path, submission: bool) -> list[str]:
             )
         if folder.is_symlink() or not stat.S_ISDIR(folder.lstat().st_mode):
             raise UserError(f"Expected the folder of an entry, got {folder}, which is none.")
-        with os.scandir(folder) as found:
-            files = list(itertools.islice(found, MAX_FILES + 1))
+        with os.scandir(folder) as listed:
+            files = list(itertools.islice(listed, MAX_FILES + 1))
         if len(files) > MAX_FILES:
             raise UserError(
                 f"Expected at most {MAX_FILES:,} files in {folder}, got more. Submit fewer results."
             )
-        sizes = {file.name: _checked_size(folder, file, submission) for file in files}
+        sizes = {file.name: _measure_file(folder, file, submission) for file in files}
     if METADATA_FILE not in sizes:
         raise UserError(
             f"Expected {METADATA_FILE} in {folder}, got none. Make an entry by sada-gym submit."
@@ -124,7 +127,7 @@ def _check_files(folder: Path, submission: bool) -> list[str]:
     return _check_pairs(folder, sizes)
 
 
-def _checked_size(folder: Path, file: os.DirEntry[str], submission: bool) -> int:
+def _measure_file(folder: Path, file: os.DirEntry[str], submission: bool) -> int:
     name, ending = file.name, _ending(file.name)
     if ending is None:
         raise UserError(
@@ -142,17 +145,16 @@ def _checked_size(folder: Path, file: os.DirEntry[str], submission: bool) -> int
             f"Expected no results of the verifier in a submission, got {folder / name}. Remove it; "
             "the verifier writes such files."
         )
-    most = MAX_BYTES[CLAIMS if ending == VERIFIED else ending]
-    if status.st_size > most:
+    limit = MAX_BYTES[ending]
+    if status.st_size > limit:
         raise UserError(
-            f"Expected at most {most:,} bytes in {folder / name}, got {status.st_size:,}. "
+            f"Expected at most {limit:,} bytes in {folder / name}, got {status.st_size:,}. "
             "Make the entry anew."
         )
     return status.st_size
 
 
 def _ending(name: str) -> str | None:
-    """Give which of an entry's files a name stands for; None where it is none of them."""
     if name == METADATA_FILE:
         return METADATA_FILE
     for ending in (VERIFIED, CLAIMS, SAMPLES):
@@ -161,25 +163,24 @@ def _ending(name: str) -> str | None:
     return None
 
 
-def _check_pairs(folder: Path, names: Mapping[str, int]) -> list[str]:
-    stems = {
-        ending: {name.removesuffix(ending) for name in names if _ending(name) == ending}
-        for ending in (CLAIMS, SAMPLES, VERIFIED)
-    }
-    if not stems[CLAIMS] | stems[SAMPLES]:
+def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
+    endings: dict[str, set[str]] = {}
+    for name in names:
+        if (ending := _ending(name)) not in (None, METADATA_FILE):
+            endings.setdefault(name.removesuffix(ending), set()).add(ending)
+    if not set().union(*endings.values()) & {CLAIMS, SAMPLES}:
         raise UserError(f"Expected at least one result in {folder}, got none.")
-    for stem in sorted(set().union(*stems.values())):
-        for ending, other in ((CLAIMS, SAMPLES), (SAMPLES, CLAIMS)):
-            if stem not in stems[ending]:
-                there = other if stem in stems[other] else VERIFIED
+    for stem, present in sorted(endings.items()):
+        for ending in (CLAIMS, SAMPLES):
+            if ending not in present:
                 raise UserError(
-                    f"Expected {stem}{ending} beside {stem}{there} in {folder}, got none. Add it, "
-                    "or remove the other file."
+                    f"Expected {stem}{ending} beside {stem}{min(present)} in {folder}, got none. "
+                    "Add it, or remove the other file."
                 )
-    return sorted(stems[CLAIMS])
+    return sorted(endings)
 
 
-def check_metadata(metadata: EntryMetadata, path: Path, submission: bool) -> None:
+def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> None:
     """Check what an entry says of itself.
 
     Args:
@@ -190,20 +191,19 @@ def check_metadata(metadata: EntryMetadata, path: Path, submission: bool) -> Non
     Raises:
         UserError: If something is missing or does not fit.
     """
-    blank = [] if metadata.title.strip() else ["title"]
+    required = {"title": metadata.title}
     if submission:
-        blank += [] if metadata.licence.strip() else ["licence"]
-        blank += [] if any(author.strip() for author in metadata.authors) else ["authors"]
-    if blank:
-        refuse(path, f"a text as {blank[0]}", "an empty one", "Fill it in")
+        required |= {"licence": metadata.licence, "authors": "".join(metadata.authors)}
+    for name, text in required.items():
+        if not text.strip():
+            refuse(f"in {path}", f"a text as {name}", "an empty one", "Fill it in")
     if metadata.licence and not _LICENCE.fullmatch(metadata.licence):
         mend = "Write one as SPDX names it, such as CC-BY-4.0 or MIT"
-        refuse(path, "a licence's SPDX name", repr(metadata.licence), mend)
-    for name in ("paper", "repository"):
-        address = getattr(metadata, name)
+        refuse(f"in {path}", "a licence's SPDX name", repr(metadata.licence), mend)
+    for name, address in (("paper", metadata.paper), ("repository", metadata.repository)):
         if address and not _ADDRESS.fullmatch(address):
             mend = "Write it in full, as https://doi.org/10.1609/aaai.v34i07.6722, or leave it out"
-            refuse(path, f"the address of a page as {name}", repr(address), mend)
+            refuse(f"in {path}", f"the address of a page as {name}", repr(address), mend)
 
 
 def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
@@ -211,137 +211,141 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
     check_strict_json(files.claims, MAX_BYTES[CLAIMS])
     results = files.read_claims()
     if not results:
-        refuse(files.claims, "at least one result", "none")
-    outdated = {result.sha256: find_outdated(result.experiment) for result in results}
+        refuse(f"in {files.claims}", "at least one result", "none")
+    dimensions: dict[str, int] = {}
     for result in results:
-        changes = outdated[result.sha256]
-        if submission and changes:
+        place, target = result.experiment.place, result.experiment.target
+        changes = find_outdated(result.experiment)
+        if not changes:
+            dimensions[place] = current_target(target.track, target.agent).dimension
+        elif submission:
             raise UserError(
-                f"Expected {result.experiment.place} in {files.claims} to be of today's track, "
-                f"agent, rule and options, but: {changes.rstrip('.')}. Make the result anew with "
-                "this version of sada_gym."
+                f"Expected {place} in {files.claims} to be of today's track, agent, rule and "
+                f"options, but: {changes.rstrip('.')}. Make the result anew with this version of "
+                "sada_gym."
             )
         _check_result(files.claims, result, submission)
-    samples = _read_samples(files, results, outdated)
+    samples = _read_samples(files, results, dimensions)
     for result in results:
+        experiment, place = result.experiment, result.experiment.place
         for claims in result.seeds:
-            if claims.measures is not None:
-                held = samples[result.experiment.place][claims.seed]
-                check_samples(files.samples, claims.seed, held)
-                check_claims(files.claims, result.experiment, claims, held)
-                if not outdated[result.sha256]:
-                    check_coverage(files.claims, result.experiment, claims, held)
+            if claims.measures is None:
+                continue
+            rows, seed = samples[place][claims.seed], f"for seed {claims.seed} of {place} in "
+            check_samples(f"{seed}{files.samples}", rows)
+            check_claims(f"{seed}{files.claims}", experiment, claims, rows)
+            if place in dimensions:
+                check_coverage(f"{seed}{files.claims}", experiment, claims, rows)
     if not submission and files.verified.exists():
-        check_strict_json(files.verified, MAX_BYTES[CLAIMS])
-        files.read_verified()
+        check_strict_json(files.verified, MAX_BYTES[VERIFIED])
+        places = [result.experiment.place for result in results]
+        unknown = sorted(set(files.read_verified()) - set(places))
+        if unknown:
+            expected = f"findings of {shown(', '.join(places))} alone"
+            refuse(f"in {files.verified}", expected, shown(repr(unknown[0])), "Verify it again")
     return results
 
 
 def _check_result(path: Path, result: Result, submission: bool) -> None:
     experiment = result.experiment
+    place = f"{experiment.place} in {path}"
+    where = f"for {place}"
     samples, adversary = experiment.protocol.samples, experiment.adversary
-    if experiment.seed is not None:
-        refuse(path, "no seed of the experiment", experiment.seed)
     if not adversary.name.strip():
-        refuse(path, "a text as adversary", "an empty one", "Fill it in")
+        refuse(where, "a text as adversary", "an empty one", "Fill it in")
     if experiment.target.reference is not None and samples <= NEAREST:
-        refuse(path, f"more than {NEAREST} samples of each seed", samples)
+        refuse(where, f"more than {NEAREST} samples of each seed", samples)
     resolved = adversary.resolved or {}
     if not adversary.is_ours and not adversary.options.items() <= resolved.items():
-        refuse(path, "resolved options that hold the given ones", "others")
-    _check_seeds(path, result, submission)
-
-
-def _check_adversaries(adversaries: Sequence[tuple[GroupFiles, AdversarySpec]]) -> None:
-    """Check that all results are of one adversary with one preset and one set of options."""
-    first = adversaries[0][1]
-    for files, adversary in adversaries:
-        for name in ("name", "preset", "options"):
-            expected, found = getattr(first, name), getattr(adversary, name)
-            if found != expected:
-                refuse(
-                    files.claims,
-                    f"the adversary's {name} of the other results, {shown(repr(expected))}",
-                    shown(repr(found)),
-                    "One entry is of one adversary with one set of options",
-                )
-
-
-def _check_seeds(path: Path, result: Result, submission: bool) -> None:
-    protocol = result.experiment.protocol
-    seeds = [one.seed for one in result.seeds]
+        refuse(where, "resolved options that hold the given ones", "others")
+    seeds = [claims.seed for claims in result.seeds]
     if not seeds:
-        refuse(path, "at least one seed", "none")
+        refuse(where, "at least one seed", "none")
     if submission and seeds != list(range(len(seeds))):
         mend = "Submit all of them, so that nobody can choose the best ones"
-        refuse(path, "the seeds 0, 1, 2 and so on", shown(str(seeds)), mend)
-    for one in result.seeds:
-        where = f"of seed {one.seed}"
-        if (one.measures is None) == (one.error is None):
-            got = "neither" if one.measures is None else "both"
-            refuse(path, f"either measures or an error {where}", got)
-        if one.queries > protocol.budget:
-            mend = "Spend no more than the rule allows"
-            allowed = f"at most {protocol.budget:,} queries {where}, the budget of {protocol.rule},"
-            refuse(path, allowed, f"{one.queries:,}", mend)
-        if one.search is not None and (
-            one.search.queries != one.queries or one.search.fooled > one.queries
-        ):
-            found = f"{one.search.fooled:,} fooling ones of {one.search.queries:,}"
-            refuse(path, f"a search of {one.queries:,} queries {where}", found)
-        _check_packages(path, one.packages, where)
+        refuse(where, "the seeds 0, 1, 2 and so on", shown(str(seeds)), mend)
+    for claims in result.seeds:
+        _check_seed(f"for seed {claims.seed} of {place}", experiment, claims)
 
 
-def _check_packages(path: Path, packages: Mapping[str, str], where: str) -> None:
-    for name, version in packages.items():
+def _check_seed(where: str, experiment: Experiment, claims: SeedResult) -> None:
+    protocol, search = experiment.protocol, claims.search
+    if (claims.measures is None) == (claims.error is None):
+        got = "neither" if claims.measures is None else "both"
+        refuse(where, "either measures or an error", got)
+    if claims.queries > protocol.budget:
+        mend = "Spend no more than the rule allows"
+        allowed = f"at most {protocol.budget:,} queries, the budget of {protocol.rule},"
+        refuse(where, allowed, f"{claims.queries:,}", mend)
+    if search is not None and (search.queries != claims.queries or search.fooled > claims.queries):
+        got = f"{search.fooled:,} fooling ones of {search.queries:,}"
+        refuse(where, f"a search of {claims.queries:,} queries", got)
+    for name, version in claims.packages.items():
         if not _WORD.fullmatch(name) or not _WORD.fullmatch(version):
-            refuse(path, f"names and versions of packages {where}", f"{name!r}: {version!r}")
-    made_by = packages.get("sada_gym")
+            refuse(where, "names and versions of packages", f"{name!r}: {version!r}")
+    made_by = claims.packages.get("sada_gym")
     if made_by is None:
-        refuse(path, f"the version of sada_gym among the packages {where}", "none")
+        refuse(where, "the version of sada_gym among the packages", "none")
     if not _release(made_by) or _release(made_by) > _release(__version__):
-        mend = "Install the newest sada_gym"
-        refuse(path, f"sada_gym {__version__} or older {where}", made_by, mend)
+        refuse(where, f"sada_gym {__version__} or older", made_by, "Install the newest sada_gym")
 
 
 def _release(version: str) -> tuple[int, ...]:
-    found = re.match(r"\d+(\.\d+)*", version)
-    return tuple(int(part) for part in found[0].split(".")) if found else ()
+    numbers = re.match(r"\d+(\.\d+)*", version)
+    return tuple(int(number) for number in numbers[0].split(".")) if numbers else ()
+
+
+def _check_together(results: Sequence[tuple[GroupFiles, Result]]) -> None:
+    """Check that all results are of one adversary with one set of options, each in one file."""
+    first = results[0][1].experiment.adversary
+    places: dict[str, Path] = {}
+    for files, result in results:
+        for name in ("name", "preset", "options"):
+            expected, got = getattr(first, name), getattr(result.experiment.adversary, name)
+            if got != expected:
+                refuse(
+                    f"in {files.claims}",
+                    f"the adversary's {name} of the other results, {shown(repr(expected))},",
+                    shown(repr(got)),
+                    "One entry is of one adversary with one set of options",
+                )
+        place = result.experiment.place
+        other = places.setdefault(place, files.claims)
+        if other != files.claims:
+            refuse(f"in {files.folder}", f"{place} once", f"it in {other} and {files.claims}")
 
 
 def _read_samples(
-    files: GroupFiles, results: Sequence[Result], outdated: Mapping[str, str | None]
+    files: GroupFiles, results: Sequence[Result], dimensions: Mapping[str, int]
 ) -> dict[str, dict[int, Evaluations]]:
     """Read the samples; the file may hardly be larger than the claims make it."""
-    path, most = files.samples, _ARCHIVE_BYTES
+    path, limit = files.samples, _ARCHIVE_BYTES
     claimed: dict[str, list[int]] = {}
-    dimensions: dict[str, int] = {}
     for result in results:
-        target, place = result.experiment.target, result.experiment.place
+        place = result.experiment.place
         seeds = [claims.seed for claims in result.seeds if claims.measures is not None]
         if seeds:
             claimed[place] = seeds
-        if not outdated[result.sha256]:
-            dimensions[place] = current_target(target.track, target.agent).dimension
         row = 8 + 4 * dimensions.get(place, _MAX_DIMENSION)
-        most += _ARCHIVE_BYTES + len(seeds) * (8 + result.experiment.protocol.samples * row)
+        limit += _ARCHIVE_BYTES + len(seeds) * (8 + result.experiment.protocol.samples * row)
     size = path.lstat().st_size
-    if size > most:
+    if size > limit:
         count = sum(map(len, claimed.values()))
-        refuse(path, f"at most {most:,} bytes for the samples of {count} seeds", f"{size:,}")
+        refuse(
+            f"in {path}", f"at most {limit:,} bytes for the samples of {count} seeds", f"{size:,}"
+        )
     samples = read_samples(path)
-    if sorted(samples) != sorted(claimed):
-        found = shown(str(sorted(samples)))
-        refuse(path, f"samples of {shown(str(sorted(claimed)))}, as claimed,", found)
+    if list(samples) != list(claimed):
+        got = shown(str(list(samples)))
+        refuse(f"in {path}", f"samples of {shown(str(list(claimed)))}, as claimed,", got)
     for result in results:
         place, count = result.experiment.place, result.experiment.protocol.samples
-        for seed, held in samples.get(place, {}).items():
-            if seed not in claimed[place]:
-                refuse(path, f"samples of the seeds {shown(str(claimed[place]))} of {place}", seed)
-            expected = (count, dimensions.get(place, held.mu.shape[1]))
-            if held.mu.shape != expected:
-                refuse(path, f"mu of shape {expected} of seed {seed} of {place}", held.mu.shape)
-        missing = set(claimed.get(place, ())) - set(samples.get(place, {}))
-        if missing:
-            refuse(path, f"samples of seed {min(missing)} of {place}, as claimed,", "none")
+        where = f"for {place} in {path}"
+        if list(samples.get(place, ())) != claimed.get(place, []):
+            got = shown(str(list(samples[place])))
+            refuse(where, f"samples of the seeds {shown(str(claimed[place]))}, as claimed,", got)
+        for rows in samples.get(place, {}).values():
+            expected = (count, dimensions.get(place, rows.mu.shape[1]))
+            if rows.mu.shape != expected:
+                refuse(where, f"mu of shape {expected} of each seed", rows.mu.shape)
     return samples

@@ -16,33 +16,23 @@ def check_strict_json(path: Path, max_bytes: int) -> None:
     """Refuse a JSON file that other programs may read differently.
 
     Raises:
-        FileError: If it cannot be read, a key stands twice, or a number is no finite one.
+        FileError: If it cannot be read, is no JSON, a key stands twice, or a number is infinite or
+            beyond 64 bits.
     """
     content = read_file(path, max_bytes)
     try:
-        text = content.decode()
+        json.loads(
+            content.decode(),
+            object_pairs_hook=_check_keys,
+            parse_constant=_finite,
+            parse_float=_finite,
+            parse_int=_bounded,
+        )
     except UnicodeDecodeError as error:
         raise FileError(
             f"Expected UTF-8 in {path}, got something else at byte {error.start}. Make the entry "
             "anew."
         ) from error
-    parse_json(text, path)
-
-
-def parse_json(text: str, path: Path) -> Any:
-    """Give what a JSON text of a file holds.
-
-    Raises:
-        FileError: If it is no JSON, a key stands twice, or a number is infinite or beyond 64 bits.
-    """
-    try:
-        return json.loads(
-            text,
-            object_pairs_hook=_once,
-            parse_constant=_finite,
-            parse_float=_finite,
-            parse_int=_bounded,
-        )
     except RecursionError as error:
         raise FileError(f"Expected plain JSON in {path}, got one nested too deeply.") from error
     except ValueError as error:
@@ -52,13 +42,12 @@ def parse_json(text: str, path: Path) -> Any:
         ) from error
 
 
-def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
+def _check_keys(pairs: Sequence[tuple[str, Any]]) -> None:
+    keys = set()
+    for key, _ in pairs:
+        if key in keys:
             raise ValueError(f"the key {key!r} twice")
-        found[key] = value
-    return found
+        keys.add(key)
 
 
 def _finite(text: str) -> float:

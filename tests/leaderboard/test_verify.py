@@ -8,11 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_entries import ANALYTIC, make_entry, rescored, uniform
+from made_entries import (
+    ANALYTIC,
+    change_samples,
+    make_entry,
+    only_result,
+    replace_result,
+    uniform,
+    with_changes,
+)
 from make_golden import GOLDEN, NONCE
-from sada_gym.submission.entry import read_entry, read_verified, write_result
-from sada_gym.submission.models import Result
-from sada_gym.submission.today import find_target
 from typer.testing import CliRunner
 
 from leaderboard.verify import app
@@ -22,34 +27,24 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.experiment.ideal import Ideal
+from sada_gym.results.entry import EntryResult, GroupFiles, read_entry
+from sada_gym.results.models import Result
+from sada_gym.submission.current import current_target
 from sada_gym.submission.verification import fresh_seeds, verify
 
 ROOT = Path(__file__).parents[2]
 DIGITS, DIGIT_5 = "SADA-Digits-0-v0", "SADA-Digits-5-v0"
-STEM = f"{ANALYTIC}.paper-budgets"
+PLACE = f"{ANALYTIC}.paper-budgets"
+GROUP = "SADA-Analytic"
 
 
 def verified_file(folder):
-    return next(folder.glob("*.verified.json"))
+    return GroupFiles(folder, GROUP).verified
 
 
-def found_in(folder):
-    return read_verified(verified_file(folder))
-
-
-def edit_samples(folder, change):
-    """Write an entry anew whose claims follow from `change(samples of a seed)`."""
-    entry = read_entry(folder)
-    (stem, result), *_ = entry.results.items()
-    identity = result.claimed.identity
-    samples = {seed: change(one) for seed, one in result.samples.items()}
-    seeds = []
-    for one in result.claimed.seeds:
-        scores = samples[one.seed].score
-        told = rescored(one, scores, identity.fooling_threshold)
-        seeds.append(told.model_copy(update={"search": None}))
-    write_result(folder, Result.make(identity, seeds), samples)
-    return stem
+def read_verified(folder):
+    (verified,) = GroupFiles(folder, GROUP).read_verified().values()
+    return verified
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +58,7 @@ def entry(honest, tmp_path):
 
 
 def test_samples_are_scored_again_on_seeds_that_the_run_did_not_see():
-    seeds = fresh_seeds("mine", "a" * 64, "nonce", 0, 1_000)
+    seeds = fresh_seeds(("mine", "a" * 64), "nonce", 0, 1_000)
     assert all(0 <= seed < 2**31 for seed in seeds)
     assert len(set(seeds)) == 1_000
     for stream in ("train", "test", "validation"):
@@ -71,25 +66,25 @@ def test_samples_are_scored_again_on_seeds_that_the_run_did_not_see():
     # what a world takes from a seed's lowest bits is as it was when the entry was made
     assert {seed % 4 for seed in seeds} == {seed % 4 for seed in evaluation_seeds(0, "test", 0, 9)}
     for other in (
-        ("yours", "a" * 64, "nonce", 0),
-        ("mine", "b" * 64, "nonce", 0),
-        ("mine", "a" * 64, "other", 0),
-        ("mine", "a" * 64, "nonce", 1),
+        (("yours", "a" * 64), "nonce", 0),
+        (("mine", "b" * 64), "nonce", 0),
+        (("mine", "a" * 64), "other", 0),
+        (("mine", "a" * 64), "nonce", 1),
     ):
         assert not {*seeds} & {*fresh_seeds(*other, 1_000)}
 
 
 def test_an_honest_entry_is_verified_without_a_flag(entry):
     (finding,) = verify([entry], "nonce")
-    assert (finding.entry, finding.stem, finding.state) == ("honest", STEM, "verified")
-    assert finding.verified == found_in(entry)
+    assert (finding.entry, finding.place, finding.state) == ("honest", PLACE, "verified")
+    assert finding.verified == read_verified(entry)
     assert finding.verified.flags == {}
-    result = read_entry(entry).results[STEM]
+    result = read_entry(entry).results[PLACE]
     assert result.tier == "verified"
     # the landscape has no noise: the measures are those that the entry claims
-    for claimed, found in zip(result.claimed.seeds, finding.verified.seeds, strict=True):
-        assert found.seed == claimed.seed
-        assert found.measures == claimed.measures
+    for claims, verified in zip(result.claimed.seeds, finding.verified.seeds, strict=True):
+        assert verified.seed == claims.seed
+        assert verified.measures == claims.measures
 
 
 def test_verifying_twice_and_in_any_order_gives_the_same_bytes(entry, tmp_path):
@@ -98,10 +93,12 @@ def test_verifying_twice_and_in_any_order_gives_the_same_bytes(entry, tmp_path):
     )
     list(verify([entry, other], "nonce"))
     first = [verified_file(folder).read_bytes() for folder in (entry, other)]
-    assert [one.state for one in verify([other, entry], "nonce")] == ["unchanged"] * 2
-    assert [one.state for one in verify([other, entry], "nonce", again=True)] == ["verified"] * 2
+    assert [finding.state for finding in verify([other, entry], "nonce")] == ["unchanged"] * 2
+    assert [finding.state for finding in verify([other, entry], "nonce", again=True)] == [
+        "verified"
+    ] * 2
     assert [verified_file(folder).read_bytes() for folder in (entry, other)] == first
-    assert [one.state for one in verify([entry], "another", missing=True)] == ["unchanged"]
+    assert [finding.state for finding in verify([entry], "another", missing=True)] == ["unchanged"]
     list(verify([entry], "another", workers=2))
     assert verified_file(entry).read_bytes() != first[0]
     list(verify([entry], "nonce", workers=2))
@@ -110,10 +107,10 @@ def test_verifying_twice_and_in_any_order_gives_the_same_bytes(entry, tmp_path):
 
 def test_claims_never_change_what_is_verified(entry):
     list(verify([entry], "nonce"))
-    honest = found_in(entry)
-    edit_samples(entry, lambda one: dataclasses.replace(one, score=np.zeros(len(one))))
+    honest = read_verified(entry)
+    change_samples(entry, lambda rows: dataclasses.replace(rows, score=np.zeros(len(rows))))
     # it counts no longer, and the file is gone
-    assert read_entry(entry).results[STEM].tier == "claimed"
+    assert read_entry(entry).results[PLACE].tier == "claimed"
     (finding,) = verify([entry], "nonce")
     assert finding.verified.seeds == honest.seeds
     assert finding.verified.samples_sha256 != honest.samples_sha256
@@ -142,25 +139,25 @@ def test_an_honest_claim_on_images_that_follow_from_the_seed_is_not_flagged(tmp_
 def test_what_was_verified_counts_for_no_other_samples(entry):
     list(verify([entry], "nonce"))
     before = verified_file(entry).read_bytes()
-    edit_samples(entry, lambda one: dataclasses.replace(one, mu=one.mu * np.float32(0.5)))
-    verified_file_again = entry / f"{STEM}.verified.json"
-    verified_file_again.write_bytes(before)
-    assert read_entry(entry).results[STEM].verified is None
+    change_samples(entry, lambda rows: dataclasses.replace(rows, mu=rows.mu * np.float32(0.5)))
+    assert not verified_file(entry).exists()
+    verified_file(entry).write_bytes(before)
+    assert read_entry(entry).results[PLACE].verified is None
 
 
 def test_a_few_lucky_claims_are_no_fraud(entry):
-    def lucky(one):
-        score = one.score.copy()
+    def add_luck(rows):
+        score = rows.score.copy()
         score[np.flatnonzero(score > 0.3)[:8]] = 0.1  # 16 rows of two seeds: p = 1.5e-5
-        return dataclasses.replace(one, score=score)
+        return dataclasses.replace(rows, score=score)
 
-    edit_samples(entry, lucky)
+    change_samples(entry, add_luck)
     (finding,) = verify([entry], "nonce")
     assert finding.verified.flags == {}
 
 
 def test_constant_scores_are_flagged_where_the_true_ones_vary(entry):
-    edit_samples(entry, lambda one: dataclasses.replace(one, score=np.full(len(one), 0.9)))
+    change_samples(entry, lambda rows: dataclasses.replace(rows, score=np.full(len(rows), 0.9)))
     (finding,) = verify([entry], "nonce")
     assert "all 250 samples of seed 0 have Q = 0.9 as claimed" in finding.verified.flags["constant"]
     assert "claim" not in finding.verified.flags
@@ -181,7 +178,7 @@ def test_samples_of_another_entry_are_flagged(entry):
 def test_a_broken_neighbour_is_left_out(entry):
     broken = entry.parent / "broken"
     broken.mkdir()
-    (broken / f"{STEM}.npz").write_bytes(b"no archive")
+    (broken / f"{GROUP}.npz").write_bytes(b"no archive")
     (finding,) = verify([entry], "nonce")
     assert finding.verified.flags == {}
 
@@ -198,10 +195,10 @@ def test_a_refused_entry_does_not_stop_the_others(entry):
     bad = make_entry(
         entry.parent, "bad", rule="equal-queries", draw=lambda s, *a: uniform(s + 9, *a)
     )
-    claims = next(bad.glob("*budgets.json"), None) or next(bad.glob("*queries.json"))
-    text = json.loads(claims.read_text())
-    text["seeds"][0]["queries"] = 10_000_000
-    claims.write_text(json.dumps(text))
+    path = GroupFiles(bad, GROUP).claims
+    content = json.loads(path.read_text())
+    content["results"][0]["seeds"][0]["queries"] = 10_000_000
+    path.write_text(json.dumps(content))
     first, second = verify([bad, entry], "nonce")
     assert (first.entry, first.state) == ("bad", "refused")
     assert "10,000,000" in first.reason  # over budget: not even evaluated
@@ -210,9 +207,10 @@ def test_a_refused_entry_does_not_stop_the_others(entry):
 
 
 def test_an_outdated_result_is_not_evaluated(entry):
-    result = read_entry(entry).results[STEM]
-    identity = result.claimed.identity.model_copy(update={"fingerprint": "0" * 64})
-    write_result(entry, Result.make(identity, result.claimed.seeds), result.samples)
+    result = only_result(entry)
+    experiment = with_changes(result.claimed.experiment, application={"fingerprint": "0" * 64})
+    claimed = Result.make(experiment, result.claimed.seeds)
+    replace_result(entry, EntryResult(claimed, result.samples))
     (finding,) = verify([entry], "nonce")
     assert finding.state == "outdated"
     assert "fingerprint" in finding.reason
@@ -248,7 +246,7 @@ def test_the_command_says_what_it_found(entry):
     assert "Expected a nonce" in refused.output
     done = run(entry, "--nonce", "2026-11")
     assert done.exit_code == 0
-    assert f"honest {STEM}: verified" in done.output
+    assert f"honest {PLACE}: verified" in done.output
     assert "seed 1: AFR" in done.output
     assert "verified before, and unchanged" in run(entry, "--nonce", "2026-11").output
     missing = run(entry, entry.parent / "missing", "--nonce", "2026-11")
@@ -271,7 +269,7 @@ def test_it_runs_as_a_module(entry):
 
 def of_the_truth(jitter):
     """Draw what a cheat submits: points of the reference set that fool, shaken."""
-    inside = find_target(DIGITS, "cnn").fooling_set
+    inside = current_target(DIGITS, "cnn").fooling_set
 
     def draw(seed, count, dimension):
         rng = np.random.default_rng(seed + 100)
@@ -282,7 +280,9 @@ def of_the_truth(jitter):
 
 
 def of_one_point(seed, count, dimension):
-    return np.repeat(find_target(DIGITS, "cnn").fooling_set[:1] + 0.01, count, axis=0).clip(-1, 1)
+    return np.repeat(current_target(DIGITS, "cnn").fooling_set[:1] + 0.01, count, axis=0).clip(
+        -1, 1
+    )
 
 
 def of_the_archive(seed, count, dimension):
@@ -296,7 +296,7 @@ def of_the_archive(seed, count, dimension):
 @pytest.fixture(scope="module")
 def tiny_board(tmp_path_factory):
     board = tmp_path_factory.mktemp("board")
-    ideal_set = find_target(DIGITS, "cnn").ideal_set
+    ideal_set = current_target(DIGITS, "cnn").ideal_set
 
     def make(name, draw, **changes):
         where = {"track": DIGITS, "agent": "cnn", "queries": 0, **changes}
@@ -315,18 +315,18 @@ def tiny_board(tmp_path_factory):
         make("cheat", of_the_truth(0.05)),
         make("bold-cheat", of_the_truth(0.0)),
     ]
-    found = {one.entry: one for one in verify(folders, "nonce")}
-    assert all(one.state == "verified" for one in found.values()), found
-    return {name: one.verified for name, one in found.items()}
+    findings = list(verify(folders, "2026-11"))
+    assert all(finding.state == "verified" for finding in findings), findings
+    return {finding.entry: finding.verified for finding in findings}
 
 
 def test_each_control_lands_where_it_belongs(tiny_board):
     afr, covered = (
         {
-            name: np.mean([getattr(seed.measures, what) for seed in one.seeds])
-            for name, one in tiny_board.items()
+            name: np.mean([getattr(seed.measures, measure) for seed in verified.seeds])
+            for name, verified in tiny_board.items()
         }
-        for what in ("afr", "relative_coverage")
+        for measure in ("afr", "relative_coverage")
     )
     assert afr["random"] < 0.5
     # the archive repeats uniform queries that fooled: of these 67.7 % fool again on another seed
@@ -339,7 +339,7 @@ def test_each_control_lands_where_it_belongs(tiny_board):
 
 
 def test_the_cheats_are_flagged_and_nobody_else_is_accused(tiny_board):
-    flags = {name: {*one.flags} for name, one in tiny_board.items()}
+    flags = {name: {*verified.flags} for name, verified in tiny_board.items()}
     assert "copied" in flags["cheat"]
     assert "copied" in flags["bold-cheat"]
     assert "to the last bit" in tiny_board["bold-cheat"].flags["copied"]
@@ -352,21 +352,23 @@ def test_the_cheats_are_flagged_and_nobody_else_is_accused(tiny_board):
 
 def test_the_golden_folder_is_verified_as_ever(tmp_path):
     board = Path(shutil.copytree(GOLDEN, tmp_path / "golden"))
-    expected = {}
-    for path in board.glob("*/*.verified.json"):
-        expected[path.parent.name] = read_verified(path)
-        path.unlink()
-    found = {one.entry: one.verified for one in verify(sorted(board.iterdir()), NONCE)}
-    assert found.keys() == expected.keys()
-    for name, one in found.items():
-        assert one.flags == expected[name].flags
-        for ours, theirs in zip(one.seeds, expected[name].seeds, strict=True):
-            told, held = ours.measures.model_dump(), theirs.measures.model_dump()
+    expected = {path.name: read_verified(path) for path in board.iterdir()}
+    assert {verified.nonce for verified in expected.values()} == {NONCE}
+    # with the salt of each file, so that the fresh seeds are the same
+    findings = list(verify(sorted(board.iterdir()), None, check=True))
+    assert {finding.state for finding in findings} <= {"unchanged", "differs"}
+    computed = {finding.entry: finding.verified for finding in findings}
+    assert computed.keys() == expected.keys()
+    for name, verified in computed.items():
+        assert verified.salt == expected[name].salt
+        assert verified.flags == expected[name].flags
+        for ours, golden in zip(verified.seeds, expected[name].seeds, strict=True):
+            measures, others = ours.measures.model_dump(), golden.measures.model_dump()
             for measure in ("mean_score", "mu_std"):
                 # processors may sum up a mean in another order
-                assert told.pop(measure) == pytest.approx(held.pop(measure), rel=1e-12)
-            assert (ours.seed, told) == (theirs.seed, held)
-    assert {name: {*one.flags} for name, one in found.items()} == {
+                assert measures.pop(measure) == pytest.approx(others.pop(measure), rel=1e-12)
+            assert (ours.seed, measures) == (golden.seed, others)
+    assert {name: {*verified.flags} for name, verified in computed.items()} == {
         "at-the-centre": {"collapsed", "worse than random"},
         "edited": {"claim", "constant"},
         "honest": {"duplicates"},  # nobody can tell who was first

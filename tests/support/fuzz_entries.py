@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 from made_entries import make_entry
-from sada_gym.submission.entry import read_entry
-from sada_gym.submission.models import result_stem
 
 from sada_gym.errors import UserError
+from sada_gym.experiment.record import place_of, slug
+from sada_gym.results.entry import read_entry
 from sada_gym.submission.checks import check_entry
 
 Rng = np.random.Generator
@@ -44,7 +44,7 @@ ODD_TEXTS = (
     *('{"a": 1, "a": 2}', "[" * 3_000 + "]" * 3_000, '{"a":' * 500 + "1" + "}" * 500, "", "//"),
 )
 ODD_TOML = (
-    *("x = 1", "format = 1", 'name = "a"', "[a]", "[[a]]", 'a.b.c = "x"', "a = " + "[" * 900, "\0"),
+    *("x = 1", "format = 2", 'name = "a"', "[a]", "[[a]]", 'a.b.c = "x"', "a = " + "[" * 900, "\0"),
     *("authors = 1", "format = 1e400", "format = " + "9" * 5_000, 'title = """a\nb"""', "\ufeff"),
     *("paper = 2026-11-24", "options = {a = 1}", "title = true", "authors = [[]]", "\x7f", "="),
 )
@@ -178,28 +178,28 @@ def change_bytes(entry: Path, rng: Rng) -> None:
 def _places(value: Any) -> list[tuple[Any, Any]]:
     """List all places in what JSON holds, as a container and a key."""
     keys = value.keys() if isinstance(value, dict) else range(len(value))
-    found: list[tuple[Any, Any]] = []
+    places: list[tuple[Any, Any]] = []
     for key in list(keys):
-        found.append((value, key))
+        places.append((value, key))
         if isinstance(value[key], dict | list):
-            found += _places(value[key])
-    return found
+            places += _places(value[key])
+    return places
 
 
 def change_json(entry: Path, rng: Rng) -> None:
-    """Put odd values into the claims; half of the time the identity's hash and name follow."""
+    """Put odd values into the claims; half of the time hashes and names follow."""
     paths = _files(entry, ".json")
     if not paths:
         return
     path = _pick(rng, paths)
     try:
-        found = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes())
     except (ValueError, RecursionError):
         return
-    if not isinstance(found, dict | list):
+    if not isinstance(content, dict | list):
         return
     for _ in range(int(rng.integers(1, 4))):
-        places = _places(found)
+        places = _places(content)
         if not places:
             break
         container, key = places[int(rng.integers(len(places)))]
@@ -213,19 +213,35 @@ def change_json(entry: Path, rng: Rng) -> None:
                     container[_pick(rng, ("", "x", "\x1b[2J", "a.b", "seed"))] = container[key]
                 else:
                     container.insert(0, _pick(rng, ODD_VALUES))
-    if rng.integers(2) and isinstance(found, dict) and isinstance(found.get("identity"), dict):
-        told = found["identity"]
-        canonical = json.dumps(told, sort_keys=True, separators=(",", ":"))
-        found["identity_sha256"] = hashlib.sha256(canonical.encode()).hexdigest()
-        names = [told.get(name) for name in ("track", "agent", "rule")]
-        if all(isinstance(name, str) for name in names):
-            stem = result_stem(*names)
-            samples = path.with_suffix(".npz")
-            if 0 < len(stem) < 200 and samples.exists():
-                path.unlink()
-                path = entry / f"{stem}.json"
-                samples.rename(entry / f"{stem}.npz")
-    path.write_text(json.dumps(found))
+    if rng.integers(2):
+        mend_claims(path, content)
+    else:
+        path.write_text(json.dumps(content))
+
+
+def mend_claims(path: Path, content: Any, *, rename: bool = True) -> None:
+    """Write claims with the hashes, the order and the files' names that fit, as far as they go."""
+    results = content.get("results") if isinstance(content, dict) else None
+    places, group = {}, ""
+    for result in results if isinstance(results, list) else ():
+        try:
+            experiment = result["experiment"]
+            canonical = json.dumps(experiment, sort_keys=True, separators=(",", ":"))
+            result["sha256"] = hashlib.sha256(canonical.encode()).hexdigest()
+            target = experiment["target"]
+            texts = target["track"], target["agent"], experiment["protocol"]["rule"]
+            places[id(result)] = place_of(*texts)
+            group = slug(target["application"]["name"])
+        except (KeyError, TypeError, AttributeError, ValueError, IndexError):
+            continue
+    if len(places) == len(results or ()) > 1:
+        results.sort(key=lambda result: places[id(result)])
+    samples = path.with_suffix(".npz")
+    if rename and 0 < len(group) < 150 and samples.exists():
+        path.unlink(missing_ok=True)
+        path = path.with_name(f"{group}.json")
+        samples.rename(path.with_suffix(".npz"))
+    path.write_text(json.dumps(content))
 
 
 def change_json_text(entry: Path, rng: Rng) -> None:
@@ -264,42 +280,45 @@ def change_toml(entry: Path, rng: Rng) -> None:
 
 
 def change_arrays(entry: Path, rng: Rng) -> None:
-    """Give arrays odd headers, other bytes or other names, and write the archive anew."""
+    """Write arrays with odd headers, other bytes or other names, and write the archive anew."""
     paths = _files(entry, ".npz")
     if not paths:
         return
     path = _pick(rng, paths)
     try:
         with zipfile.ZipFile(path) as archive:
-            held = [(name, archive.read(name)) for name in archive.namelist()]
+            arrays = [(name, archive.read(name)) for name in archive.namelist()]
     except Exception:
         return  # spoilt already
-    if not held:
+    if not arrays:
         return
-    at = int(rng.integers(len(held)))
-    name, content = held[at]
+    at = int(rng.integers(len(arrays)))
+    name, content = arrays[at]
     match int(rng.integers(6)):
         case 0:
             line = _pick(rng, ODD_HEADERS).encode() + b"\n"
             version = bytes([int(rng.integers(0, 4)), 0]) if rng.integers(4) == 0 else b"\x01\x00"
-            held[at] = name, b"\x93NUMPY" + version + struct.pack("<H", len(line)) + line + content
+            arrays[at] = (
+                name,
+                b"\x93NUMPY" + version + struct.pack("<H", len(line)) + line + content,
+            )
         case 1:
-            held[at] = name, content[: int(rng.integers(len(content) + 1))]
+            arrays[at] = name, content[: int(rng.integers(len(content) + 1))]
         case 2:
             changed = bytearray(content)
             for place in rng.integers(len(content), size=3) if content else ():
                 changed[place] = int(rng.integers(256))
-            held[at] = name, bytes(changed)
+            arrays[at] = name, bytes(changed)
         case 3:
-            held[at] = _pick(rng, ("x.npy", "../x.npy", "mu", "", "mu.npy", "a\0.npy")), content
+            arrays[at] = _pick(rng, ("x.npy", "../x.npy", "mu", "", "mu.npy", "a\0.npy")), content
         case 4:
-            del held[at]
+            del arrays[at]
         case 5:
-            held.append(_pick(rng, held))
+            arrays.append(_pick(rng, arrays))
     kind = zipfile.ZIP_STORED if rng.integers(4) else zipfile.ZIP_DEFLATED
     with warnings.catch_warnings(), zipfile.ZipFile(path, "w", kind) as archive:
         warnings.simplefilter("ignore")  # of names that stand twice
-        for name, content in held:
+        for name, content in arrays:
             archive.writestr(name or "-", content)
 
 
@@ -311,16 +330,16 @@ def change_numbers(entry: Path, rng: Rng) -> None:
     path = _pick(rng, paths)
     try:
         with np.load(path) as file:
-            held = {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files}
     except Exception:
         return  # spoilt already
-    if not held:
+    if not arrays:
         return
-    array = held[_pick(rng, sorted(held))]
+    array = arrays[_pick(rng, sorted(arrays))]
     if array.size and array.dtype.kind in "if":
         odd = (np.nan, np.inf, -np.inf, -0.0, 1e38) if array.dtype.kind == "f" else (-1, 2**62, 3)
         array.reshape(-1)[int(rng.integers(array.size))] = _pick(rng, odd)
-    np.savez(path, **held)
+    np.savez(path, **arrays)
 
 
 def change_files(entry: Path, rng: Rng) -> None:
@@ -361,9 +380,9 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="where crashes are written down")
-    told = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        report = fuzz(Path(name), seconds=told.seconds, seed=told.seed)
+        report = fuzz(Path(name), seconds=options.seconds, seed=options.seed)
     for sentence, times in report.sentences.most_common(40):
         print(f"{times:7,} {sentence}")
     print(
@@ -372,8 +391,8 @@ def main() -> int:
         f"{report.passed:,} passed, {len(report.crashes)} crashes"
     )
     text = "\n".join(report.crashes)
-    if told.out:
-        told.out.write_text(text)
+    if options.out:
+        options.out.write_text(text)
     elif text:
         print(text)
     return 1 if report.crashes else 0

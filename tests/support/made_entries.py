@@ -141,3 +141,15 @@ def rescored(claims: SeedResult, scores: npt.NDArray[np.float64], threshold: flo
         "mean_score": float(scores.mean()),
     }
     return claims.model_copy(update={"measures": claims.measures.model_copy(update=changes)})
+
+
+def change_samples(folder: Path, change: Callable[[Evaluations], Evaluations]) -> None:
+    """Write an entry's only result anew, whose claims follow from `change(samples of a seed)`."""
+    result = only_result(folder)
+    experiment = result.claimed.experiment
+    samples = {seed: change(rows) for seed, rows in result.samples.items()}
+    claims = [
+        rescored(claims, samples[claims.seed].score, experiment.target.fooling_threshold)
+        for claims in result.claimed.seeds
+    ]
+    replace_result(folder, EntryResult(Result.make(experiment, claims), samples))
