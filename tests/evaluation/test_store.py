@@ -157,7 +157,8 @@ import os, sys, numpy as np
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.store import EvaluationStore
 store = EvaluationStore(sys.argv[1])
-key = store.context(Context("Toy", 0, '{"dimension":3,"offset":0.0}', "toy"))
+settings = {"dimension": 3, "offset": 0.0}
+key = store.context(ApplicationKey(name="Toy", version=0, settings=settings, fingerprint="toy"))
 for i in range(3):
     store.commit(key, np.full((1, 3), i / 4, np.float32), [i], np.array([i / 8]))
 store._connection.execute("BEGIN IMMEDIATE")
@@ -442,7 +443,7 @@ def put(seed):
 
 path, copy, ending = sys.argv[1:]
 store = EvaluationStore(path)
-key = store.context(Context("a", 0, "{}", ""))
+key = store.context(ApplicationKey(name="a", version=0, settings={}, fingerprint=""))
 put(0)
 child = os.fork()
 if not child:
