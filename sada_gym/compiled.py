@@ -115,14 +115,14 @@ def sources_digest(file: Path) -> str:
 
     Of the modules outside of the package only the given one counts.
     """
-    found, unread = set[Path](), [file.resolve()]
+    sources, unread = set[Path](), [file.resolve()]
     while unread:
         source = unread.pop()
-        if source not in found:
-            found.add(source)
+        if source not in sources:
+            sources.add(source)
             unread += imported_sources(source)
     digest = hashlib.sha256()
-    for source in sorted(found):
+    for source in sorted(sources):
         content = source.read_bytes()
         digest.update(f"{_module_name(source)} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:16]

@@ -124,10 +124,10 @@ def minimise(
         while len(queries) < stop:
             with one_thread():
                 chosen = [search.choose() for _ in range(min(batch, stop - len(queries)))]
-            found = evaluate(np.array(chosen), oracle)
+            answers = evaluate(np.array(chosen), oracle)
             with one_thread():
-                search.observe(found.score)
-            queries += found
+                search.observe(answers.score)
+            queries += answers
         kernel = search.kernel
         del search  # the next one needs as much memory again
     return queries

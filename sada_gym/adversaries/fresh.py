@@ -1,4 +1,4 @@
-"""Fresh samples: rows drawn until there are enough of them, all different and none known."""
+"""Fresh samples: rows drawn until there are enough of them, all different and none excluded."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def row_keys(mu: Mu) -> set[bytes]:
 def fresh_rows(
     propose: Callable[[int, float], npt.NDArray[np.floating[Any]]],
     shape: tuple[int, int],
-    known: set[bytes],
+    excluded: set[bytes],
 ) -> Mu:
-    """Collect rows, no two equal and none known: `shape`, (n, d), float32 in [-1, 1].
+    """Collect rows, no two equal and none excluded: `shape`, (n, d), float32 in [-1, 1].
 
     After 100 rounds the proposals get noise of 1e-4. Whenever less than a tenth of the proposals of
     20 further rounds was new, the noise grows tenfold, because few floats may be left around a
@@ -38,13 +38,13 @@ def fresh_rows(
         propose: Called as propose(missing, noise), it gives some rows. The noise is 0 as long as
             enough distinct rows come; then it is the standard deviation of noise to add.
         shape: n and d.
-        known: The `row_keys` of what must not come again.
+        excluded: The `row_keys` of what must not come again.
 
     Raises:
         AdversaryError: If a proposal is not finite, or so many different rows cannot be drawn.
     """
     chosen: dict[bytes, Mu] = {}
-    rounds = proposed = found = 0
+    rounds = proposed = added = 0
     noise = _FIRST_NOISE
     while len(chosen) < shape[0]:
         noisy = rounds > _ROUNDS_WITHOUT_NOISE
@@ -58,19 +58,19 @@ def fresh_rows(
         clipped = np.clip(drawn, -1.0, 1.0).astype(np.float32)
         for row in clipped + np.float32(0.0):
             key = row.tobytes()
-            if key not in known and len(chosen) < shape[0]:
+            if key not in excluded and len(chosen) < shape[0]:
                 chosen.setdefault(key, row)
         rounds += 1
         if not noisy:
             continue
-        proposed, found = proposed + len(drawn), found + len(chosen) - before
+        proposed, added = proposed + len(drawn), added + len(chosen) - before
         if rounds % _WINDOW == 0:
-            if found <= _MIN_NEW * proposed:
+            if added <= _MIN_NEW * proposed:
                 if noise > _MAX_NOISE:
                     raise AdversaryError(
                         f"Expected {shape[0]:,} different samples, but after {len(chosen):,} the "
                         "adversary draws hardly anything new. Ask for fewer, or train it again."
                     )
                 noise *= 10.0
-            proposed = found = 0
+            proposed = added = 0
     return np.array(list(chosen.values()), np.float32).reshape(shape)

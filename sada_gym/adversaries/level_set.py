@@ -160,8 +160,8 @@ class LevelSet(FittedAdversary):
         for _ in range(_DRAWS):
             samples = self.rng.choice(rows, _SAMPLES, replace=False)
             fooling = pool[samples[self.rng.random(_SAMPLES) < p[samples]]]
-            held = real[self.rng.choice(len(real), _SAMPLES, replace=False)]
-            covered.append(density_and_coverage(held, fooling).coverage)
+            reference = real[self.rng.choice(len(real), _SAMPLES, replace=False)]
+            covered.append(density_and_coverage(reference, fooling).coverage)
         return float(np.mean(covered))
 
     def _draw(self, n: int) -> Floats:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
-from sada_gym.adversaries.rl import Proposals
+from sada_gym.adversaries.rl import PolicySteps
 from sada_gym.adversaries.rl_sb3 import SB3Adversary, SB3Options
 from sada_gym.evaluations import Evaluations
 
@@ -42,16 +42,16 @@ class OffPolicyAdversary(SB3Adversary):
         start = np.zeros_like(mu)
         if self.options.starts == "uniform":  # an action reaches no further than 1
             start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
-        self._remember(Proposals(start, mu - start), rewards)
+        self._remember(PolicySteps(start, mu - start), rewards)
 
-    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        self._remember(proposals, rewards)
-        steps = max(1, round(self.options.updates * self.options.rollout))
-        return self._update(gradient_steps=steps, batch_size=self.options.batch)
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+        self._remember(steps, rewards)
+        updates = max(1, round(self.options.updates * self.options.rollout))
+        return self._update(gradient_steps=updates, batch_size=self.options.batch)
 
-    def _remember(self, proposals: Proposals, rewards: Array) -> None:
+    def _remember(self, steps: PolicySteps, rewards: Array) -> None:
         over = np.ones(1)
-        for start, action, reward in zip(proposals.start, proposals.action, rewards, strict=True):
+        for start, action, reward in zip(steps.start, steps.action, rewards, strict=True):
             self._model.replay_buffer.add(start, start, action, reward, over, [{}])
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
-from sada_gym.adversaries.rl import Proposals
+from sada_gym.adversaries.rl import PolicySteps
 from sada_gym.adversaries.rl_sb3 import SB3Adversary, SB3Options
 
 
@@ -63,8 +63,8 @@ class PPO(SB3Adversary):
         normal = self._model.policy.get_distribution(start).distribution
         return normal.mean, normal.stddev
 
-    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
-        rows = proposals.start, proposals.action
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+        rows = steps.start, steps.action
         tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
         with torch.no_grad():
             values, log_densities, _ = self._model.policy.evaluate_actions(*tensors)

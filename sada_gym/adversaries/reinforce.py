@@ -15,7 +15,7 @@ from torch import Tensor
 from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
-from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
+from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
 from sada_gym.determinism import one_thread
 
 
@@ -66,17 +66,17 @@ class Reinforce(RLAdversary):
         self._parameters = {k: torch.tensor(v, requires_grad=True) for k, v in start.items()}
         self._adam = torch.optim.Adam(self._parameters.values(), o.learning_rate)
 
-    def _act(self, n: int) -> Proposals:
+    def _act(self, n: int) -> PolicySteps:
         logits, means, log_deviations = self._arrays().values()
         chosen = self.rng.choice(len(logits), n, p=softmax(logits))
         noise = self.rng.normal(size=(n, self.dimension))
         with np.errstate(over="ignore", invalid="ignore"):  # what diverged is refused by name
             action = means[chosen] + np.exp(log_deviations[chosen]) * noise
-        return Proposals(np.zeros_like(action), action)
+        return PolicySteps(np.zeros_like(action), action)
 
-    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
         with one_thread():
-            log_density = self._log_density(torch.as_tensor(proposals.action))
+            log_density = self._log_density(torch.as_tensor(steps.action))
             reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()
             others = (reward.sum() - reward) / (len(reward) - 1)
             loss = -((reward - others) * log_density).mean()

@@ -43,8 +43,8 @@ class RLOptions(Options):
 
 
 @dataclass(frozen=True)
-class Proposals:
-    """The proposals of a policy, one row for each meta-episode.
+class PolicySteps:
+    """The steps that a policy proposes, one row for each meta-episode.
 
     Attributes:
         start: The place that the episode starts from, which the policy observes: (n, d) in [-1, 1].
@@ -76,11 +76,11 @@ class RLAdversary(FittedAdversary):
         """Make a new policy with room for so many queries."""
 
     @abstractmethod
-    def _act(self, n: int) -> Proposals:
+    def _act(self, n: int) -> PolicySteps:
         """Let the policy propose n rows; all randomness comes from the adversary's generator."""
 
     @abstractmethod
-    def _learn(self, proposals: Proposals, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
         """Improve the policy by its last rollout; return whether all weights are finite."""
 
     def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
@@ -99,11 +99,11 @@ class RLAdversary(FittedAdversary):
         self._begin(budget)
         self._learn_uniform(queries, self._rewards(queries, queries[:0]))
         for done in range(rollouts):
-            proposals = self._act(size)
-            if not np.isfinite(proposals.action).all():
+            steps = self._act(size)
+            if not np.isfinite(steps.action).all():
                 raise self._diverged(done)
-            asked = evaluate(proposals.mu, oracle)
-            if not self._learn(proposals, self._rewards(asked, queries)):
+            asked = evaluate(steps.mu, oracle)
+            if not self._learn(steps, self._rewards(asked, queries)):
                 raise self._diverged(done + 1)
             queries += asked
         self._fit(queries)

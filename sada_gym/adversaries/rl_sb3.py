@@ -16,7 +16,7 @@ from torch import Tensor
 from sada_gym.adversaries.fitted import Arrays, without_prefix
 from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
-from sada_gym.adversaries.rl import Proposals, RLAdversary, RLOptions
+from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
 from sada_gym.determinism import generators_kept, one_thread
 
 
@@ -84,7 +84,7 @@ class SB3Adversary(RLAdversary):
             self._model = model("MlpPolicy", env, device="cpu", **settings)
         self._model.set_logger(configure(None, []))
 
-    def _act(self, n: int) -> Proposals:
+    def _act(self, n: int) -> PolicySteps:
         start = np.zeros((n, self.dimension))
         if self.options.starts == "uniform":
             start = self.rng.uniform(-1.0, 1.0, (n, self.dimension))
@@ -92,9 +92,9 @@ class SB3Adversary(RLAdversary):
             with torch.no_grad(), one_thread():
                 mean, deviation = self._moments(torch.as_tensor(start, dtype=torch.float32))
         except ValueError:  # torch refuses a normal distribution of NaN; the caller says why
-            return Proposals(start, np.full(start.shape, np.nan))
+            return PolicySteps(start, np.full(start.shape, np.nan))
         drawn = mean.numpy() + deviation.numpy() * self.rng.normal(size=(n, self.dimension))
-        return Proposals(start, self._squash(drawn))
+        return PolicySteps(start, self._squash(drawn))
 
     def _update(self, **settings: Any) -> bool:
         try:

@@ -10,7 +10,7 @@ from sada_gym.experiment.record import RunKey, RunSettings
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """What the missing runs of a table cost on one track.
 
     Attributes:
@@ -39,8 +39,8 @@ _LIKE: tuple[Callable[[RunKey], tuple[str, ...]], ...] = (
 """Which runs take about as long as another one; the first that are known count."""
 
 
-def estimate(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[Estimate]:
-    """Estimate what runs cost, table by table and track by track.
+def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[CostEstimate]:
+    """CostEstimate what runs cost, table by table and track by track.
 
     Args:
         runs: The runs, in the order of their groups.
@@ -60,13 +60,13 @@ def estimate(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[Es
 
 def _of_place(
     table: str, track: str, runs: Sequence[RunSettings], took: dict[tuple[str, ...], list[float]]
-) -> Estimate:
+) -> CostEstimate:
     seconds = []
     for run in runs:
         known = next((took[like(run.key)] for like in _LIKE if like(run.key) in took), None)
         if known is not None:
             seconds.append(sum(known) / len(known))
-    return Estimate(
+    return CostEstimate(
         table=table,
         track=track,
         runs=len(runs),

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from sada_gym.benchmark.costs import Estimate, estimate
+from sada_gym.benchmark.costs import CostEstimate, estimate_costs
 from sada_gym.benchmark.entries import Missing, find_missing
 from sada_gym.benchmark.folder import ENTRIES, claim, read_costs, sole_user
 from sada_gym.benchmark.plan import make_plan
@@ -118,7 +118,7 @@ class Outlook:
     """
 
     missing: Missing
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[CostEstimate, ...]
     notes: tuple[str, ...]
 
 
@@ -143,7 +143,7 @@ def plan_benchmark(
     folder = Path(out)
     plan = make_plan(suite, Path(references))
     missing = find_missing(folder / ENTRIES if entries is None else Path(entries), plan)
-    return Outlook(missing, tuple(estimate(missing.runs, read_costs(folder))), plan.notes)
+    return Outlook(missing, tuple(estimate_costs(missing.runs, read_costs(folder))), plan.notes)
 
 
 def report_benchmark(

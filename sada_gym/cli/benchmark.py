@@ -27,7 +27,7 @@ from sada_gym.errors import UserError
 from sada_gym.results.columns import row_cells, row_columns
 
 if TYPE_CHECKING:
-    from sada_gym.benchmark.costs import Estimate
+    from sada_gym.benchmark.costs import CostEstimate
     from sada_gym.benchmark.run import BenchmarkResult, Outlook
 
 
@@ -162,7 +162,7 @@ def _show_outlook(outlook: Outlook) -> None:
         say(note, lead="[yellow]Warning:[/] ")
 
 
-def _hours(cost: Estimate) -> str:
+def _hours(cost: CostEstimate) -> str:
     if cost.unknown == cost.runs:
         return "unknown"
     return f"{cost.core_hours:.2f}" + (f" + {cost.unknown:,} unknown" if cost.unknown else "")

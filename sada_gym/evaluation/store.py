@@ -174,12 +174,12 @@ class EvaluationStore:
                 "VALUES (:name, :version, :settings, :fingerprint)",
                 row,
             )
-            found = run(
+            row_id = run(
                 "SELECT id FROM context WHERE name = :name AND version = :version "
                 "AND settings = :settings AND fingerprint = :fingerprint",
                 row,
             ).fetchone()
-        return int(found[0])
+        return int(row_id[0])
 
     def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
         """Return the stored scores, (n,) float64, NaN where nothing is stored.
@@ -193,9 +193,9 @@ class EvaluationStore:
         query = "SELECT score FROM evaluation WHERE context = ? AND seed = ? AND mu = ?"
         with explained(self.path):
             for i, (seed, row) in enumerate(zip(seeds, mu, strict=True)):
-                found = self._connection.execute(query, (context, seed, row.tobytes())).fetchone()
-                if found is not None:
-                    scores[i] = found[0]
+                stored = self._connection.execute(query, (context, seed, row.tobytes())).fetchone()
+                if stored is not None:
+                    scores[i] = stored[0]
         return scores
 
     def evaluations(self, context: int, seeds: Sequence[int]) -> Evaluations | None:
@@ -208,10 +208,10 @@ class EvaluationStore:
         rows, taken = [], Counter[int]()
         with explained(self.path):
             for seed in seeds:
-                found = self._connection.execute(query, (context, seed)).fetchall()
-                if not found:
+                stored = self._connection.execute(query, (context, seed)).fetchall()
+                if not stored:
                     return None
-                rows.append(found[min(taken[seed], len(found) - 1)])
+                rows.append(stored[min(taken[seed], len(stored) - 1)])
                 taken[seed] += 1
         if not rows:
             return None

@@ -88,21 +88,21 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     if len(different) < MIN_FAILURES:
         return FailureRegions(sentence=_too_few(len(mu), len(different)))
     values, among = space.physical(different), np.ones(len(different), dtype=np.bool_)
-    found: dict[int, _Finding] = {}
+    findings: dict[int, _Finding] = {}
     uniform = 1.0
-    while len(found) < MAX_CONDITIONS:
-        best = _strongest(space, values, among, found)
+    while len(findings) < MAX_CONDITIONS:
+        best = _strongest(space, values, among, findings)
         if best is None:
             break
         index, finding, inside = best
-        among, uniform, found[index] = inside, uniform * finding.uniform, finding
-    if not found:
+        among, uniform, findings[index] = inside, uniform * finding.uniform, finding
+    if not findings:
         return FailureRegions(
             sentence="Nowhere in particular: no range of a parameter holds clearly more of the "
             f"{len(different):,} failures than of uniform worlds."
         )
     conditions = tuple(
-        _condition(space.parameters[index], finding) for index, finding in found.items()
+        _condition(space.parameters[index], finding) for index, finding in findings.items()
     )
     share = float(among.mean())
     mostly = "always" if share == 1.0 else "mostly" if share >= _MOSTLY else "more often"
@@ -171,9 +171,9 @@ def _strongest(
     space: ParameterSpace,
     values: Array,
     among: npt.NDArray[np.bool_],
-    known: dict[int, _Finding],
+    findings: dict[int, _Finding],
 ) -> tuple[int, _Finding, npt.NDArray[np.bool_]] | None:
-    open_ = [index for index in range(len(space)) if index not in known]
+    open_ = [index for index in range(len(space)) if index not in findings]
     best, best_ratio = None, 0.0
     for index in open_:
         parameter = space.parameters[index]
@@ -188,8 +188,8 @@ def _strongest(
         ratio = _likelihood_ratio(inside / total, uniform) * total
         counts_as = (
             (ratio >= grid.log_tests + math.log(len(open_) / ALPHA))
-            & (inside / total >= uniform + MIN_GAINS[len(known)])
-            & (inside >= MIN_SHARES[len(known)] * len(values))
+            & (inside / total >= uniform + MIN_GAINS[len(findings)])
+            & (inside >= MIN_SHARES[len(findings)] * len(values))
         )
         ratio = np.where(counts_as, ratio, 0.0)
         row = int(np.argmax(ratio))
@@ -232,17 +232,17 @@ def _cells(parameter: Parameter, grid: _Grid, values: Array) -> npt.NDArray[np.i
     return np.searchsorted(grid.edges[1:-1], values, side="right")
 
 
-def _round_step(most: float) -> float:
-    power = 10.0 ** math.floor(math.log10(most) + 1e-9)
-    return float(max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-9)) * power)
+def _round_step(maximum: float) -> float:
+    power = 10.0 ** math.floor(math.log10(maximum) + 1e-9)
+    return float(max(step for step in (1, 2, 5) if step * power <= maximum * (1 + 1e-9)) * power)
 
 
 @cache
-def _ranges(cells: int) -> npt.NDArray[np.bool_]:
-    at = np.arange(cells)
-    inside = [(at >= i) & (at < j) for i in range(cells) for j in range(i + 1, cells + 1)]
-    outside = [(at < i) | (at >= j) for i in range(1, cells - 1) for j in range(i + 1, cells)]
-    return np.array([one for one in [*inside, *outside] if not one.all()])
+def _ranges(count: int) -> npt.NDArray[np.bool_]:
+    at = np.arange(count)
+    inside = [(at >= i) & (at < j) for i in range(count) for j in range(i + 1, count + 1)]
+    outside = [(at < i) | (at >= j) for i in range(1, count - 1) for j in range(i + 1, count)]
+    return np.array([cells for cells in [*inside, *outside] if not cells.all()])
 
 
 @cache

@@ -78,14 +78,14 @@ def anytime(
     fooled = fools(q, threshold)
     rows = np.flatnonzero(fooled)
     firsts = np.sort(rows[np.unique(mu[rows], axis=0, return_index=True)[1]])
-    found = np.searchsorted(firsts, checkpoints)
+    counts = np.searchsorted(firsts, checkpoints)
     coverage: Sequence[float | None] = [None] * len(checkpoints)
     if fooling_set is not None:
-        coverage = _coverage(mu[firsts], found, fooling_set, k)
+        coverage = _coverage(mu[firsts], counts, fooling_set, k)
     spent = np.cumsum(fooled)
     return tuple(
         SearchPoint(queries=n, found=int(count), share=float(spent[n - 1] / n), coverage=covered)
-        for n, count, covered in zip(checkpoints, found, coverage, strict=True)
+        for n, count, covered in zip(checkpoints, counts, coverage, strict=True)
     )
 
 

@@ -105,7 +105,7 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
         return -value, -gradient
 
     bounds = [*[_LENGTH_SCALE_BOUNDS] * d, _SIGNAL_BOUNDS, _NOISE_BOUNDS]
-    found = minimize(
+    optimum = minimize(
         objective,
         np.log([*[_START[0]] * d, *_START[1:]]),
         jac=True,
@@ -113,7 +113,7 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
         bounds=np.log(bounds),
         options={"maxiter": _ITERATIONS},
     )
-    return _kernel(found.x)
+    return _kernel(optimum.x)
 
 
 def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:

@@ -55,7 +55,7 @@ def fit_matern(x: Floats, y: Array, start: Matern | None = None) -> Matern:
     if start is not None:
         theta = np.log([*start.length_scales, start.signal, start.noise / start.signal])
     bounds = np.log([_LENGTHS] * d + [_SIGNALS, _NOISES])
-    found = minimize(
+    optimum = minimize(
         _loss,
         np.clip(theta, *bounds.T),
         args=(x.astype(np.float64), y, mode),
@@ -64,7 +64,7 @@ def fit_matern(x: Floats, y: Array, start: Matern | None = None) -> Matern:
         bounds=bounds,
         options={"maxiter": _FIT_STEPS},
     )
-    *length_scales, signal, ratio = np.exp(found.x)
+    *length_scales, signal, ratio = np.exp(optimum.x)
     return Matern(np.array(length_scales), float(signal), float(signal * ratio))
 
 
