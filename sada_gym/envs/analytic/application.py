@@ -46,13 +46,8 @@ class AnalyticApplication(Application):
     | i | `x{i}` | -1 | 1 | none |
 
     ## Observation Space
-    `Box(-1, 1, (dimension + 2,), float32)`:
-
-    | index | what | least | greatest |
-    | --- | --- | --- | --- |
-    | 0 to d - 1 | last mu; 0 where there is none yet | -1 | 1 |
-    | d | last score; 0 where there is none yet | 0 | 1 |
-    | d + 1 | share of the steps that is left | 0 | 1 |
+    `Box(-1, 1, (dimension + 2,), float32)`: last mu, last score, share of the steps left; zeros
+    where there is none yet.
 
     ## Rewards
     A Python float, exactly `-info["score"]`. The score is Q = t m^2 / (t m^2 + 1 - t) with t = 0.3
@@ -98,9 +93,7 @@ class AnalyticApplication(Application):
             raise UserError(f"Expected volume to be a share within (0, 1), got {volume}.")
         if not 0.0 <= noise < 1.0:
             raise UserError(f"Expected noise to be within [0, 1), got {noise}.")
-        self.regions = regions
-        self.volume = volume
-        self.noise = noise
+        self.regions, self.volume, self.noise = regions, volume, noise
         self.parameters = ParameterSpace(*(Parameter(f"x{i}", -1.0, 1.0) for i in range(dimension)))
         self.centres, self.half_sides = _place_boxes(dimension, regions, volume)
 
@@ -115,9 +108,8 @@ class AnalyticApplication(Application):
         }
 
     def fooling_region(self, mu: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Tell which region each mu (n, d) lies in: (n,) indices, -1 where Q is above threshold."""
-        nearest, score = self._nearest(self.parameters.validate(mu))
-        return np.where(fools(score, self.fooling_threshold), nearest, -1)
+        """Return the region of each mu (n, d): (n,) indices, -1 where Q is above the threshold."""
+        return self._regions(self.parameters.validate(mu))[0]
 
     def sample_fooling_set(self, n: int, rng: np.random.Generator) -> Mu:
         """Draw n mu uniformly from the true fooling set: (n, d) float32."""
@@ -155,16 +147,17 @@ class AnalyticApplication(Application):
         return self._drawn(mu, seed)[0]
 
     def _drawn(self, mu: npt.ArrayLike, seed: int) -> tuple[Frame, npt.NDArray[np.float64]]:
-        """Give that picture, and the scores in it, (rows, columns)."""
-        world, seed = validate_world(self.parameters, mu, seed)
-        point = world[0]
+        """Draw `observation`, and return the scores in it, too, (rows, columns)."""
+        (point,), seed = validate_world(self.parameters, mu, seed)
         axis = np.linspace(-1.0, 1.0, _IMAGE_SIZE, dtype=np.float32)
         grid = np.tile(point, (_IMAGE_SIZE * _IMAGE_SIZE, 1))
         grid[:, 0] = np.tile(axis, _IMAGE_SIZE)
         if len(point) > 1:
             grid[:, 1] = np.repeat(axis[::-1], _IMAGE_SIZE)
         score = self._evaluate(grid, [seed] * len(grid)).score.reshape(_IMAGE_SIZE, _IMAGE_SIZE)
-        frame = self._colour(score)
+        stops = (0.0, self.fooling_threshold, 1.0)
+        channels = zip(_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB, strict=True)
+        frame = np.stack([np.interp(score, stops, c) for c in channels], axis=-1).astype(np.uint8)
         column = round(float(point[0] + 1) / 2 * (_IMAGE_SIZE - 1))
         height = float(point[1]) if len(point) > 1 else 0.0
         row = round((1 - height) / 2 * (_IMAGE_SIZE - 1))
@@ -173,33 +166,29 @@ class AnalyticApplication(Application):
         return frame, score
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        nearest, score = self._nearest(mu)
-        region = np.where(fools(score, self.fooling_threshold), nearest, -1)
+        region, score = self._regions(mu)
         if self.noise:
             shift = {seed: np.random.default_rng(seed).uniform(-1.0, 1.0) for seed in set(seeds)}
             score = np.clip(score + self.noise * np.array([shift[seed] for seed in seeds]), 0, 1)
-        return Scored(score, [{"region": int(index)} for index in region])
+        return Scored(score, [{"region": index} for index in region.tolist()])
 
-    def _nearest(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Give the nearest region and the undisturbed Q of each mu, both (n,)."""
+    def _regions(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Return the region and the undisturbed Q of each mu, both (n,)."""
         rows = max(1, _AT_ONCE // self.centres.size)
         distance = np.empty((len(mu), self.regions))
         for start in range(0, len(mu), rows):
             offset = mu[start : start + rows].astype(np.float64)[:, None, :] - self.centres
             distance[start : start + rows] = np.abs(offset / self.half_sides).max(axis=2)
         weighted = self.fooling_threshold * distance.min(axis=1) ** 2
-        return distance.argmin(axis=1), weighted / (weighted + (1.0 - self.fooling_threshold))
-
-    def _colour(self, score: npt.NDArray[np.float64]) -> Frame:
-        stops = (0.0, self.fooling_threshold, 1.0)
-        channels = zip(_FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB, strict=True)
-        return np.stack([np.interp(score, stops, c) for c in channels], axis=-1).astype(np.uint8)
+        score = weighted / (weighted + (1.0 - self.fooling_threshold))
+        fooled = fools(score, self.fooling_threshold)
+        return np.where(fooled, distance.argmin(axis=1), -1), score
 
 
 def _place_boxes(
     dimension: int, regions: int, volume: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Give the boxes' centres (regions, d) and their common half sides (d,)."""
+    """Return the boxes' centres (regions, d) and their common half sides (d,)."""
     factors = _prime_factors(regions)
     cells_along = np.ones(dimension, dtype=np.int64)
     for i, factor in enumerate(factors):

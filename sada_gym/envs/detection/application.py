@@ -14,7 +14,7 @@ from sada_gym import agents
 from sada_gym.agents.contract import known_as
 from sada_gym.application import Application, Scored
 from sada_gym.envs.detection.backdrop import random_backdrop
-from sada_gym.envs.detection.detector import DetectorAgent, DetectorLike, listed
+from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.frame import annotate, legend
 from sada_gym.envs.detection.renderers.base import (
     DEFAULT_KEY,
@@ -207,20 +207,12 @@ class DetectionApplication(Application):
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = self._scenes(mu, seeds)
-        renderings = self._renderings(scenes)
-        found = self._detector.act([rendering.image for rendering in renderings])
-        extras = [
-            {
-                "shape": scene.shape_name,
-                "box": np.zeros(4) if rendering.box is None else rendering.box,
-                "detections": listed(detections),
-            }
-            for scene, rendering, detections in zip(scenes, renderings, found, strict=True)
-        ]
-        scores = [
-            detections["scores"][detections["labels"] == self.label].max(initial=0.0)
-            for detections in found
-        ]
+        scores, extras = [], []
+        for scene, (rendering, detections) in zip(scenes, self._detected(scenes), strict=True):
+            scores.append(detections["scores"][detections["labels"] == self.label].max(initial=0.0))
+            box = np.zeros(4) if rendering.box is None else rendering.box
+            found = {"shape": scene.shape_name, "box": box, "detections": listed(detections)}
+            extras.append(found)
         return Scored(np.array(scores, dtype=np.float64), extras)
 
     def _scenes(self, mu: Mu, seeds: Sequence[int]) -> list[Scene]:
@@ -230,6 +222,11 @@ class DetectionApplication(Application):
         renderings = self.renderer.render_batch(scenes, self.image_size)
         return validate_renderings(renderings, self.renderer, len(scenes), self.image_size)
 
+    def _detected(self, scenes: Sequence[Scene]) -> Iterator[tuple[Rendering, Detections]]:
+        renderings = self._renderings(scenes)
+        answers = self._detector.act([rendering.image for rendering in renderings])
+        return zip(renderings, answers, strict=True)
+
     def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw what the detector sees, with the object's true box and the detections."""
         batch: Any = [mu]
@@ -238,10 +235,9 @@ class DetectionApplication(Application):
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose pictures the detector sees together."""
         batch = self.parameters.validate(mu)
-        renderings = self._renderings(self._scenes(batch, validate_seeds(seeds, len(batch))))
-        detections = self._detector.act([rendering.image for rendering in renderings])
-        for rendering, found in zip(renderings, detections, strict=True):
-            yield annotate(rendering, found, self.class_names, self.label)
+        scenes = self._scenes(batch, validate_seeds(seeds, len(batch)))
+        for rendering, detections in self._detected(scenes):
+            yield annotate(rendering, detections, self.class_names, self.label)
 
     @property
     def class_names(self) -> dict[int, str]:

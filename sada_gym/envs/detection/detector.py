@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 DETECTOR_TILE = 4
 """Images in one call of a detector of the shipped architecture; a part of the benchmark's scores.
-A single evaluation fills its tile with black images: with 8 images a tile the detector takes two
-thirds more for it, and a tenth less for each image of a batch."""
+With 8, a single evaluation takes two thirds more time, and an image of a batch a tenth less."""
 
 TOP_DETECTIONS = 20
 """The most detections of an image that count, best first."""
@@ -35,7 +34,7 @@ DetectorLike = Callable[[list["Tensor"]], Sequence[Mapping[str, "Tensor"]]]
 Detections = dict[str, npt.NDArray[Any]]
 """One image's `boxes` (N, 4), `labels` (N,) and `scores` (N,), best first."""
 
-
+_KEYS = ("boxes", "labels", "scores")
 _CONVENTION = (
     "The detector must return, as torchvision's do, one dictionary an image with boxes (N, 4), "
     "labels (N,) and scores (N,) in [0, 1]."
@@ -50,8 +49,7 @@ class DetectorAgent:
 
     Args:
         network: Keeps torchvision's calling convention.
-        tile: Images in one call; by default `DETECTOR_TILE` for the shipped architecture and 1 for
-            others.
+        tile: Images in one call; by default `DETECTOR_TILE` for the shipped architecture, else 1.
         image_size: The pixels a side of the images to come, if they are known and square.
 
     Raises:
@@ -83,11 +81,7 @@ class DetectorAgent:
         """Begin with `count` new images; the detector remembers no others."""
 
     def act(self, episodes: Sequence[Frame], which: Indices | None = None) -> list[Detections]:
-        """Detect objects in images of one size.
-
-        Args:
-            episodes: The images.
-            which: Indices of those to look at; by default all.
+        """Detect objects in images of one size, or in some of them.
 
         Raises:
             UserError: If the network breaks torchvision's convention, or cannot take such images.
@@ -96,7 +90,7 @@ class DetectorAgent:
         batch = {"image": np.asarray(chosen)}
         if self._folded is None:
             return list(chain(*tiled(self._call, batch, self.tile, blank=True)))
-        return _detections(self._folded, batch, self.tile)
+        return _detections_of(self._folded, batch, self.tile)
 
     def _call(self, batch: Batch) -> list[Detections]:
         import torch
@@ -107,26 +101,25 @@ class DetectorAgent:
             return _checked(self.network(images), len(images))
 
 
-def _detections(folded: FoldedDetector, batch: Batch, tile: int) -> list[Detections]:
+def _detections_of(folded: FoldedDetector, batch: Batch, tile: int) -> list[Detections]:
     candidates = np.concatenate(tiled(lambda tile: folded(tile["image"]), batch, tile, blank=True))
     boxes, labels, scores = candidates[..., :4], candidates[..., 4], candidates[..., 5]
     _check_numbers(boxes, scores)
     columns = {"boxes": boxes, "labels": labels.astype(np.int64), "scores": scores}
     best = [np.flatnonzero(kept)[:TOP_DETECTIONS] for kept in folded.kept(candidates)]
-    return [{key: column[i, k] for key, column in columns.items()} for i, k in enumerate(best)]
+    return [
+        {key: column[i, rows] for key, column in columns.items()} for i, rows in enumerate(best)
+    ]
 
 
 def listed(detections: Detections) -> list[dict[str, Any]]:
     """Make one dictionary of each detection, best first: `box`, `label`, `score`."""
-    columns = (detections[key].tolist() for key in ("boxes", "labels", "scores"))
-    return [
-        {"box": box, "label": label, "score": score}
-        for box, label, score in zip(*columns, strict=True)
-    ]
+    columns = (detections[key].tolist() for key in _KEYS)
+    names = ("box", "label", "score")
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def _checked(detections: Any, count: int) -> list[Detections]:
-    """Give the detections of a tile as arrays, best first; name what breaks the convention."""
     if not isinstance(detections, Sequence) or len(detections) != count:
         what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
         raise UserError(
@@ -134,14 +127,10 @@ def _checked(detections: Any, count: int) -> list[Detections]:
         )
     checked = []
     for item in detections:
-        missing = {"boxes", "labels", "scores"} - set(item)
+        missing = sorted(set(_KEYS) - set(item))
         if missing:
-            raise UserError(
-                f"Expected {', '.join(sorted(missing))} from the detector. {_CONVENTION}"
-            )
-        boxes, labels, scores = (
-            item[key].detach().cpu().numpy() for key in ("boxes", "labels", "scores")
-        )
+            raise UserError(f"Expected {', '.join(missing)} from the detector. {_CONVENTION}")
+        boxes, labels, scores = (item[key].detach().cpu().numpy() for key in _KEYS)
         if boxes.shape != (len(scores), 4) or labels.shape != scores.shape or scores.ndim != 1:
             raise UserError(
                 f"Expected boxes (N, 4), labels (N,), scores (N,) from the detector, got "
@@ -149,7 +138,7 @@ def _checked(detections: Any, count: int) -> list[Detections]:
             )
         _check_numbers(boxes, scores)
         best = np.argsort(-scores, kind="stable")[:TOP_DETECTIONS]
-        checked.append({"boxes": boxes[best], "labels": labels[best], "scores": scores[best]})
+        checked.append(dict(zip(_KEYS, (boxes[best], labels[best], scores[best]), strict=True)))
     return checked
 
 

@@ -46,33 +46,27 @@ def annotate(
     """Draw the true box, and the best detections of the class and of others, see `legend`.
 
     Args:
-        rendering: The frame and its ground truth.
+        rendering: The picture and the true box.
         detections: `boxes` (N, 4), `labels` (N,), `scores` (N,), best first.
         names: Class names by label.
         target: The label that counts.
-
-    Returns:
-        (side, side, 3) uint8.
     """
     scale = -(-SIDE // len(rendering.image))
     side = scale * len(rendering.image)
     picture = Image.fromarray(rendering.image).resize((side, side), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(picture)
     y, line = side // 64, side // 13
-    for colour, chosen in (
-        (_TARGET, detections["labels"] == target),
-        (_OTHER, detections["labels"] != target),
-    ):
-        chosen = np.flatnonzero(chosen & (detections["scores"] >= FLOOR))[:1]
-        for i in chosen:
-            _box(draw, scale * detections["boxes"][i], colour, side)
-            label = int(detections["labels"][i])
-            text = f"{names.get(label, f'label {label}')} {detections['scores'][i]:.2f}"
-            _write(draw, text, y, colour, side)
-            y += line
-        if colour == _TARGET and not len(chosen):
-            _write(draw, f"{names.get(target, f'label {target}')} below {FLOOR:g}", y, colour, side)
-            y += line
+    is_target, clear = detections["labels"] == target, detections["scores"] >= FLOOR
+    for colour, chosen in ((_TARGET, is_target & clear), (_OTHER, ~is_target & clear)):
+        label, text = target, f"below {FLOOR:g}"
+        if chosen.any():
+            best = int(chosen.argmax())
+            _box(draw, scale * detections["boxes"][best], colour, side)
+            label, text = int(detections["labels"][best]), f"{detections['scores'][best]:.2f}"
+        elif colour == _OTHER:
+            continue
+        _write(draw, f"{names.get(label, f'label {label}')} {text}", y, colour, side)
+        y += line
     if rendering.box is not None:  # on top: its gaps show a detection that is in the same place
         _box(draw, scale * rendering.box, _TRUTH, side)
     return np.asarray(picture)
@@ -90,9 +84,9 @@ def _box(draw: ImageDraw.ImageDraw, box: npt.NDArray[Any], colour: str, side: in
 def _write(draw: ImageDraw.ImageDraw, text: str, y: int, colour: str, side: int) -> None:
     """Write a line behind a piece of the line of its box."""
     left, start, width = side // 64, side // 10, max(2, side // 96)
-    of, middle = font(side / 17), y + side / 28
+    face, middle = font(side / 17), y + side / 28
     dash, gap = (width * length for length in _DASHES[colour])
     ends = [(left, middle), (start, middle)]
     dashed(draw, ends, rgb(colour), width, dash, gap, casing=_EDGE)
     place = (start + side // 64, middle)
-    draw.text(place, text, rgb(colour), of, anchor="lm", stroke_width=2, stroke_fill=0)
+    draw.text(place, text, rgb(colour), face, anchor="lm", stroke_width=2, stroke_fill=0)

@@ -23,7 +23,7 @@ LEAST = 2
 
 
 def ranges(width: int) -> dict[str, Parameter]:
-    """Give the six parameters of images of this width; mu = 0 is neutral in each."""
+    """Return the six parameters of images of this width; mu = 0 is neutral in each."""
     shift = width / 8.0
     return {
         "rotation_deg": Parameter("rotation_deg", -35.0, 35.0, "deg"),
@@ -116,7 +116,7 @@ class DigitsApplication(ClassifierApplication):
         labels: npt.ArrayLike | None = None,
         tile: int | None = None,
     ) -> None:
-        chosen = _checked_parameters(parameters)
+        chosen = _validate_parameters(parameters)
         super().__init__(image, digit, agent, agent_id, images, labels, tile)
         pictures = self.images.images[self.indices]
         every = ranges(pictures.shape[2])
@@ -141,7 +141,7 @@ class DigitsApplication(ClassifierApplication):
         return score
 
 
-def _checked_parameters(parameters: Any) -> tuple[str, ...]:
+def _validate_parameters(parameters: Any) -> tuple[str, ...]:
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
         raise UserTypeError(
             f"Expected parameters to be a list of names among {', '.join(NAMES)}, got "

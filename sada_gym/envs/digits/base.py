@@ -29,8 +29,8 @@ _PIXELS_AT_ONCE = 2**18
 class ClassifierApplication(Application):
     """A frozen classifier looks at changed images.
 
-    A subclass sets `parameters`, says how mu changes images and what the classifier's probabilities
-    score, and describes the arguments, which both applications share.
+    A subclass sets `parameters`, says how mu changes images and how the classifier's probabilities
+    are scored, and describes the arguments.
 
     Raises:
         UserError: If the agent, the images or the labels are not as described, there is no such
@@ -101,23 +101,22 @@ class ClassifierApplication(Application):
         return int(digit)
 
     def _attackable(self) -> npt.NDArray[np.intp]:
-        """Indices of the images that seeds pick from."""
+        """Find the images that seeds pick from."""
         labels = self.images.labels
+        rows = np.arange(len(labels))
         if self.image is not None:
-            rows = np.array([self.image])
+            rows = rows[[self.image]]
         elif self.digit is not None:
-            rows = np.flatnonzero(labels == self.digit)
-        else:
-            rows = np.arange(len(labels))
-        found = self._classifier.act(self.images.images[rows])
-        if labels.max() >= found.shape[1]:
+            rows = rows[labels == self.digit]
+        answers = self._classifier.act(self.images.images[rows])
+        if labels.max() >= answers.shape[1]:
             raise UserError(
-                f"Expected labels below {found.shape[1]}, the number of the classifier's classes, "
-                f"got {labels.max()}. Pass the labels that it was trained with, from 0."
+                f"Expected labels below {answers.shape[1]}, the number of the classifier's "
+                f"classes, got {labels.max()}. Pass the labels that it was trained with, from 0."
             )
         if self.image is not None:
             return rows
-        right: npt.NDArray[np.intp] = rows[found.argmax(axis=1) == labels[rows]]
+        right: npt.NDArray[np.intp] = rows[answers.argmax(axis=1) == labels[rows]]
         if not len(right):
             raise UserError(
                 f"Expected a classifier that gets some of the {len(rows)} unchanged images right, "
@@ -139,14 +138,11 @@ class ClassifierApplication(Application):
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         positions = self._positions(seeds)
         rows = self.indices[positions]
-        labels = self.images.labels[rows]
-        found = self._classified(mu, positions)
-        columns = (rows, labels, found.argmax(axis=1))
-        extras = [
-            {"image": image, "label": label, "predicted": predicted}
-            for image, label, predicted in zip(*(c.tolist() for c in columns), strict=True)
-        ]
-        return Scored(self._score(found, labels), extras)
+        labels, probabilities = self.images.labels[rows], self._classified(mu, positions)
+        columns = {"image": rows, "label": labels, "predicted": probabilities.argmax(axis=1)}
+        answers = zip(*(column.tolist() for column in columns.values()), strict=True)
+        extras = [dict(zip(columns, answer, strict=True)) for answer in answers]
+        return Scored(self._score(probabilities, labels), extras)
 
     def _positions(self, seeds: Sequence[int]) -> npt.NDArray[np.intp]:
         # `seed % n` alone would show each stream its own images: its seeds share their lowest bits
@@ -154,21 +150,17 @@ class ClassifierApplication(Application):
         return (mixed % np.uint64(len(self.indices))).astype(np.intp)
 
     def _classified(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
-        """Classify the changed images: probabilities (n, K)."""
-        pixels = self.images.images[0].size
-        step = max(1, _PIXELS_AT_ONCE // pixels)
-        parts = [
-            self._classifier.act(
-                self._change(mu[start : start + step], positions[start : start + step])
-            )
-            for start in range(0, len(mu), step)
-        ]
-        return np.concatenate(parts)
+        """Return the classifier's probabilities for the changed images, (n, K)."""
+        step = max(1, _PIXELS_AT_ONCE // self.images.images[0].size)
+        parts = [slice(start, start + step) for start in range(0, len(mu), step)]
+        return np.concatenate(
+            [self._classifier.act(self._change(mu[part], positions[part])) for part in parts]
+        )
 
     def attacked_image(
         self, mu: npt.ArrayLike, seed: int
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Give the unchanged image of a seed and the one that mu, (d,), makes of it."""
+        """Return the unchanged image of a seed and the one that mu, (d,), makes of it."""
         row, seed = validate_world(self.parameters, mu, seed)
         positions = self._positions([seed])
         return self.images.images[self.indices[positions[0]]], self._change(row, positions)[0]
@@ -183,8 +175,8 @@ class ClassifierApplication(Application):
         row, seed = validate_world(self.parameters, mu, seed)
         (index,) = self.indices[self._positions([seed])]
         pictures = np.stack(self.attacked_image(row[0], seed))
-        found = self._classifier.act(pictures)
-        return beside(pictures, found, int(self.images.labels[index]))
+        probabilities = self._classifier.act(pictures)
+        return beside(pictures, probabilities, int(self.images.labels[index]))
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the changed image, which the classifier sees, enlarged."""

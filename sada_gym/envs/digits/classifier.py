@@ -47,9 +47,12 @@ class ClassifierAgent:
                 f"Expected agent to be a shipped classifier's name, a file of weights or a torch "
                 f"module, got {type(network).__name__}."
             )
+        from sada_gym.envs.digits.agent.network import DigitNetwork
+
         check_evaluation_mode(network, "classifier")
         self.network = network
-        self.tile = _default_tile(network) if tile is None else check_tile(tile, "classifier")
+        default = CLASSIFIER_TILE if isinstance(network, DigitNetwork) else 1
+        self.tile = default if tile is None else check_tile(tile, "classifier")
 
     @property
     def fingerprint(self) -> str | None:
@@ -62,7 +65,7 @@ class ClassifierAgent:
     def act(
         self, episodes: npt.NDArray[np.float32], which: Indices | None = None
     ) -> npt.NDArray[np.float64]:
-        """Give the softmax over the classes, (n, K).
+        """Return the softmax over the classes, (n, K).
 
         Args:
             episodes: Images (m, height, width).
@@ -73,36 +76,29 @@ class ClassifierAgent:
                 numbers with K of at least 2.
         """
         chosen = np.asarray(episodes if which is None else episodes[which], np.float32)
-        found = tiled(self._probabilities, {"image": chosen[:, None]}, self.tile, blank=True)
-        if len({part.shape[1] for part in found}) > 1:
+        parts = tiled(self._probabilities, {"image": chosen[:, None]}, self.tile, blank=True)
+        if len({part.shape[1] for part in parts}) > 1:
             raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
-        return np.concatenate(found)
+        return np.concatenate(parts)
 
     def _probabilities(self, batch: Batch) -> npt.NDArray[np.float64]:
         import torch
 
         with torch.inference_mode():
-            logits = _checked(self._called(torch.from_numpy(batch["image"])), self.tile)
-            found: npt.NDArray[np.float64] = torch.softmax(logits.double(), dim=1).cpu().numpy()
-        return found
-
-    def _called(self, batch: Tensor) -> Any:
-        try:
-            return self.network(batch)
-        except (RuntimeError, TypeError, ValueError) as error:  # as torch refuses shapes and dtypes
-            raise UserError(
-                f"Expected a classifier that takes {tuple(batch.shape)} float32 on the CPU, got "
-                f"{type(error).__name__}: {error}. {_CONVENTION}"
-            ) from error
-
-
-def _default_tile(network: ClassifierLike) -> int:
-    from sada_gym.envs.digits.agent.network import DigitNetwork
-
-    return CLASSIFIER_TILE if isinstance(network, DigitNetwork) else 1
+            images = torch.from_numpy(batch["image"])
+            try:
+                logits = self.network(images)
+            except (RuntimeError, TypeError, ValueError) as error:  # a shape or dtype is refused
+                raise UserError(
+                    f"Expected a classifier that takes {tuple(images.shape)} float32 on the CPU, "
+                    f"got {type(error).__name__}: {error}. {_CONVENTION}"
+                ) from error
+            logits = _validate_logits(logits, self.tile)
+            probabilities: npt.NDArray[np.float64] = logits.double().softmax(dim=1).cpu().numpy()
+        return probabilities
 
 
-def _checked(logits: Any, count: int) -> Tensor:
+def _validate_logits(logits: Any, count: int) -> Tensor:
     import torch
 
     if not isinstance(logits, torch.Tensor):

@@ -40,25 +40,21 @@ def beside(
 
     Args:
         images: (2, height, width) in [0, 1].
-        probabilities: (2, K), what the classifier says of each.
+        probabilities: (2, K), the classifier's for each image.
         label: The true class.
-
-    Returns:
-        (h, w, 3) uint8.
     """
     panels = [enlarged(image) for image in images]
     height, width = panels[0].shape[:2]
     width = max(width, SIDE)  # room for the caption
-    size = (2 * width + 3 * _GAP, height + _CAPTION + _GAP)
-    picture = Image.new("RGB", size, PAPER)
-    draw, of = ImageDraw.Draw(picture), font(20)
+    picture = Image.new("RGB", (2 * width + 3 * _GAP, height + _CAPTION + _GAP), PAPER)
+    draw, face = ImageDraw.Draw(picture), font(20)
     for i, (title, panel) in enumerate(zip(("unchanged", "attacked"), panels, strict=True)):
         left = _GAP + i * (width + _GAP)
         guess = int(probabilities[i].argmax())
         right = guess == label
-        said = (title, f"seen as {guess}", f"p({label}) = {probabilities[i, label]:.2f}")
-        for line, text in enumerate(said):
-            draw.text((left, 2 + line * _LINE), text, fill=INK, font=of)
+        lines = (title, f"seen as {guess}", f"p({label}) = {probabilities[i, label]:.2f}")
+        for k, line in enumerate(lines):
+            draw.text((left, 2 + k * _LINE), line, fill=INK, font=face)
         ends = [(left, _CAPTION - 3), (left + panel.shape[1], _CAPTION - 3)]
         dashed(draw, ends, RIGHT if right else WRONG, 5, 14, 0 if right else 8)
         picture.paste(Image.fromarray(panel), (left, _CAPTION))

@@ -32,11 +32,11 @@ class LabelledImages:
     labels: npt.NDArray[np.int64]
 
     def __len__(self) -> int:
-        """Give the number of images."""
+        """Return the number of images."""
         return len(self.images)
 
     def __getitem__(self, rows: npt.NDArray[np.intp]) -> LabelledImages:
-        """Give the images at these rows."""
+        """Return the images at these rows."""
         return LabelledImages(self.images[rows], self.labels[rows])
 
     @property
@@ -71,7 +71,7 @@ def turns() -> npt.NDArray[np.int64]:
 
 @functools.cache
 def test_images() -> LabelledImages:
-    """Give the digits that no training sees: the 4th, 8th, 12th ... of each class."""
+    """Return the digits that no training sees: the 4th, 8th, 12th ... of each class."""
     return _frozen(all_digits()[np.flatnonzero(turns() % TEST_EVERY == TEST_EVERY - 1)])
 
 
@@ -79,7 +79,7 @@ test_images.__test__ = False  # type: ignore[attr-defined]  # pytest takes it fo
 
 
 def validate_images(images: Any, labels: Any) -> LabelledImages:
-    """Give a user's images and labels.
+    """Return a user's images and labels.
 
     Raises:
         UserError: If there are images without labels or the reverse, they are not (n, height,

@@ -11,7 +11,6 @@ import numpy.typing as npt
 Images = npt.NDArray[np.float32]
 """(n, height, width) in [0, 1]."""
 
-
 Values = npt.NDArray[np.float64]
 """(n, height, width)."""
 
@@ -64,7 +63,7 @@ class Strokes:
         self._thin = self._images * np.maximum(2.0 * share - 1.0, 0.0) - self._images
 
     def __call__(self, rows: npt.NDArray[np.intp], stroke: Column) -> Values:
-        """Give the images at rows (n,) with strokes (n,) from -1 to 1: (n, height, width)."""
+        """Return the images at rows (n,) with strokes (n,) from -1 to 1: (n, height, width)."""
         amount = stroke[:, None, None]
         change: Values = np.maximum(amount, 0.0) * self._thick[rows]
         change += np.maximum(-amount, 0.0) * self._thin[rows]

@@ -90,7 +90,7 @@ class PixelApplication(ClassifierApplication):
         labels: npt.ArrayLike | None = None,
         tile: int | None = None,
     ) -> None:
-        self.radius = _checked_radius(radius)
+        self.radius = _validate_radius(radius)
         super().__init__(image, digit, agent, agent_id, images, labels, tile)
         if image is None and digit is None:
             self.indices = self.indices[:1]
@@ -136,7 +136,7 @@ class PixelApplication(ClassifierApplication):
         return score
 
 
-def _checked_radius(radius: Any) -> float:
+def _validate_radius(radius: Any) -> float:
     if not is_number(radius):
         raise UserTypeError(f"Expected radius to be a number in (0, 1], got {radius!r}.")
     if not 0.0 < radius <= 1.0:

@@ -21,14 +21,11 @@ from sada_gym.envs.detection.agent.network import (
 
 
 class FoldedDetector:
-    """A frozen `Detector` that takes pictures as they are: uint8, colours last.
+    """A frozen copy of a `Detector` that takes pictures as they are: uint8, colours last.
 
     Its convolutions do the work of batch normalisation and of the division by 255, and its images
     lie in memory with the colours last, in which convolutions are fastest. Scores differ from the
     detector's own by less than 1e-6 on the pictures that we compared.
-
-    Args:
-        detector: Its weights are copied; later changes do not count.
     """
 
     def __init__(self, detector: Detector) -> None:
@@ -45,7 +42,7 @@ class FoldedDetector:
         self._model = model
 
     def __call__(self, images: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-        """Give the candidates in images (n, H, W, 3), H and W multiples of 16.
+        """Return the candidates in images (n, H, W, 3), H and W multiples of 16.
 
         Returns:
             (n, top, 6): x0 y0 x1 y1 in pixels, label, score; best first, doubles among them.
@@ -58,14 +55,15 @@ class FoldedDetector:
         with torch.inference_mode():
             maps = self._model.layers(pixels - 255 * MIDDLE)
             boxes, labels, scores = self._model.candidates(*maps)
-            found = torch.cat([boxes, labels[..., None], scores[..., None]], 2)
-        candidates: npt.NDArray[np.float32] = found.numpy()
+            candidates: npt.NDArray[np.float32] = torch.cat(
+                [boxes, labels[..., None], scores[..., None]], 2
+            ).numpy()
         return candidates
 
     def kept(self, candidates: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
         """Say which candidates (n, top, 6) are detections, (n, top): good enough and no doubles."""
-        found = torch.from_numpy(candidates)
-        boxes, labels, scores = found[..., :4], found[..., 4], found[..., 5]
+        rows = torch.from_numpy(candidates)
+        boxes, labels, scores = rows[..., :4], rows[..., 4], rows[..., 5]
         kept: npt.NDArray[np.bool_] = unique(boxes, labels, scores >= self._model.floor).numpy()
         return kept
 

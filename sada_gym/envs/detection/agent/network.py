@@ -52,8 +52,8 @@ class Detector(nn.Module):
     """Detects the classes it was trained on.
 
     Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
-    in [0, 1] and gives a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64 from
-    1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, the same in one call.
+    in [0, 1] and returns a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64
+    from 1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, equal in one call.
 
     Args:
         classes: The class names; label i + 1 is classes[i].
@@ -90,14 +90,14 @@ class Detector(nn.Module):
         return self.layers((images - MIDDLE) / SPREAD)
 
     def layers(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Map normalised images (b, 3, H, W), zero on average, to what `maps` gives."""
+        """Map normalised images (b, 3, H, W), zero on average, to what `maps` returns."""
         fine = self.fine(x)
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0, mode="nearest")
         out = self.head(self.neck(fine + coarse))
         return out[:, :-4], out[:, -4:].clamp(-4, 4)
 
     def candidates(self, logits: Tensor, reach: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Give the highest peaks of what `maps` gave, best first, doubles among them.
+        """Return the highest peaks of what `maps` returned, best first, doubles among them.
 
         Returns:
             The boxes (b, top, 4) in pixels, the labels (b, top) and the scores (b, top).
@@ -124,11 +124,7 @@ class Detector(nn.Module):
 
 
 def check_size(height: int, width: int) -> None:
-    """Check that images have a size that the network can take.
-
-    Raises:
-        UserError: If a side is no multiple of 16 pixels.
-    """
+    """Raise `UserError` for images whose sides are no multiples of 16 pixels."""
     if height % MULTIPLE or width % MULTIPLE:
         raise UserError(
             f"Expected images whose sides are multiples of {MULTIPLE} pixels for this detector, "
@@ -149,7 +145,7 @@ def peaks(heat: Tensor) -> Tensor:
 
 
 def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
-    """Give the boxes (b, n, 4) in pixels at cells (b, n) of a reach map (b, 4, h, w)."""
+    """Return the boxes (b, n, 4) in pixels at cells (b, n) of a reach map (b, 4, h, w)."""
     width = reach.shape[3]
     spread = reach.flatten(2).gather(2, cell[:, None].expand(-1, 4, -1)).exp()
     x, y = cell % width + 0.5, torch.div(cell, width, rounding_mode="floor") + 0.5
@@ -158,16 +154,10 @@ def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
 
 
 def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -> Tensor:
-    """Suppress all but the best of overlapping detections of a class.
+    """Say which of boxes (b, n, 4), best first, with labels (b, n) are the best where they lie.
 
-    Args:
-        boxes: (b, n, 4), best first.
-        labels: (b, n).
-        alive: (b, n) bool; the others are left out.
-        overlap: Boxes that overlap a better one by more than this are left out.
-
-    Returns:
-        Which to keep, (b, n) bool.
+    A box is left out that is not `alive`, (b, n) bool, or that overlaps a better one of its class
+    by more than `overlap`.
     """
     doubles = iou(boxes[:, :, None], boxes[:, None]) > overlap
     doubles &= labels[:, :, None] == labels[:, None]
@@ -178,7 +168,7 @@ def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -
 
 
 def iou(a: Tensor, b: Tensor) -> Tensor:
-    """Give the intersection over union of boxes (..., 4)."""
+    """Return the intersection over union of boxes (..., 4)."""
     low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
     shared = (high - low).clamp(min=0).prod(-1)
     whole = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)

@@ -31,7 +31,7 @@ class DigitNetwork(nn.Module):
         )
 
     def forward(self, images: Tensor) -> Tensor:
-        """Give the logits (B, 10) of images (B, 1, 8, 8) in [0, 1]."""
+        """Return the logits (B, 10) of images (B, 1, 8, 8) in [0, 1]."""
         logits: Tensor = self.layers(images - 0.5)
         return logits
 
