@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import closing
@@ -142,7 +143,10 @@ class Target(Strict):
         application = evaluator.application
         assert application is not None
         now = ApplicationKey.of(application).settings
-        other = {k: v for k, v in self.application.settings.items() if now.get(k) != v}
+        keywords = inspect.signature(type(application)).parameters  # other settings follow from them
+        other = {
+            k: v for k, v in self.application.settings.items() if now.get(k) != v and k in keywords
+        }
         if not other:
             return evaluator
         evaluator.close()

@@ -11,8 +11,9 @@ from sada_gym.envs.detection import clip as detection_clip
 from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.renderers.registry import RENDERERS
 from sada_gym.envs.detection.shapes.registry import SHAPES
+from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import make_application
-from sada_gym.evaluation.store import Context
+from sada_gym.experiment.target import Target
 from sada_gym.oracle import Oracle
 
 ID = "SADA-Detection-v0"
@@ -53,15 +54,18 @@ def test_settings_are_keywords_that_make_the_same_application(toy_rows):
     assert settings["shapes"] == "first-two"
     del settings["label"]  # the detector's own
     again = make_application(ID, **settings)
-    assert Context.of(again) == Context.of(application)
+    assert ApplicationKey.of(again) == ApplicationKey.of(application)
+    with Target.of(application, ID).open() as opened:  # as replays and entries do
+        assert ApplicationKey.of(opened.application) == ApplicationKey.of(application)
 
 
 def test_stores_tell_parts_and_their_versions_apart(toy_rows, monkeypatch):
     keywords = ({}, {"renderer": "flat"}, {"shapes": "first-two"})
-    contexts = [Context.of(make_application(ID, **given)) for given in keywords]
+    made = [make_application(ID, **given) for given in keywords]
+    keys = [ApplicationKey.of(application).model_dump_json() for application in made]
     monkeypatch.setattr(Flat, "version", 2)
-    contexts.append(Context.of(make_application(ID, renderer="flat")))
-    assert len(set(contexts)) == 4
+    keys.append(ApplicationKey.of(make_application(ID, renderer="flat")).model_dump_json())
+    assert len(set(keys)) == 4
 
 
 def test_workers_make_the_parts_themselves():
