@@ -143,7 +143,9 @@ class Target(Strict):
         application = evaluator.application
         assert application is not None
         now = ApplicationKey.of(application).settings
-        keywords = inspect.signature(type(application)).parameters  # other settings follow from them
+        keywords = inspect.signature(
+            type(application)
+        ).parameters  # other settings follow from them
         other = {
             k: v for k, v in self.application.settings.items() if now.get(k) != v and k in keywords
         }
