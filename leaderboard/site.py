@@ -15,13 +15,13 @@ import typer
 
 from leaderboard.board import Board, GroupBoard, make_board
 from leaderboard.entry_page import entry_page
-from leaderboard.front import make_chart
 from leaderboard.pictures import Pictures
 from sada_gym import __version__
 from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
 from sada_gym.results.entry import read_entries
+from sada_gym.results.front import make_chart
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
 
@@ -69,7 +69,9 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
     sheets = [board.strongest, entries_sheet(board)]
     for group in board.groups:
         charts = {
-            (comparison.anchor, ranking.tier): make_chart(ranking.rows)
+            (comparison.anchor, ranking.tier): make_chart(
+                ranking.rows, f"Attack fooling rate against coverage, {ranking.tier}"
+            )
             for comparison in group.comparisons
             for ranking in comparison.rankings
         }
@@ -195,7 +197,6 @@ def _environment() -> jinja2.Environment:
         "version": __version__,
         "bibtex": bibtex.replace("VERSION", __version__),
         "leaders": leaders,
-        "BLANK": BLANK,
     }
     return environment
 

@@ -1,4 +1,4 @@
-"""The charts of a benchmark: AFR against coverage, anytime curves, marginals, novelty."""
+"""The charts of a benchmark: anytime curves, marginals, novelty."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.frames import BLUE, INK, MUTED
+from sada_gym.frames import INK, MUTED
 from sada_gym.parameters import Mu, ParameterSpace
 from sada_gym.plots.style import ACCENT, axis_label, name_choices, new_figure, tidy
-from sada_gym.results.figures import Figure as Estimated
-from sada_gym.results.labels import label_ends, place_labels
-from sada_gym.results.rows import Row
+from sada_gym.results.families import FAMILIES, family_of
+from sada_gym.results.labels import label_ends
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,42 +26,6 @@ _BINS = 18
 _CEILING = 4.0  # times uniform, where the marginals' colours end
 
 _DENSITY = ((0.0, "#4a7ab5"), (0.5, "#f7f7f7"), (0.75, "#d1622a"), (1.0, "#5c1a04"))
-
-
-@dataclass(frozen=True)
-class _Family:
-    """Contenders that charts draw alike.
-
-    Attributes:
-        name: What the legend calls them.
-        colour: Their colour; all are distinct for colour-blind readers too (Okabe and Ito 2008).
-        marker: Their mark, which tells them apart without any colour.
-        members: Their labels.
-    """
-
-    name: str
-    colour: str
-    marker: str
-    members: frozenset[str] = frozenset()
-
-
-_FAMILIES = (
-    _Family("controls", "#6b7785", "s", frozenset({"ideal", "archive"})),
-    _Family(
-        "the paper's baselines",
-        BLUE,
-        "o",
-        frozenset({"random", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"}),
-    ),
-    _Family(
-        "BBGAN",
-        "#b84a00",
-        "^",
-        frozenset({"bbgan", "bbgan (paper)", "bbgan-boost", "bbgan-boost (paper)"}),
-    ),
-    _Family("RL", "#a4447c", "D", frozenset({"reinforce", "ppo", "sac", "td3"})),
-    _Family("other methods", "#00795a", "v"),
-)
 
 
 @dataclass(frozen=True)
@@ -97,44 +60,6 @@ class NoveltyRatios:
     median: Sequence[float]
     fifth: Sequence[float]
     image: Sequence[float]
-
-
-def tradeoff(rows: Sequence[Row], title: str) -> Figure:
-    """Draw AFR against relative coverage, one point a contender, with 95 % intervals.
-
-    Args:
-        rows: The rows that have both figures.
-        title: The line above the chart.
-    """
-    figure = new_figure(8.6, 6.4)
-    axes = figure.subplots()
-    points = []
-    for row in rows:
-        assert row.afr is not None
-        assert row.relative_coverage is not None
-        x, y, family = row.relative_coverage, row.afr, _family(row.label)
-        colour = family.colour
-        points.append((100 * x.value, 100 * y.value))
-        axes.errorbar(*points[-1], xerr=_bars(x), yerr=_bars(y), fmt="none", ecolor=(colour, 0.28))
-        axes.plot(
-            *points[-1],
-            marker=family.marker,
-            color=colour,
-            markersize=7.5,
-            mec="white",
-            zorder=4,
-            clip_on=False,
-        )
-    axes.set_xlim(*_limits([x for x, _ in points], 110))
-    axes.set_ylim(*_limits([y for _, y in points], 104))
-    axes.set_xlabel("coverage of the fooling set, % of the ideal samples'")
-    axes.set_ylabel("attack fooling rate, %")
-    tidy(axes, grid="both")
-    _families(figure, [row.label for row in rows])
-    _title(figure, title)
-    names, colours = zip(*((row.label, _colour(row.label)) for row in rows), strict=True)
-    place_labels(axes, np.array(points), names, colours)
-    return figure
 
 
 def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
@@ -281,27 +206,8 @@ def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
     return figure
 
 
-def _limits(values: Sequence[float], most: float) -> tuple[float, float]:
-    """Give an axis the room that the values need, in percent."""
-    low, high = min(values), max(values)
-    pad = max(0.12 * (high - low), 5.0)
-    return max(low - pad, 0.0), min(high + pad, max(most, high + 2.0))
-
-
-def _bars(figure: Estimated) -> list[list[float]] | None:
-    """Give the distances from a figure to the ends of its interval, in percent."""
-    if figure.interval_95 is None:
-        return None
-    low, high = figure.interval_95
-    return [[100 * (figure.value - low)], [100 * (high - figure.value)]]
-
-
-def _family(label: str) -> _Family:
-    return next((family for family in _FAMILIES if label in family.members), _FAMILIES[-1])
-
-
 def _colour(label: str) -> str:
-    return _family(label).colour
+    return family_of(label).colour
 
 
 def _styles(colours: Sequence[str]) -> list[object]:
@@ -335,12 +241,12 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
     """Explain the colours and the marks that occur."""
     from matplotlib.lines import Line2D
 
-    there = {_family(label) for label in labels}
+    there = {family_of(label) for label in labels}
     handles = [
         Line2D(
             [], [], color=one.colour, marker=one.marker, linestyle="", markersize=6, label=one.name
         )
-        for one in _FAMILIES
+        for one in FAMILIES
         if one in there
     ]
     figure.legend(handles=handles, loc="outside lower right", ncols=5, frameon=False, fontsize=8.5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,71 +11,38 @@ from scipy.optimize import isotonic_regression
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.text import Annotation, Text
+    from matplotlib.text import Text
 
 Values = npt.NDArray[np.float64]
 
-_RADII = (7, 12, 18, 26, 36, 48, 62, 78, 96, 116, 140)
+_RADII = (9, 16, 25, 36, 50, 66, 86, 108, 133, 160, 195)
 # diagonals first: error bars lie along the axes
 _ALL_ROUND = np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12])
-_LEADER_FROM = 9
-_MARGIN = 1.5
+_DOT = 6.0  # half the side of the square that a point takes
+_MARGIN = 2.0
 
 
 def place_labels(
-    axes: Axes,
-    points: Values,
-    names: Sequence[str],
-    colours: Sequence[str],
-    *,
-    size: float = 8.5,
-) -> list[Annotation]:
-    """Write a name beside each point, the nearer the better; far ones get a thin line.
-
-    The figure is laid out before and keeps its layout: call it last.
+    anchors: Values, sizes: Values, frame: tuple[float, float, float, float]
+) -> Values:
+    """Find a place for the name of each point: free of others, the nearer the better.
 
     Args:
-        axes: The axes that the points are drawn in.
-        points: (n, 2) in data coordinates.
-        names: The n names.
-        colours: The names' n colours.
-        size: The font's size in points.
+        anchors: (n, 2), the points in pixels.
+        sizes: (n, 2), the widths and heights of the names in pixels.
+        frame: The left, top, right and bottom within which the names have to be.
 
     Returns:
-        The names, in the order of the points.
+        (n, 2), the middles of the names in pixels.
     """
-    pixel = _freeze(axes)
-    anchors = axes.transData.transform(points)
-    frame = np.array(axes.get_window_extent().extents)
-    dots = np.concatenate([anchors - 4 * pixel, anchors + 4 * pixel], axis=1)
-    from matplotlib.patheffects import Normal, Stroke
-
+    edges, dots = np.array(frame), np.concatenate([anchors - _DOT, anchors + _DOT], axis=1)
     taken: list[Values] = []
-    placed: dict[int, Annotation] = {}
+    middles = np.empty_like(anchors, np.float64)
     for i in map(int, _crowded(anchors)):
-        label = axes.annotate(
-            names[i],
-            points[i],
-            xytext=(0, 0),
-            textcoords="offset points",
-            fontsize=size,
-            color=colours[i],
-            ha="center",
-            va="center",
-            annotation_clip=False,
-            zorder=5,
-            path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
-        )
-        extent = label.get_window_extent()
-        half = np.array([extent.width, extent.height]) / 2 + _MARGIN * pixel
-        offset, box = _best_place(anchors[i], half, frame, np.array([*taken, *dots]), pixel)
+        half = sizes[i] / 2 + _MARGIN
+        middles[i], box = _best_place(anchors[i], half, edges, np.array([*taken, *dots]))
         taken.append(box)
-        label.set_position(cast("tuple[float, float]", tuple(offset / pixel)))
-        edge = np.maximum(np.abs(offset) - half, 0.0)
-        if np.linalg.norm(edge) > _LEADER_FROM * pixel:
-            _draw_leader(axes, anchors[i], anchors[i] + np.sign(offset) * edge, colours[i])
-        placed[i] = label
-    return [placed[i] for i in range(len(points))]
+    return middles
 
 
 def _crowded(anchors: Values) -> npt.NDArray[np.intp]:
@@ -85,19 +52,18 @@ def _crowded(anchors: Values) -> npt.NDArray[np.intp]:
 
 
 def _best_place(
-    anchor: Values, half: Values, frame: Values, taken: Values, pixel: float
+    anchor: Values, half: Values, frame: Values, taken: Values
 ) -> tuple[Values, Values]:
-    """Give the offset of a label's centre and its box: free of others, near the point, inside."""
+    """Return a label's middle and its box: free of others, near the point, inside."""
     directions = np.stack([np.cos(_ALL_ROUND), np.sin(_ALL_ROUND)], axis=1)
-    reaches = np.array(_RADII)[:, None, None]
-    offsets = directions * reaches * pixel + np.sign(directions.round(6)) * half
-    offsets = offsets.reshape(-1, 2)
-    low, high = anchor + offsets - half, anchor + offsets + half
+    offsets = directions * np.array(_RADII)[:, None, None] + np.sign(directions.round(6)) * half
+    middles = anchor + offsets.reshape(-1, 2)
+    low, high = middles - half, middles + half
     sides = np.minimum(high[:, None], taken[:, 2:]) - np.maximum(low[:, None], taken[:, :2])
     overlap = np.prod(np.maximum(sides, 0.0), axis=2).sum(axis=1)
     outside = np.maximum(frame[:2] - low, 0.0) + np.maximum(high - frame[2:], 0.0)
     best = np.argmin(overlap + 100 * outside.sum(axis=1))  # the first of equal ones
-    return offsets[best], np.concatenate([low[best], high[best]])
+    return middles[best], np.concatenate([low[best], high[best]])
 
 
 def _draw_leader(axes: Axes, start: Values, end: Values, colour: str) -> None:

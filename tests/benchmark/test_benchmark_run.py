@@ -50,7 +50,7 @@ def test_it_ends_with_results_tables_and_pictures(done):
     assert len(costs) == 12
     assert all(one.wall_s >= 0 for one in costs)
     pictures = {path.name for path in (done.folder / "pictures" / "n90").iterdir()}
-    assert pictures == {"afr-coverage.png", "anytime.png", "marginals-Analytic.png", "novelty.png"}
+    assert pictures == {"afr-coverage.svg", "anytime.png", "marginals-Analytic.png", "novelty.png"}
 
 
 def test_workers_are_no_part_of_the_result(done, tmp_path, references):

@@ -251,7 +251,7 @@ def test_without_a_reference_set_coverage_is_blank(tmp_path):
     text = (tmp_path / "table.md").read_text()
     assert note in text
     assert "| gaussian |" in text
-    assert not any("afr-coverage" in path.name for path in tmp_path.rglob("*.png"))
+    assert not any("afr-coverage" in path.name for path in tmp_path.rglob("*"))
     assert [row.coverage for row in result.results.rows] == [None] * 4
 
 

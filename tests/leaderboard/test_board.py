@@ -7,12 +7,12 @@ from made_board import CARDS, DIGITS, FLAG, HOSTILE, RACING, Made, make_entries
 
 from leaderboard.board import make_board
 from leaderboard.entry_page import entry_page, is_web
-from leaderboard.front import make_chart
 from leaderboard.pictures import Pictures
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import tables_of
 from sada_gym.cards import find_card
 from sada_gym.results.entry import read_entries
+from sada_gym.results.front import HEIGHT, WIDTH, make_chart
 from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
 
 
@@ -152,19 +152,19 @@ def test_an_application_without_results_has_no_page_unless_a_suite_has_it(board)
 
 def test_the_front_is_what_no_other_ranked_entry_beats_twice(board):
     ranking = rankings(board, "digits")["verified"]
-    chart = make_chart(ranking.rows)
+    chart = make_chart(ranking.rows, "AFR and coverage")
     figures = {
         row.entry: (row.afr.value, row.relative_coverage.value)
         for row in ranking.rows
         if not row.control
     }
-    front = {point.entry for point in chart.points if point.front}
+    front = {point.row.entry for point in chart.points if point.front}
     for name, (afr, coverage) in figures.items():
         beaten = any(a > afr and c > coverage for a, c in figures.values())
         assert (name in front) == (not beaten)
-    assert {point.entry for point in chart.points if point.control} == {"ideal"}
-    assert all(0 < point.x < chart.width and 0 < point.y < chart.height for point in chart.points)
-    assert make_chart(ranking.rows[:1]) is None
+    assert {point.row.entry for point in chart.points if point.row.control} == {"ideal"}
+    assert all(0 < point.x < WIDTH and 0 < point.y < HEIGHT for point in chart.points)
+    assert make_chart(ranking.rows[:1], "") is None
 
 
 def test_an_entry_says_its_flags_in_words_once(board, entries, tmp_path):

@@ -23,9 +23,9 @@ from sada_gym.results.charts import (
     anytime_curves,
     marginal_strips,
     novelty_ratios,
-    tradeoff,
 )
 from sada_gym.results.entry import Entry
+from sada_gym.results.front import make_chart
 from sada_gym.results.rows import MEANS, RunSummary
 
 if TYPE_CHECKING:
@@ -48,17 +48,17 @@ def draw_benchmark(
         entries: The entries.
         targets: What they attack, by track and agent.
     """
-    for path, figure in _figures(out, results, entries, targets):
+    for path, content in _pictures(out, results, entries, targets):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, png(figure))
+        write_file(path, content if isinstance(content, bytes) else png(content))
 
 
-def _figures(
+def _pictures(
     out: Path,
     results: Results,
     entries: Sequence[Entry],
     targets: Targets,
-) -> Iterator[tuple[Path, Figure]]:
+) -> Iterator[tuple[Path, Figure | bytes]]:
     titles = {table.name: table.title for table in results.tables}
     for table, agent in results.comparisons():
         folder = picture_folder(out, table, agent)
@@ -67,8 +67,8 @@ def _figures(
         tracks = list(dict.fromkeys(run.track for run in runs))
         over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
         rows = results.rows_of(table, agent, None)
-        if placed := [row for row in rows if row.afr and row.relative_coverage]:
-            yield folder / "afr-coverage.png", tradeoff(placed, f"{title}: {over}")
+        if chart := make_chart(rows, f"{title}: {over}"):
+            yield folder / "afr-coverage.svg", chart.svg().encode()
         if curves := _curves(runs):
             yield folder / "anytime.png", anytime_curves(curves, f"{title}: search, {over}")
         if ratios := _ratios(runs):
