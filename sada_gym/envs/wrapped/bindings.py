@@ -121,14 +121,6 @@ class ParameterBinding(ABC):
             UserError: If it has not.
         """
 
-    def keywords(self, name: str, value: Any) -> dict[str, Any]:  # noqa: ARG002
-        """Return the keywords of the environment's constructor."""
-        return {}
-
-    def reset_options(self, name: str, value: Any) -> dict[str, Any]:  # noqa: ARG002
-        """Return the options of the environment's reset."""
-        return {}
-
     def before_reset(self, name: str, value: Any, env: Any) -> None:  # noqa: B027
         """Set the value in `env.unwrapped` before its reset."""
 
@@ -138,6 +130,8 @@ class ParameterBinding(ABC):
 
 @dataclass(frozen=True)
 class _Named(ParameterBinding):
+    """It sets what has a name, the parameter's by default."""
+
     name: str | None = None
 
     def targets(self, name: str) -> tuple[str, ...]:
@@ -162,10 +156,6 @@ class Keyword(_Named):
                 "both. Leave it out of env_kwargs."
             )
 
-    def keywords(self, name: str, value: Any) -> dict[str, Any]:
-        """Return the keyword."""
-        return {self.name or name: value}
-
 
 class ResetOption(_Named):
     """An entry of `reset(options={...})`.
@@ -173,10 +163,6 @@ class ResetOption(_Named):
     Attributes:
         name: The entry; None takes the parameter's name.
     """
-
-    def reset_options(self, name: str, value: Any) -> dict[str, Any]:
-        """Return the option."""
-        return {self.name or name: value}
 
 
 class Config(_Named):

@@ -7,7 +7,8 @@ command is late, and the actuator is worn and noisy. A step is one of the enviro
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -15,39 +16,144 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from sada_gym.envs.wrapped import wrappers
 from sada_gym.envs.wrapped.bindings import ParameterBinding
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.parameters import Parameter
 
 Env = gym.Env[Any, Any]
+Generator = np.random.Generator
+
+
+class _Wrapper(gym.Wrapper[Any, Any, Any, Any]):
+    """Disturbs one episode as much as a value says, by a generator of its own."""
+
+    def __init__(self, env: Env, value: Any, rng: Generator) -> None:
+        super().__init__(env)
+        self.value, self.rng = value, rng
+
+
+class _NoisyObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+    def __init__(
+        self,
+        env: Env,
+        value: float,
+        rng: Generator,
+        boxes: Mapping[str | None, spaces.Box[Any]],
+        entries: tuple[int, ...] | None,
+    ) -> None:
+        super().__init__(env, value, rng)
+        self._boxes, self._entries = boxes, None if entries is None else [*entries]
+
+    def observation(self, observation: Any) -> Any:
+        if None in self._boxes:
+            return self._noisy(observation, self._boxes[None])
+        noisy = {key: self._noisy(observation[key], box) for key, box in self._boxes.items()}
+        return {**observation, **noisy}
+
+    def _noisy(self, number: Any, box: spaces.Box[Any]) -> Any:
+        noise = self.rng.standard_normal(np.shape(number))
+        if self._entries is not None:
+            chosen = noise.reshape(-1)[self._entries]
+            noise = np.zeros_like(noise)
+            noise.reshape(-1)[self._entries] = chosen
+        if not self.value:
+            return number
+        clean = np.asarray(number, np.float64)
+        noisy = clean + self.value * noise
+        if box.dtype.kind in "iu":
+            noisy = np.rint(noisy)
+        # an environment may leave its own bounds: only noise does not
+        low, high = np.minimum(box.low, clean), np.maximum(box.high, clean)
+        return np.clip(noisy, low, high).astype(np.asarray(number).dtype)
+
+
+class _LateObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        self._queue: deque[Any] = deque(maxlen=self.value + 1)
+        return super().reset(**kwargs)
+
+    def observation(self, observation: Any) -> Any:
+        self._queue.append(observation)
+        return self._queue[0]
+
+
+class _LostObservations(_Wrapper, gym.ObservationWrapper[Any, Any, Any]):
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        self._last: list[Any] = []
+        return super().reset(**kwargs)
+
+    def observation(self, observation: Any) -> Any:
+        lost = self.rng.random() < self.value
+        if not self._last or not lost:
+            self._last = [observation]
+        return self._last[0]
+
+
+class _LateActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        space = self.action_space
+        zeros = [np.zeros(space.shape)] * self.value if isinstance(space, spaces.Box) else []
+        self._queue: deque[Any] = deque(zeros, maxlen=self.value + 1)
+        return super().reset(**kwargs)
+
+    def action(self, action: Any) -> Any:
+        self._queue.append(action)
+        return self._queue[0]
+
+
+class _ScaledActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+    def action(self, action: Any) -> Any:
+        return np.asarray(action, np.float64) * self.value
+
+
+class _NoisyActions(_Wrapper, gym.ActionWrapper[Any, Any, Any]):
+    def action(self, action: Any) -> Any:
+        space = self.action_space
+        if isinstance(space, spaces.Box):
+            half_range = (space.high.astype(np.float64) - space.low) / 2.0
+            return action + self.value * half_range * self.rng.standard_normal(half_range.shape)
+        other, swapped = self._draw(space), self.rng.random() < self.value
+        return other if swapped else action
+
+    def _draw(self, space: Any) -> Any:
+        if isinstance(space, spaces.Discrete):
+            return space.dtype.type(space.start + self.rng.integers(space.n))
+        if isinstance(space, spaces.MultiDiscrete):
+            return (space.start + self.rng.integers(space.nvec)).astype(space.dtype)
+        return self.rng.integers(2, size=space.shape).astype(space.dtype)
+
+
+class _RepeatedSteps(_Wrapper):
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        total = 0.0
+        for _ in range(int(self.value)):
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            total += float(reward)
+            if terminated or truncated:
+                break
+        return observation, total, terminated, truncated, info
 
 
 @dataclass(frozen=True)
 class Disturbance(ParameterBinding):
     """A disturbance of what the agent sees or does: it wraps the environment for one episode."""
 
+    wrapper: ClassVar[type[_Wrapper]]
+    layer: ClassVar[int]
+    """Where its wrapper stands among those of an episode, from the inside out."""
     minimum: ClassVar[float] = 0.0
     maximum: ClassVar[float] = np.inf
     whole: ClassVar[bool] = False
-    layer: ClassVar[int]
-    """Where its wrapper stands among those of an episode, from the inside out."""
 
     def __post_init__(self) -> None:
         """Make numbers of steps whole."""
         if self.whole and not self.choices:
             object.__setattr__(self, "integer", True)
 
-    @abstractmethod
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
-        """Wrap the environment of one episode.
-
-        Args:
-            env: The environment.
-            value: The parameter's value.
-            rng: The generator of this disturbance in this episode.
-        """
+    def wrap(self, env: Env, value: Any, rng: Generator) -> Env:
+        """Wrap the environment of one episode, in which `rng` belongs to this disturbance alone."""
+        return self.wrapper(env, value, rng)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name.
@@ -119,28 +225,20 @@ class ObservationNoise(Disturbance):
             return {None: space}
         if self.key is not None:
             return {self.key: space[self.key]}
-        return {
-            key: part
-            for key, part in space.items()
-            if isinstance(part, spaces.Box) and part.dtype.kind == "f"
-        }
+        boxes = {key: part for key, part in space.items() if isinstance(part, spaces.Box)}
+        return {key: box for key, box in boxes.items() if box.dtype.kind == "f"}
 
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
+    def wrap(self, env: Env, value: Any, rng: Generator) -> Env:
         """Add noise to each observation."""
         boxes = self._boxes(env.observation_space)
-        return wrappers.NoisyObservations(env, value, boxes, self.entries, rng)
+        return _NoisyObservations(env, value, rng, boxes, self.entries)
 
 
 @dataclass(frozen=True)
 class ObservationDelay(Disturbance):
     """The agent sees what was the case some steps ago; until then, the first observation."""
 
-    layer = 4
-    whole = True
-
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
-        """Hold observations back."""
-        return wrappers.LateObservations(env, value)
+    wrapper, layer, whole = _LateObservations, 4, True
 
 
 @dataclass(frozen=True)
@@ -150,12 +248,7 @@ class ObservationDropout(Disturbance):
     The first observation of an episode always arrives.
     """
 
-    layer = 5
-    maximum = 1.0
-
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
-        """Lose observations."""
-        return wrappers.LostObservations(env, value, rng)
+    wrapper, layer, maximum = _LostObservations, 5, 1.0
 
 
 @dataclass(frozen=True)
@@ -166,20 +259,14 @@ class ActionDelay(Disturbance):
     another kind of action has no zero, and the first one acts from the beginning.
     """
 
-    layer = 2
-    whole = True
-
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
-        """Hold actions back."""
-        return wrappers.LateActions(env, value)
+    wrapper, layer, whole = _LateActions, 2, True
 
 
 @dataclass(frozen=True)
 class ActionGain(Disturbance):
     """Box actions are multiplied by the value, and clipped to their space."""
 
-    layer = 1
-    minimum = -np.inf
+    wrapper, layer, minimum = _ScaledActions, 1, -np.inf
 
     def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that actions are numbers."""
@@ -189,10 +276,6 @@ class ActionGain(Disturbance):
                 f"got {env.action_space}. Use ActionNoise, ActionDelay or RepeatedActions, which "
                 "fit all."
             )
-
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
-        """Multiply actions."""
-        return wrappers.ScaledActions(env, value)
 
 
 @dataclass(frozen=True)
@@ -204,7 +287,7 @@ class ActionNoise(Disturbance):
     that a uniformly drawn action acts instead.
     """
 
-    layer = 0
+    wrapper, layer = _NoisyActions, 0
 
     def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that a Box has a range, and that a probability is one."""
@@ -221,19 +304,9 @@ class ActionNoise(Disturbance):
                 f"are no numbers and it is a probability, got {self.choices or self.high}."
             )
 
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:
-        """Disturb actions."""
-        return wrappers.NoisyActions(env, value, rng)
-
 
 @dataclass(frozen=True)
 class RepeatedActions(Disturbance):
     """Each action of the agent acts for some steps, at least one, before it is asked again."""
 
-    layer = 6
-    minimum = 1.0
-    whole = True
-
-    def wrap(self, env: Env, value: Any, rng: np.random.Generator) -> Env:  # noqa: ARG002
-        """Repeat each action."""
-        return wrappers.RepeatedSteps(env, int(value))
+    wrapper, layer, minimum, whole = _RepeatedSteps, 6, 1.0, True

@@ -18,7 +18,7 @@ from sada_gym.agents.tile import Batch, as_batch
 from sada_gym.environment_variables import environment_variables
 from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
-from sada_gym.envs.wrapped.bindings import ParameterBinding
+from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOption
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
@@ -157,18 +157,16 @@ class RunningEpisode:
         self.ended, self.clipped, self.score = False, False, np.nan
         self._closed = False
         self._frame_shape: tuple[int, ...] = ()
-        keywords: dict[str, Any] = {}
-        options: dict[str, Any] = {}
-        for name, binding in spec.bindings.items():
-            keywords |= binding.keywords(name, start.values[name])
-            options |= binding.reset_options(name, start.values[name])
-        self.env = spec.factory.make(keywords, "rgb_array" if pictures else None)
+        render_mode = "rgb_array" if pictures else None
+        self.env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
         try:
             self._recorder = _Recorder(self.env, spec, start)
             self.rewards = self._recorder.rewards
             self.env = _disturbed(self._recorder, spec, start)
             seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
-            self.observation, _ = self.env.reset(seed=seed, options=options or None)
+            self.observation, _ = self.env.reset(
+                seed=seed, options=_set_by(ResetOption, spec, start) or None
+            )
         except BaseException:
             self.close()
             raise
@@ -311,6 +309,12 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
                 f"{dict(self._start.values)}, got {type(error).__name__}: {error}. Narrow the "
                 "ranges to worlds that it takes."
             ) from error
+
+
+def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:
+    """Return the values of the bindings of a kind, by the names of what they set."""
+    bindings = [(name, b) for name, b in spec.bindings.items() if isinstance(b, kind)]
+    return {b.targets(name)[0]: start.values[name] for name, b in bindings}
 
 
 def _disturbed(env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -> gym.Env[Any, Any]:
