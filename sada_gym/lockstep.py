@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from sada_gym.arrays import shaped
 from sada_gym.errors import UserError, check_integer
 from sada_gym.frames import Frame
-from sada_gym.resets import check_reset_options, checked_seed, reset_mask, spread_seeds
+from sada_gym.resets import check_reset_options, reset_mask, spread_seeds, validate_seed
 
 MAX_ENVS = 2**20
 """Environments in one batch. Each keeps a generator, some kilobytes."""
@@ -153,7 +153,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
             options: There are none.
         """
         check_reset_options(options)
-        seed = checked_seed(seed)
+        seed = validate_seed(seed)
         if seed is not None:
             seed = self._lockstep.fold_seed(seed)
         super().reset(seed=seed)

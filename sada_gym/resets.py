@@ -14,7 +14,7 @@ from sada_gym.seeds import validate_seeds
 RESET_MASK = "reset_mask"
 
 
-def checked_seed(seed: int | None) -> int | None:
+def validate_seed(seed: int | None) -> int | None:
     """Give the seed of a reset back as a Python int.
 
     Raises:
@@ -39,7 +39,7 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
-    return [checked_seed(one) for one in seed]
+    return [validate_seed(one) for one in seed]
 
 
 def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:

@@ -8,8 +8,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from sada_gym.agents.identity import check_agent_id, fingerprint, identity, refuse_nonfinite
-from sada_gym.cards import AgentCard, ApplicationCard, cards, find_card
+from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
+from sada_gym.cards import AgentCard, cards, find_card
 from sada_gym.errors import FileError, UserError
 from sada_gym.lazy import load as load_object
 
@@ -18,12 +18,12 @@ _WEIGHTS = ".safetensors"
 __all__ = [
     "AgentCard",
     "card",
+    "check_agent",
+    "check_finite_weights",
     "fingerprint",
     "identity",
     "load",
     "names",
-    "refuse_missing",
-    "refuse_nonfinite",
     "resolve",
     "verify",
 ]
@@ -31,7 +31,7 @@ __all__ = [
 
 def names(application: str | None = None) -> tuple[str, ...]:
     """List the names of the shipped agents, of one application or of all."""
-    return tuple(agent.name for of in _cards(application) for agent in of.agents)
+    return tuple(agent.name for agent in _agent_cards(application))
 
 
 def card(name: str, application: str | None = None) -> AgentCard:
@@ -40,14 +40,13 @@ def card(name: str, application: str | None = None) -> AgentCard:
     Raises:
         UserError: If there is none of that name, or it serves another application.
     """
-    for of in _cards(application):
-        for agent in of.agents:
-            if agent.name == name:
-                return agent
+    for agent in _agent_cards(application):
+        if agent.name == name:
+            return agent
     known = names(application)
-    close = difflib.get_close_matches(name, known, n=1)
-    hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise UserError(f"Expected an agent's name among {', '.join(known)}, got {name!r}.{hint}")
+    raise UserError(
+        f"Expected an agent's name among {', '.join(known)}, got {name!r}.{_hint(name, known)}"
+    )
 
 
 def load(agent: str | Path, application: str) -> Any:
@@ -62,15 +61,15 @@ def load(agent: str | Path, application: str) -> Any:
             file is a zip, which would be unpickled, holds something else, or is shipped and its
             SHA-256 is off.
     """
-    of = find_card(application)
-    if of is None or not of.agent_loader:
-        having = [one.name for one in cards() if one.agent_loader]
+    application_card = find_card(application)
+    if application_card is None or not application_card.agent_loader:
+        loading = ", ".join(card.name for card in cards() if card.agent_loader)
         raise UserError(
-            f"Expected an application that loads agents from files, one of {', '.join(having)}, "
-            f"got {application!r}. Pass the agent itself."
+            f"Expected an application that loads agents from files, one of {loading}, got "
+            f"{application!r}. Pass the agent itself."
         )
-    refuse_missing(agent, application)
-    path, loader = Path(agent), of.agent_loader
+    check_agent(agent, application)
+    path, loader = Path(agent), application_card.agent_loader
     if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
         shipped = card(agent, application)
         verify(shipped)
@@ -78,8 +77,8 @@ def load(agent: str | Path, application: str) -> Any:
     return load_object(loader)(path)
 
 
-def refuse_missing(agent: str | Path, application: str) -> None:
-    """Refuse a name or a file that `load` would not find, without loading a network.
+def check_agent(agent: str | Path, application: str) -> None:
+    """Check that `load` would find an agent, without loading a network.
 
     Args:
         agent: A name or a file, as `load` takes it.
@@ -91,7 +90,8 @@ def refuse_missing(agent: str | Path, application: str) -> None:
     known, path = names(application), Path(agent)
     if isinstance(agent, str) and agent in known:
         return
-    kind = next((of.agent_kind for of in _cards(application)), "agent")
+    application_card = find_card(application)
+    kind = "agent" if application_card is None else application_card.agent_kind
     expected = f"Expected an agent's name among {', '.join(known)}, or a {_WEIGHTS} file"
     exists = os.path.isfile(agent)  # of any text: pathlib raises for one that is too long
     if str(agent).endswith(".zip"):
@@ -104,23 +104,26 @@ def refuse_missing(agent: str | Path, application: str) -> None:
             f"{expected}, got the file {agent}. Other files may hold pickles, which can run code: "
             f"load one that you trust in Python, and pass the {kind} itself, agent=..."
         )
-    if exists:
-        return
-    if path.suffix or len(path.parts) > 1:
+    if not exists and (path.suffix or len(path.parts) > 1):
         raise FileError(
             f"{expected} with a {kind}'s weights, got {agent}: no such file. Check its path."
         )
-    close = difflib.get_close_matches(str(agent), known, n=1)
-    hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise UserError(f"{expected}, got {str(agent)!r}.{hint}")
+    if not exists:
+        raise UserError(f"{expected}, got {str(agent)!r}.{_hint(str(agent), known)}")
 
 
-def _cards(application: str | None) -> list[ApplicationCard]:
-    return [one for one in cards() if application in (None, one.name)]
+def _agent_cards(application: str | None) -> list[AgentCard]:
+    chosen = [card for card in cards() if application in (None, card.name)]
+    return [agent for card in chosen for agent in card.agents]
+
+
+def _hint(name: str, known: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f" Did you mean {close[0]!r}?" if close else ""
 
 
 def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, Any]:
-    """Give the agent that an application's `agent=` means, and what reports call it.
+    """Return what reports call the agent that an application's `agent=` means, and the agent.
 
     Args:
         agent: A shipped agent's name, a file, or the agent itself.
@@ -134,7 +137,7 @@ def resolve(agent: Any, application: str, agent_id: str | None) -> tuple[str, An
     check_agent_id(agent_id)
     if isinstance(agent, str | Path):
         return str(agent), load(agent, application)
-    refuse_nonfinite(agent)
+    check_finite_weights(agent)
     return agent_id or str(getattr(agent, "__name__", type(agent).__name__)), agent
 
 
@@ -149,10 +152,10 @@ def verify(agent: AgentCard) -> None:
             f"Expected the shipped weights in {agent.path}, got no such file. Install the package "
             "again, or pass your own file as agent=PATH."
         )
-    found = hashlib.sha256(agent.path.read_bytes()).hexdigest()
-    if found != agent.sha256:
+    sha256 = hashlib.sha256(agent.path.read_bytes()).hexdigest()
+    if sha256 != agent.sha256:
         raise FileError(
-            f"Expected {agent.path.name} with SHA-256 {agent.sha256[:12]}..., got {found[:12]}...: "
-            "the shipped weights were changed. Install the package again, or pass your own file "
-            "as agent=PATH."
+            f"Expected {agent.path.name} with SHA-256 {agent.sha256[:12]}..., got "
+            f"{sha256[:12]}...: the shipped weights were changed. Install the package again, or "
+            "pass your own file as agent=PATH."
         )

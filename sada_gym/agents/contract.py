@@ -39,8 +39,8 @@ class Agent(Protocol[EpisodesT, ActionsT]):
         ...
 
 
-def known_as(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | None:
-    """Give the name by which evaluation stores know an agent, see `identity`.
+def identity_of(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | None:
+    """Return the name by which evaluation stores know an agent, see `identity`.
 
     Args:
         agent: The agent.
@@ -51,7 +51,7 @@ def known_as(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | 
 
 
 def as_agent(given: Any, policy: Callable[[Any], Agent[Any, Any]], kinds: str) -> Agent[Any, Any]:
-    """Give the agent that an object means.
+    """Return the agent that an object means.
 
     Args:
         given: An agent as it is, or a model with `predict`.

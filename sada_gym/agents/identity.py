@@ -1,4 +1,4 @@
-"""Hashes what a score depends on in an agent, and refuses weights that are not finite."""
+"""Hashes what a score depends on in an agent, and checks that weights are finite."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def identity(
     agent_id: str | None,
     settings: Mapping[str, Any] | None = None,
 ) -> str | None:
-    """Give the name by which evaluation stores know an agent.
+    """Return the name by which evaluation stores know an agent.
 
     Args:
         fingerprint: The hash of its weights, or None if they are unknown.
@@ -47,7 +47,7 @@ def identity(
 
 
 def fingerprint(agent: Any) -> str | None:
-    """Give a SHA-256 over a torch module's class, architecture and weights, or None.
+    """Return a SHA-256 over a torch module's class, architecture and weights, or None.
 
     A class whose weights say the rest names its `architecture`, which outlives a move of the class.
     Its subclasses are hashed like any other class.
@@ -68,8 +68,8 @@ def fingerprint(agent: Any) -> str | None:
     return digest.hexdigest()
 
 
-def refuse_nonfinite(agent: Any) -> None:
-    """Refuse an agent that holds weights which are no finite numbers.
+def check_finite_weights(agent: Any) -> None:
+    """Check that all weights of an agent are finite numbers.
 
     Args:
         agent: A torch module, an SB3 model, or an object that holds one of these as an attribute.
@@ -105,14 +105,14 @@ def check_agent_id(agent_id: Any) -> None:
 
 
 def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
-    """Give parameters and buffers of an agent and its parts: name, values, is it a parameter."""
+    """Iterate over an agent's parameters and buffers: name, values, whether it is a parameter."""
     import torch
 
     agent = agent.__self__ if ismethod(agent) else agent
-    held = {"": agent}
+    modules = {"": agent}
     if not isinstance(agent, torch.nn.Module):
-        held = {name: _module(part) for name, part in getattr(agent, "__dict__", {}).items()}
-    for prefix, module in held.items():
+        modules = {name: _module(part) for name, part in getattr(agent, "__dict__", {}).items()}
+    for prefix, module in modules.items():
         if isinstance(module, torch.nn.Module):
             for name, parameter in module.named_parameters(prefix):
                 if not torch.nn.parameter.is_lazy(parameter):
@@ -122,7 +122,7 @@ def _tensors(agent: Any) -> Iterator[tuple[str, Tensor, bool]]:
 
 
 def _module(part: Any) -> Any:
-    """Give the policy of an SB3 model, and anything else as it is."""
+    """Return the policy of an SB3 model, and anything else as it is."""
     return getattr(part, "__dict__", {}).get("policy", part)
 
 

@@ -7,7 +7,7 @@ import traceback
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, Indices, as_agent
 from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
-from sada_gym.agents.wrappers import Predictor, observation_transforms, statistics
+from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
 from sada_gym.errors import UserError
 
 POLICY_TILE = 16
@@ -29,43 +29,14 @@ batch (narrow layers do) sees one observation at a time."""
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 
-class TaskSpaces(Protocol):
-    """What an agent sees and does in a task; episodes and their classes have it.
+@dataclass(frozen=True)
+class Interface:
+    """What an agent sees and does in a task.
 
     Attributes:
         task_id: The task's id, for messages.
         observation_space: The space of its observations.
         action_space: The space of its actions.
-    """
-
-    @property
-    def task_id(self) -> str: ...  # noqa: D102
-    @property
-    def observation_space(self) -> spaces.Space[Any]: ...  # noqa: D102
-    @property
-    def action_space(self) -> spaces.Space[Any]: ...  # noqa: D102
-
-
-class ObservedEpisodes(TaskSpaces, Protocol):
-    """Episodes in lockstep whose observations a model sees."""
-
-    @property
-    def finite_only(self) -> bool: ...  # noqa: D102
-
-    def observe(self, which: Indices) -> Batch:
-        """Return the observations of some episodes, each key (len(which), ...)."""
-        ...
-
-    def where(self, i: int) -> str:
-        """Say in a few words where episode i is, for messages."""
-        ...
-
-
-@dataclass(frozen=True)
-class Interface:
-    """What an agent sees and does in a task; see `TaskSpaces`.
-
-    Attributes:
         wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
     """
 
@@ -83,7 +54,7 @@ class Policy:
 
     Args:
         model: An SB3 model, or whatever has its spaces and `predict`.
-        episodes: The episodes in which it will act, or their class, or what it sees and does there.
+        episodes: The `Episodes` in which it will act, or their class, or an `Interface`.
         normalisation: The `VecNormalize` of its training; None takes that which the model holds.
 
     Raises:
@@ -93,33 +64,33 @@ class Policy:
     def __init__(
         self,
         model: Predictor,
-        episodes: TaskSpaces,
+        episodes: Any,
         *,
         normalisation: VecNormalize | None = None,
     ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
-        if not _seen_by_models(observation_space):
+        if not _fits_models(observation_space):
             raise UserError(
                 f"Expected observations of {episodes.task_id} that are numbers or a flat "
                 f"dictionary of them (Box, Discrete, MultiDiscrete, MultiBinary, Dict), got "
                 f"{observation_space}. Flatten them by a wrapper, or pass a function observation "
                 "-> action."
             )
-        # whoever writes `predict` for any environment need not repeat its spaces
-        silent = isinstance(episodes, Interface) and not (
+        # an object with `predict` for any environment need not repeat its spaces
+        no_spaces = isinstance(episodes, Interface) and not (
             hasattr(model, "action_space") or hasattr(model, "observation_space")
         )
-        given = action_space if silent else getattr(model, "action_space", None)
-        if given != action_space:
+        model_actions = action_space if no_spaces else getattr(model, "action_space", None)
+        if model_actions != action_space:
             raise UserError(
                 f"Expected an agent with observations {observation_space} and actions "
                 f"{action_space}, got observations {getattr(model, 'observation_space', None)} and "
-                f"actions {given}. Train it on {episodes.task_id}."
+                f"actions {model_actions}. Train it on {episodes.task_id}."
             )
         self.model = model
         self._plain = not isinstance(observation_space, spaces.Dict)
         self._transforms = observation_transforms(
-            episodes if silent else model,  # it sees what the task shows
+            episodes if no_spaces else model,
             observation_space,
             episodes.task_id,
             normalisation=normalisation,
@@ -139,7 +110,7 @@ class Policy:
         if type(self.model).__module__.partition(".")[0] not in _LIBRARIES:
             return None
         weights = agents.fingerprint(getattr(self.model, "policy", self.model))
-        normalisation = statistics(self._transforms)
+        normalisation = normalisation_bytes(self._transforms)
         if weights is None or not normalisation:
             return weights
         return hashlib.sha256(weights.encode() + normalisation).hexdigest()
@@ -150,30 +121,26 @@ class Policy:
         return {
             "tile": self._tile,
             "transforms": [type(transform).__name__ for transform in self._transforms],
-            "normalisation": hashlib.sha256(statistics(self._transforms)).hexdigest(),
+            "normalisation": hashlib.sha256(normalisation_bytes(self._transforms)).hexdigest(),
         }
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what only training needs: environments, and functions of the learning rate."""
-        return {**self.__dict__, "model": _for_playing(self.model)}
+        return {**self.__dict__, "model": _for_acting(self.model)}
 
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
         for transform in self._transforms:
             transform.start(count)
 
-    def act(self, episodes: ObservedEpisodes, which: Indices) -> npt.NDArray[np.float64]:
-        """Choose actions (n, ...) in some of the episodes; NaN where the model refuses to choose.
-
-        Whole numbers are given as float64, too.
+    def act(self, episodes: Any, which: Indices) -> npt.NDArray[np.float64]:
+        """Return float64 actions (n, ...) in some of the episodes; NaN where the model refuses.
 
         Raises:
             UserError: If the model gives actions of another shape, or one that is not finite where
                 the episodes take none, or its `predict` raises.
         """
-        batch = episodes.observe(which)
-        for transform in self._transforms:
-            batch = transform.apply(batch, which)
+        batch = self._transformed(episodes.observe(which), which)
         actions = np.concatenate(tiled(self._predict, batch, self._tile))
         wrong = np.flatnonzero(~np.isfinite(actions).reshape(len(actions), -1).all(axis=1))
         if wrong.size and episodes.finite_only:
@@ -185,15 +152,19 @@ class Policy:
             )
         return actions.astype(np.float64)
 
+    def _transformed(self, batch: Batch, which: Indices) -> Batch:
+        for transform in self._transforms:
+            batch = transform.apply(batch, which)
+        return batch
+
     def _same_in_every_place(self, observation_space: Any) -> bool:
-        """Say whether each of a tile's observations keeps its action when the tile is reversed."""
+        """Whether each of a tile's observations keeps its action when the tile is reversed."""
         drawn = deepcopy(observation_space)
         drawn.seed(0)
         samples = [drawn.sample() for _ in range(POLICY_TILE)]
-        tile: Batch = {key: np.stack([one[key] for one in samples]) for key in observation_space}
+        batch = {key: np.stack([sample[key] for sample in samples]) for key in observation_space}
         self.start(POLICY_TILE)
-        for transform in self._transforms:
-            tile = transform.apply(tile, np.arange(POLICY_TILE))
+        tile = self._transformed(batch, np.arange(POLICY_TILE))
         try:
             (actions,) = tiled(self._ask, tile, POLICY_TILE)
             backwards = {key: value[::-1] for key, value in tile.items()}
@@ -232,7 +203,7 @@ class Policy:
         return actions
 
     def _predict(self, tile: Batch) -> npt.NDArray[Any]:
-        """Give the actions of a tile; NaN for those to whom the model refuses one."""
+        """Return the actions of a tile; NaN where the model refuses one."""
         try:
             actions = self._ask(tile)
         except ValueError as error:
@@ -248,7 +219,7 @@ class Policy:
         return np.asarray(actions)
 
     def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
-        """Give the actions of a tile, asked for one by one, each with a tile of its observation."""
+        """Ask for the actions of a tile one by one, each with a tile of its observation."""
         actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in range(self._tile):
             try:
@@ -260,8 +231,8 @@ class Policy:
         return actions
 
 
-def as_policy(given: Any, episodes: TaskSpaces) -> Agent[Any, Any]:
-    """Give the agent that an object means in some episodes: a model of their task, or an agent.
+def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
+    """Return the agent that an object means in some episodes: a model of their task, or an agent.
 
     Args:
         given: An SB3 model, or an `Agent` as it is.
@@ -274,15 +245,15 @@ def as_policy(given: Any, episodes: TaskSpaces) -> Agent[Any, Any]:
     return as_agent(given, partial(Policy, episodes=episodes), kinds)
 
 
-def _seen_by_models(space: Any) -> bool:
-    """Say whether a model can get observations as arrays, or as a dictionary of arrays."""
+def _fits_models(space: Any) -> bool:
+    """Whether a model can get observations as arrays, or as a dictionary of arrays."""
     kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
     parts = space.values() if isinstance(space, spaces.Dict) else [space]
     return all(isinstance(part, kinds) for part in parts)
 
 
-def _for_playing(model: Any) -> Any:
-    """Give a copy of an SB3 model that predicts and can be pickled, or another model as it is."""
+def _for_acting(model: Any) -> Any:
+    """Copy an SB3 model without what cannot be pickled; return another model as it is."""
     if not isinstance(model, BaseAlgorithm):
         return model
     left_out = {*model._excluded_save_params()} - {"policy", "device"}
@@ -300,9 +271,7 @@ def _for_playing(model: Any) -> Any:
 
 
 def _is_torchs_refusal(error: ValueError) -> bool:
-    """Say whether a distribution of torch's refused its parameters: the network's output was NaN.
-
-    The error has no type of its own, so the place where it was raised decides.
-    """
+    """Whether a distribution of torch's refused its parameters: the network's output was NaN."""
+    # the error has no type of its own, so the place where it was raised decides
     *_, (frame, _) = traceback.walk_tb(error.__traceback__)
     return frame.f_code is torch.distributions.Distribution.__init__.__code__

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -31,7 +31,7 @@ _NUMBER = re.compile(r"-?(?:inf|\d[\d.]*(?:e[+-]?\d+)?)")
 
 
 def network_space(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[Any]:
-    """Give the observations of a network: an environment's, as SB3's wrappers change its space.
+    """Return the observations of a network: an environment's, as SB3's wrappers change its space.
 
     Args:
         path: The file, for messages.
@@ -43,23 +43,23 @@ def network_space(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[An
     """
     of_env = dict(space.spaces) if isinstance(space, spaces.Dict) else {"": space}
     boxes = {key: part for key, part in of_env.items() if isinstance(part, spaces.Box)}
-    found = _boxes_in_words(entry)
-    if found.keys() != boxes.keys():
-        _refuse_observations(path, found, space)
-    ratios = {math.prod(found[key][0]) / max(1, math.prod(box.shape)) for key, box in boxes.items()}
+    words = _boxes_in_words(entry)
+    if words.keys() != boxes.keys():
+        raise _wrong_observations(path, words, space)
+    ratios = {math.prod(words[key][0]) / max(1, math.prod(box.shape)) for key, box in boxes.items()}
     frames = ratios.pop() if len(ratios) == 1 else 1.0
     if ratios or not frames.is_integer() or not 1 <= frames <= MAX_FRAMES:
-        _refuse_observations(path, found, space)
+        raise _wrong_observations(path, words, space)
     parts = dict(deepcopy(of_env))
     for key, box in boxes.items():
-        shape, dtype = found[key]
+        shape, dtype = words[key]
         part: Any = deepcopy(box)
         if frames > 1:
             part = StackedObservations(1, int(frames), part).stacked_observation_space
         if is_image_space(part) and not is_image_space_channels_first(part):
             part = VecTransposeImage.transpose_space(part)
         if part.shape != shape or (dtype == "uint8") != (part.dtype == np.uint8):
-            _refuse_observations(path, found, space)
+            raise _wrong_observations(path, words, space)
         parts[key] = part
     return spaces.Dict(parts) if isinstance(space, spaces.Dict) else parts[""]
 
@@ -81,18 +81,18 @@ def _boxes_in_words(entry: Any) -> dict[str, tuple[tuple[int, ...], str]]:
     return {"": (tuple(shape), str(entry.get("dtype")))}
 
 
-def _refuse_observations(path: Path, found: Mapping[str, Any], space: gym.Space[Any]) -> NoReturn:
-    words = [f"{key}{shape} of {dtype}" for key, (shape, dtype) in found.items()]
-    raise UserError(
+def _wrong_observations(path: Path, words: Mapping[str, Any], space: gym.Space[Any]) -> UserError:
+    named = [f"{key}{shape} of {dtype}" for key, (shape, dtype) in words.items()]
+    return UserError(
         f"Expected an agent for observations {space} in {path}, got one for "
-        f"{', '.join(words) or 'another kind'}. Name an agent that was trained on this "
+        f"{', '.join(named) or 'another kind'}. Name an agent that was trained on this "
         "environment; one that was trained on pictures under VecNormalize needs "
         "allow_pickle=True."
     )
 
 
-def checked_actions(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[Any]:
-    """Copy an environment's actions after comparing them with a file's words for its own."""
+def validate_action_space(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[Any]:
+    """Return a copy of an environment's action space if it is the one that a file describes."""
     words = entry if isinstance(entry, dict) else {}
     fits = str(words.get(":type:")).endswith(f".{type(space).__name__}'>")
     for name in ("low", "high") if isinstance(space, spaces.Box) else ("n", "start"):
@@ -110,7 +110,7 @@ def checked_actions(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[
 def _same_numbers(words: Any, values: npt.ArrayLike) -> bool:
     """Compare numbers with NumPy's words for them, which leave out some of a thousand."""
     expected = np.ravel(values).astype(np.float64)
-    found = [float(number) for number in _NUMBER.findall(str(words))]
+    numbers = [float(number) for number in _NUMBER.findall(str(words))]
     return "..." in str(words) or (
-        len(found) == expected.size and np.allclose(found, expected, rtol=1e-6)
+        len(numbers) == expected.size and np.allclose(numbers, expected, rtol=1e-6)
     )

@@ -13,10 +13,10 @@ import pickletools
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium as gym
 import stable_baselines3
@@ -25,7 +25,7 @@ from stable_baselines3.common import torch_layers
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch.nn.modules import activation
 
-from sada_gym.agents.sb3_spaces import checked_actions, network_space
+from sada_gym.agents.sb3_spaces import network_space, validate_action_space
 from sada_gym.determinism import generators_kept
 from sada_gym.errors import FileError, UserError
 from sada_gym.files import as_path, read_file
@@ -58,6 +58,7 @@ _PICKLE_HINT = (
     "Load it yourself and pass the model, such as agent=PPO.load(file), or let "
     "allow_pickle=True unpickle a file of your own."
 )
+_BAD_ARGUMENTS = (TypeError, ValueError, RuntimeError, AssertionError, LookupError, AttributeError)
 _DAMAGE = (zipfile.BadZipFile, zlib.error, KeyError, ValueError, EOFError, RuntimeError, OSError)
 
 
@@ -93,9 +94,12 @@ def load_sb3(
     with generators_kept():
         if allow_pickle:
             return _unpickled(path, content, algorithm)
-        known = {f"{kind.__module__}.{kind.__name__}": kind for kind in _policies(algorithm)}
+        policies = algorithm.policy_aliases.values()
+        known = {f"{kind.__module__}.{kind.__name__}": kind for kind in policies}
         if policy_class not in known:
-            _refuse_words(path, "a policy of SB3's", f"{policy_class or 'a class of its own'}")
+            raise _needs_pickle(
+                path, "a policy of SB3's", f"{policy_class or 'a class of its own'}"
+            )
         weights = _read_weights(path, content)
         return _rebuilt(
             path,
@@ -104,7 +108,7 @@ def load_sb3(
             algorithm,
             known[policy_class],
             network_space(path, data.get("observation_space"), observation_space),
-            checked_actions(path, data.get("action_space"), action_space),
+            validate_action_space(path, data.get("action_space"), action_space),
         )
 
 
@@ -136,14 +140,7 @@ def _rebuilt(
         if not _can_hold(arguments, stored):
             raise ValueError(f"its {stored:,} weights cannot fill such layers")
         policy = policy_class(observation_space, action_space, lambda _: 0.0, **arguments)
-    except (
-        TypeError,
-        ValueError,
-        RuntimeError,
-        AssertionError,
-        LookupError,
-        AttributeError,
-    ) as error:
+    except _BAD_ARGUMENTS as error:
         raise UserError(
             f"Expected policy_kwargs in {path} that {policy_class.__name__} takes with "
             f"observations {observation_space} and actions {action_space}, got {arguments} "
@@ -152,12 +149,12 @@ def _rebuilt(
     shapes = {name: tuple(part.shape) for name, part in policy.state_dict().items()}
     weights = _with_shared_extractors(weights, shapes)
     for name in sorted({*shapes, *weights}):
-        found = tuple(weights[name].shape) if name in weights else "none"
-        if found != shapes.get(name):
+        shape = tuple(weights[name].shape) if name in weights else "none"
+        if shape != shapes.get(name):
             raise UserError(
                 f"Expected an agent for observations {observation_space} and actions "
                 f"{action_space} in {path}, whose {name} has the shape "
-                f"{shapes.get(name, 'none')}, got {found}. Name an agent that was trained on this "
+                f"{shapes.get(name, 'none')}, got {shape}. Name an agent that was trained on this "
                 "environment."
             )
     policy.load_state_dict(weights)
@@ -194,7 +191,10 @@ def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
         with zipfile.ZipFile(io.BytesIO(pth)) as archive:
             large = sum(part.file_size for part in archive.infolist()) > MAX_MODEL_BYTES
         weights = None if large else torch.load(io.BytesIO(pth), "cpu", weights_only=True)
-        if isinstance(weights, dict) and all(map(_is_named_tensor, weights.items())):
+        if isinstance(weights, dict) and all(
+            isinstance(name, str) and isinstance(value, torch.Tensor)
+            for name, value in weights.items()
+        ):
             return dict(weights)
     except Exception as error:  # a crafted pickle stops torch's reader with any of them
         cause = error
@@ -202,10 +202,6 @@ def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
         f"Expected tensors alone as policy.pth in {path}, at most {MAX_MODEL_BYTES >> 20} MiB, got "
         "something else, or it is damaged. Save the model again."
     ) from cause
-
-
-def _is_named_tensor(item: tuple[Any, Any]) -> bool:
-    return isinstance(item[0], str) and isinstance(item[1], torch.Tensor)
 
 
 def _member(path: Path, content: bytes, name: str) -> bytes:
@@ -235,7 +231,7 @@ def _member(path: Path, content: bytes, name: str) -> bytes:
 
 
 def _referenced_class(entry: Any) -> str | None:
-    """Give the class that a pickle refers to by name; None where it holds anything else.
+    """Return the class that a pickle refers to by name; None where it holds anything else.
 
     The pickle is taken apart, never run.
     """
@@ -252,32 +248,30 @@ def _referenced_class(entry: Any) -> str | None:
 
 def _algorithm(path: Path, data: Mapping[str, Any], policy_class: str | None) -> type[Any]:
     contrib = "cg_max_steps" in data or (policy_class or "").startswith("sb3_contrib")
-    found = next((name for key, name in _ALGORITHMS.items() if key in data), None)
-    if contrib or found is None:
+    name = next((name for key, name in _ALGORITHMS.items() if key in data), None)
+    if contrib or name is None:
         raise UserError(
             f"Expected a model of PPO, A2C, DQN, SAC, TD3 or DDPG in {path}, got one of "
             f"{'sb3_contrib' if contrib else 'another algorithm'}. Load it yourself and pass the "
             "model, such as agent=TQC.load(file)."
         )
-    kind: type[Any] = getattr(stable_baselines3, found)
+    kind: type[Any] = getattr(stable_baselines3, name)
     return kind
-
-
-def _policies(algorithm: type[Any]) -> Iterator[type[Any]]:
-    yield from algorithm.policy_aliases.values()
 
 
 def _policy_arguments(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
     """Read a policy's arguments: plain data, and classes that are known by their words."""
     entry = data.get("policy_kwargs")
     if not isinstance(entry, dict) or entry.get(":type:", "<class 'dict'>") != "<class 'dict'>":
-        _refuse_words(path, "policy_kwargs that are a dictionary", "others")
+        raise _needs_pickle(path, "policy_kwargs that are a dictionary", "others")
     arguments = {}
     for key, value in entry.items():
         if key.startswith(":") or key in _TRAINING_ONLY:
             continue
         if isinstance(value, str) and value not in _CLASSES:
-            _refuse_words(path, "policy_kwargs of plain data and known classes", f"{key}={value}")
+            raise _needs_pickle(
+                path, "policy_kwargs of plain data and known classes", f"{key}={value}"
+            )
         arguments[key] = _CLASSES[value] if isinstance(value, str) else value
     layers = arguments.get("net_arch")
     if isinstance(layers, list) and layers and isinstance(layers[0], dict):
@@ -286,7 +280,7 @@ def _policy_arguments(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _can_hold(argument: Any, stored: int) -> bool:
-    """Say whether so many weights can fill the layers that an argument asks for.
+    """Whether so many weights can fill the layers that an argument asks for.
 
     A layer between neighbours in a list has as many weights as their product.
     """
@@ -295,14 +289,14 @@ def _can_hold(argument: Any, stored: int) -> bool:
     if isinstance(argument, list):
         widths = [width for width in argument if isinstance(width, int)]
         return all(_can_hold(part, stored) for part in argument) and all(
-            one * other <= stored for one, other in pairwise(widths)
+            width * following <= stored for width, following in pairwise(widths)
         )
     return not isinstance(argument, int) or argument <= stored
 
 
-def _refuse_words(path: Path, expected: str, found: str) -> NoReturn:
-    raise UserError(
-        f"Expected {expected} in {path}, got {found}, which cannot be known without unpickling. "
+def _needs_pickle(path: Path, expected: str, got: str) -> UserError:
+    return UserError(
+        f"Expected {expected} in {path}, got {got}, which cannot be known without unpickling. "
         f"{_PICKLE_HINT}"
     )
 

@@ -24,7 +24,7 @@ Answers = TypeVar("Answers")
 
 
 def keyed(space: spaces.Space[Any]) -> spaces.Dict:
-    """Give the space of a batch's keys: a dictionary's own, or the one key of another space."""
+    """Return the spaces of a batch by key: a dictionary's own, or the one key of another space."""
     return space if isinstance(space, spaces.Dict) else spaces.Dict({ALONE: space})
 
 
@@ -32,10 +32,12 @@ def as_batch(observations: Sequence[Any], space: spaces.Space[Any]) -> Batch:
     """Lay observations of a space behind one another, each key (n, ...)."""
     if isinstance(space, spaces.Dict):
         return {
-            key: np.stack([np.asarray(one[key], part.dtype) for one in observations])
+            key: np.stack(
+                [np.asarray(observation[key], part.dtype) for observation in observations]
+            )
             for key, part in space.items()
         }
-    return {ALONE: np.stack([np.asarray(one, space.dtype) for one in observations])}
+    return {ALONE: np.stack([np.asarray(observation, space.dtype) for observation in observations])}
 
 
 def tiled(
@@ -68,8 +70,8 @@ def tiled(
                 key: np.concatenate([value, _filling(value, size - rows, blank)])
                 for key, value in chosen.items()
             }
-            found: Any = network(filled)
-            answers.append(found[:rows])
+            tile_answers: Any = network(filled)
+            answers.append(tile_answers[:rows])
     return answers
 
 

@@ -32,9 +32,9 @@ class WeightsFile:
     content: str
     mend: str
 
-    def error(self, found: str) -> FileError:
-        """Say what was expected, what was found, and how to mend it."""
-        return FileError(f"Expected {self.content} in {self.path}{found}. {self.mend}")
+    def error(self, got: str) -> FileError:
+        """Return an error that says what was expected, what came, and how to mend it."""
+        return FileError(f"Expected {self.content} in {self.path}{got}. {self.mend}")
 
 
 def save_weights(
@@ -78,8 +78,8 @@ def load_weights(
         if name not in weights:
             raise file.error(f": {name} of shape {shape}, got no {name}")
         if weights[name].shape != value.shape:
-            found = tuple(weights[name].shape)
-            raise file.error(f": {name} of shape {shape}, got {found}")
+            got = tuple(weights[name].shape)
+            raise file.error(f": {name} of shape {shape}, got {got}")
         if not torch.isfinite(weights[name]).all():
             raise file.error(f", all of them finite, got NaN or infinity in {name}")
     extra = sorted(weights.keys() - wanted.keys())
@@ -106,5 +106,5 @@ def read_weights(file: WeightsFile) -> tuple[dict[str, Tensor], str | None]:
 
 
 def _weights(module: nn.Module) -> dict[str, Tensor]:
-    """Give a module's parameters and buffers, each shared one under one name."""
+    """Return a module's parameters and buffers, each shared one under one name."""
     return {**dict(module.named_parameters()), **dict(module.named_buffers())}

@@ -45,7 +45,7 @@ class Predictor(Protocol):
     action_space: gym.Space[Any]
 
     def predict(self, observation: Any, *, deterministic: bool) -> tuple[npt.NDArray[Any], Any]:
-        """Give actions (n, k) for a batch of observations."""
+        """Return actions (n, k) for a batch of observations."""
         ...
 
 
@@ -60,34 +60,31 @@ class Transform(ABC):
         """Change the observations of some episodes."""
 
 
-class TransposeImage(Transform):
+class _Pointwise(Transform):
+    """Changes each batch by a function of a wrapper of SB3's."""
+
+    def __init__(self, wrapper: Any, change: Callable[[Any], Any]) -> None:
+        self.wrapper, self._change = wrapper, change
+
+    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        if [*observation] == [ALONE]:
+            return {ALONE: self._change(observation[ALONE])}
+        changed: Batch = self._change(dict(observation))
+        return changed
+
+
+class TransposeImage(_Pointwise):
     """Does what `VecTransposeImage` does: an image's channels come first."""
 
     def __init__(self, wrapper: VecTransposeImage) -> None:
-        self._wrapper = wrapper
-
-    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        """Transpose the images among the observations."""
-        return _changed(self._wrapper.transpose_observations, observation)
+        super().__init__(wrapper, wrapper.transpose_observations)
 
 
-class Normalize(Transform):
+class Normalize(_Pointwise):
     """Does what `VecNormalize` does, with frozen statistics."""
 
     def __init__(self, wrapper: VecNormalize) -> None:
-        self._wrapper = wrapper
-
-    def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
-        """Normalise the observations."""
-        return _changed(self._wrapper.normalize_obs, observation)
-
-
-def _changed(wrapper: Callable[[Any], Any], observation: Batch) -> Batch:
-    """Let a wrapper change a batch: a dictionary as it is, other observations without their key."""
-    if [*observation] == [ALONE]:
-        return {ALONE: wrapper(observation[ALONE])}
-    changed: Batch = wrapper(dict(observation))
-    return changed
+        super().__init__(wrapper, wrapper.normalize_obs)
 
 
 class StackFrames(Transform):
@@ -141,19 +138,19 @@ def observation_transforms(
     env = getattr(model, "get_env", lambda: None)()
     if env is None or normalisation is not None:
         return _by_spaces(model, observation_space, task, normalisation)
-    found: list[Transform] = []
+    transforms: list[Transform] = []
     wrappers = []
     while isinstance(env, VecEnvWrapper):
         wrappers.append(env)
         env = env.venv
     for wrapper in reversed(wrappers):
         if isinstance(wrapper, VecTransposeImage):
-            found.append(TransposeImage(wrapper))
+            transforms.append(TransposeImage(wrapper))
         elif isinstance(wrapper, VecFrameStack):
-            found.append(StackFrames(wrapper.stacked_obs))
+            transforms.append(StackFrames(wrapper.stacked_obs))
         elif isinstance(wrapper, VecNormalize):
             if wrapper.norm_obs:
-                found.append(Normalize(wrapper))
+                transforms.append(Normalize(wrapper))
         elif not isinstance(wrapper, _LEAVE_OBSERVATIONS):
             raise _unknown_wrapper(type(wrapper).__name__)
     normalised = {
@@ -164,12 +161,12 @@ def observation_transforms(
     }
     if not _alike(env.observation_space, observation_space, normalised):
         raise _wrong_observations(env.observation_space, observation_space, task)
-    _refuse_gymnasium_wrappers(env, wrapped_by)
-    return found
+    _check_gymnasium_wrappers(env, wrapped_by)
+    return transforms
 
 
-def _refuse_gymnasium_wrappers(env: VecEnv, wrapped_by: tuple[type[Any], ...]) -> None:
-    """Refuse Gymnasium's wrappers of observations and actions, in a batch or around it."""
+def _check_gymnasium_wrappers(env: VecEnv, wrapped_by: tuple[type[Any], ...]) -> None:
+    """Check that no wrapper of Gymnasium's changed observations or actions in training."""
     for kind in CHANGING_WRAPPERS:
         if kind not in wrapped_by and any(env.env_is_wrapped(kind)):
             raise _unknown_wrapper(f"gymnasium.{kind.__name__}")
@@ -188,14 +185,14 @@ def _unknown_wrapper(name: str) -> UserError:
     )
 
 
-def statistics(transforms: list[Transform]) -> bytes:
-    """Give the statistics that observations are normalised by, as bytes for a fingerprint."""
+def normalisation_bytes(transforms: list[Transform]) -> bytes:
+    """Return the statistics that observations are normalised by, as bytes for a fingerprint."""
     parts = []
     for transform in transforms:
         if isinstance(transform, Normalize):
-            of = transform._wrapper
-            parts.append(f"{of.clip_obs} {of.epsilon}".encode())
-            named = of.obs_rms if isinstance(of.obs_rms, dict) else {"": of.obs_rms}
+            wrapper = transform.wrapper
+            parts.append(f"{wrapper.clip_obs} {wrapper.epsilon}".encode())
+            named = wrapper.obs_rms if isinstance(wrapper.obs_rms, dict) else {"": wrapper.obs_rms}
             for key, moments in sorted(named.items()):
                 parts += [key.encode(), moments.mean.tobytes(), moments.var.tobytes()]
     return b"".join(parts)
@@ -225,7 +222,7 @@ def _by_spaces(
             raise wrong
         stacked = StackedObservations[Any](1, frames, parts)
         stack = [StackFrames(stacked)]
-        shapes = {key: one.stacked_shape for key, one in stacked.sub_stacked_observations.items()}
+        shapes = {key: part.stacked_shape for key, part in stacked.sub_stacked_observations.items()}
     else:
         shapes = {key: part.shape or () for key, part in parts.items()}
     for key, shape in shapes.items():
@@ -255,10 +252,12 @@ def _normalised(
     """Normalise single frames or stacked ones, whichever the statistics are of."""
     if not normalisation.norm_obs:
         return [*stack]
-    known = normalisation.obs_rms
+    statistics = normalisation.obs_rms
     shapes = {
         key: moments.mean.shape
-        for key, moments in (known if isinstance(known, dict) else {ALONE: known}).items()
+        for key, moments in (
+            statistics if isinstance(statistics, dict) else {ALONE: statistics}
+        ).items()
     }
     usual = {key: part.shape for key, part in single.items()}
     if all(shape == usual.get(key) for key, shape in shapes.items()):
@@ -272,12 +271,12 @@ def _normalised(
 
 
 def _alike(given: spaces.Space[Any], expected: spaces.Space[Any], normalised: set[str]) -> bool:
-    """Say whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
-    found, parts = keyed(given), keyed(expected)
-    return set(found) == set(parts) and all(
-        found[key].shape == part.shape
-        and type(found[key]) is type(part)
-        and (key in normalised or found[key].dtype == part.dtype)
+    """Whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
+    own, parts = keyed(given), keyed(expected)
+    return set(own) == set(parts) and all(
+        own[key].shape == part.shape
+        and type(own[key]) is type(part)
+        and (key in normalised or own[key].dtype == part.dtype)
         for key, part in parts.items()
     )
 

@@ -31,7 +31,7 @@ def refuse_misspelt(environment: object, adversary: object, env_kwargs: Mapping[
         card = card_of(environment)
         agent = env_kwargs.get("agent")
         if card is not None and card.agent_loader and isinstance(agent, str):
-            agents.refuse_missing(agent, card.name)
+            agents.check_agent(agent, card.name)
     if isinstance(adversary, str) and adversary != IDEAL and ":" not in adversary:
         check_known("adversary", [adversary], adversaries.names())
 

@@ -41,15 +41,15 @@ def test_a_name_and_a_file_are_both_offered(card, tmp_path, monkeypatch):
     either = rf"Expected an agent's name among {first}.*, or a \.safetensors file"
     for missing in ("nofile.pt", "weights/mine", "nofile.safetensors"):
         with pytest.raises(ValueError, match=rf"{either} .*got {missing}: no such file"):
-            agents.refuse_missing(missing, card.name)
+            agents.check_agent(missing, card.name)
     (tmp_path / "mine.pt").write_bytes(b"")
     with pytest.raises(ValueError, match=rf"{either}, got the file mine\.pt\. .*agent=\.\.\."):
-        agents.refuse_missing("mine.pt", card.name)
+        agents.check_agent("mine.pt", card.name)
     with pytest.raises(ValueError, match=rf"{either}, got '{first[:-1]}'\. Did you mean '{first}'"):
-        agents.refuse_missing(first[:-1], card.name)
+        agents.check_agent(first[:-1], card.name)
     with pytest.raises(ValueError, match=either):
-        agents.refuse_missing("x" * 300, card.name)
-    agents.refuse_missing(first, card.name)
+        agents.check_agent("x" * 300, card.name)
+    agents.check_agent(first, card.name)
 
 
 @pytest.mark.parametrize("name", ["SADA-Analytic", "SADA-Detecton"])

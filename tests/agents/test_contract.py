@@ -3,7 +3,7 @@
 import pytest
 
 from sada_gym import agents
-from sada_gym.agents.contract import Agent, as_agent, known_as
+from sada_gym.agents.contract import Agent, as_agent, identity_of
 from sada_gym.envs.detection.detector import DetectorAgent
 from sada_gym.envs.digits.classifier import ClassifierAgent
 from sada_gym.envs.driving.agent.driver import as_driver
@@ -49,5 +49,7 @@ def test_a_name_stands_for_the_settings_as_well():
         settings = {"gain": 1.0}  # noqa: RUF012
 
     tuned, plain = Tuned(), PrivilegedPilot()
-    assert known_as(tuned, "given", None) == known_as(plain, "given", None) == plain.fingerprint
-    assert known_as(tuned, "given", "mine") != known_as(plain, "given", "mine")
+    assert (
+        identity_of(tuned, "given", None) == identity_of(plain, "given", None) == plain.fingerprint
+    )
+    assert identity_of(tuned, "given", "mine") != identity_of(plain, "given", "mine")

@@ -164,13 +164,13 @@ def test_a_pilot_whose_weights_are_no_numbers_is_refused(make, name):
 def test_infinity_in_a_mask_is_no_weight():
     layer = nn.Linear(2, 2)
     layer.register_buffer("mask", torch.full((2, 2), -torch.inf))
-    agents.refuse_nonfinite(layer)
+    agents.check_finite_weights(layer)
     half_bytes = nn.Module()
     half_bytes.register_buffer("mask", torch.ones(2).to(torch.float8_e5m2))
-    agents.refuse_nonfinite(half_bytes)
+    agents.check_finite_weights(half_bytes)
     layer.mask[0, 0] = torch.nan
     with pytest.raises(ValueError, match="in mask"):
-        agents.refuse_nonfinite(layer)
+        agents.check_finite_weights(layer)
 
 
 @pytest.mark.parametrize(

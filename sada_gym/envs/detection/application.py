@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.agents.contract import known_as
+from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
@@ -188,7 +188,7 @@ class DetectionApplication(Application):
 
         None where the detector or the renderer has no identity.
         """
-        agent = known_as(self._detector, self.agent, self._agent_id)
+        agent = identity_of(self._detector, self.agent, self._agent_id)
         if agent is None or (self._renderer is not None and self._renderer.identity is None):
             return None
         parts = [agent, "" if self._shapes_source == DEFAULT_SHAPES else fingerprint(self.shapes)]

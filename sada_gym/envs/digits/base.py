@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.agents.contract import known_as
+from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
@@ -73,7 +73,7 @@ class ClassifierApplication(Application):
 
         None where the classifier has no identity.
         """
-        agent = known_as(self._classifier, self.agent, self._agent_id)
+        agent = identity_of(self._classifier, self.agent, self._agent_id)
         if agent is None:
             return None
         parts = [agent, self.images.sha256 if self._own_images else ""]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
-from sada_gym.agents.contract import Agent, known_as
+from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.application import Application
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
 from sada_gym.frames import Frame
@@ -42,7 +42,7 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
     @property
     def fingerprint(self) -> str | None:
         """SHA-256 over the agent's weights, or over its `agent_id` and how it is used."""
-        return known_as(self.policy, self.agent, self._agent_id)
+        return identity_of(self.policy, self.agent, self._agent_id)
 
     @abstractmethod
     def _as_agent(self, given: Any) -> Agent[EpisodesT, npt.NDArray[Any]]:
