@@ -1,7 +1,7 @@
 """Evaluations a second of this commit against another one's, in one run.
 
-    python benchmarks/against.py 81cc8a5 SADA-Detection-Car-v0 photographer
-    python benchmarks/against.py 81cc8a5 SADA-UAV-4Anchors-v0 ppo
+    python -m benchmarks.against 81cc8a5 SADA-Detection-Car-v0 photographer
+    python -m benchmarks.against 81cc8a5 SADA-UAV-4Anchors-v0 ppo
 
 Either commit evaluates a batch of 64 uniform mu with one thread and its own agent of that name, in
 a process of its own; the two take turns. Processor time counts, so that other programs matter less.
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CODE = """
 import sys, time
 import numpy as np, torch
-from sada_gym.evaluation.problems import make_application
+from sada_gym import make_application
 
 torch.set_num_threads(1)
 application = make_application(sys.argv[1], agent=sys.argv[2])

@@ -1,6 +1,6 @@
 """What a cluster gives and what it costs: throughput by workers, commits, bytes, overhead a task.
 
-Run it: OMP_NUM_THREADS=1 python studies/cluster.py
+Run it: OMP_NUM_THREADS=1 python -m studies.cluster
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How well the verifier tells copied reference points from honest samples.
 
-    python studies/copied_points.py power
-    python studies/copied_points.py entries
-    python studies/copied_points.py adversaries SADA-Analytic-v0 SADA-Detection-Car-v0
+    python -m studies.copied_points power
+    python -m studies.copied_points entries
+    python -m studies.copied_points adversaries SADA-Analytic-v0 SADA-Detection-Car-v0
 
 `power` shakes fooling points of the shipped sets. `entries` measures the samples of all entries of
 the board. `adversaries` trains adversaries with few queries, on a track without a shipped set
@@ -17,7 +17,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-from sada_gym.submission.entry import read_entries
+from sada_gym.results.entry import read_entries
 
 from sada_gym import adversaries
 from sada_gym.cards import find_card
@@ -81,13 +81,17 @@ def of_entries(folder: Path) -> None:
     found = defaultdict(list)
     for entry in read_entries(folder):
         for result in entry.results.values():
-            identity = result.claimed.identity
-            card = find_card(identity.application)
-            if identity.adversary == IDEAL or identity.reference is None or card is None:
+            experiment = result.claimed.experiment
+            application = experiment.target.application.name
+            card = find_card(application)
+            if experiment.adversary.name == IDEAL or card is None:
                 continue
-            for one in result.samples.values():
-                points = reference_mu(one.mu.shape[1], card.reference_points, card.sobol_seed)
-                found[identity.application, entry.about.name].append(nearness(one.mu, points))
+            if experiment.target.reference is None:
+                continue
+            for samples in result.samples.values():
+                mu = samples.mu
+                points = reference_mu(mu.shape[1], card.reference_points, card.sobol_seed)
+                found[application, entry.metadata.name].append(nearness(mu, points))
     report(found)
 
 

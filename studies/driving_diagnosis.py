@@ -1,6 +1,6 @@
 """What fails a driver: its fooling rate by how the camera is mounted, and by the weather.
 
-    python studies/driving_diagnosis.py
+    python -m studies.driving_diagnosis
 
 Over the uniform mu of the shipped reference sets: fifths of the pitch for the low and the high half
 of the heights, then each weather.

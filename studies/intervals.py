@@ -1,6 +1,6 @@
 """How often the tables' 95 % intervals hold the true mean.
 
-    python studies/intervals.py
+    python -m studies.intervals
 
 Each simulation draws figures for some tracks with some seeds each: the tracks' means are fixed, and
 the seeds differ by a normal error. A quarter of a minute of one core.

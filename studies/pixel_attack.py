@@ -1,6 +1,6 @@
 """The pixel attack: our adversaries beside FGSM, PGD and Square, on the same images and radii.
 
-    python studies/pixel_attack.py --seed 0
+    python -m studies.pixel_attack --seed 0
 
 The images are the first test images of each digit that the classifier gets right, two of each by
 default. FGSM and PGD know the classifier's gradient, Square and the adversaries its score alone;

@@ -1,6 +1,6 @@
 """What fails a racing pilot.
 
-    python studies/racing_diagnosis.py
+    python -m studies.racing_diagnosis
 
 First how sharply tracks turn. Then its fooling rate and mean Q by the geometry of the tracks:
 fifths of the shipped reference sets' uniform mu, from the mildest to the hardest, for each of three

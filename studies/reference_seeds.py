@@ -1,8 +1,8 @@
 """How many points and seeds a reference set needs.
 
-    python studies/reference_seeds.py luck
-    python studies/reference_seeds.py coverage SADA-Digits-0-v0 --seeds 64
-    python studies/reference_seeds.py coverage SADA-Detection-Car-v0
+    python -m studies.reference_seeds luck
+    python -m studies.reference_seeds coverage SADA-Digits-0-v0 --seeds 64
+    python -m studies.reference_seeds coverage SADA-Detection-Car-v0
 
 `luck` needs the shipped sets alone. A set of k seeds holds what fooled on at least half of them.
 From each set's counts it estimates how the points' true rates are distributed (maximum likelihood
@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from sada_gym.submission.entry import read_entry
+from sada_gym.results.entry import read_entry
 
 from sada_gym import agents
 from sada_gym.application import Application
@@ -136,7 +136,8 @@ def fixed_samples(
     chosen = {"uniform": box[-size:], "found": found[:size], "found, half": half[:size]}
     for name in BOARD:
         for result in read_entry(ENTRIES / name).results.values():
-            if (result.claimed.identity.track, result.claimed.identity.agent) == (track, agent):
+            target = result.claimed.experiment.target
+            if (target.track, target.agent) == (track, agent):
                 chosen[name] = result.samples[0].mu[:size]
     return {
         name: (mu, fooled_on(track, agent, mu, evaluation_seeds(1, "test", 0, len(mu))))

@@ -1,6 +1,6 @@
 """Reference sets: where each agent is fooled, from a dense sample that no adversary trains on.
 
-    python studies/reference_sets.py --workers 2
+    python -m studies.reference_sets --workers 2
 
 Every track's Sobol points are evaluated on several seeds each. All agents look at the same worlds,
 so a world is drawn once for all of them. What was done is kept in `--work`, block by block, and a

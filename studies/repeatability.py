@@ -1,6 +1,6 @@
 """How far the seed, and not the world's parameters, decides whether an agent is fooled.
 
-    python studies/repeatability.py
+    python -m studies.repeatability
 
 For each shipped reference set: how many evaluations fool, how many points are in the fooling set,
 and how often a point that fooled on one seed fools on another too. Where that is seldom, what an

@@ -1,6 +1,6 @@
 """Does an adversary learn the same from Q, Q^4, log Q and the rank of Q? Measured on digits.
 
-    OMP_NUM_THREADS=1 python studies/scale.py --record runs/scale.jsonl
+    OMP_NUM_THREADS=1 python -m studies.scale --record runs/scale.jsonl
 
 Each adversary learns from 1,000 queries on each scale and draws 250 samples. They are judged by Q
 itself on worlds of their own: AFR in %, and coverage as a share of ideal samples'. The threshold is

@@ -1,7 +1,7 @@
 """Which parameters matter: Sobol indices of Q over uniform mu, by track and averaged over tracks.
 
-    python studies/sensitivity.py --rows 256 --seed 0
-    python studies/sensitivity.py --tracks SADA-Driving-Navigation-v0 --rows 1024 --seed 0
+    python -m studies.sensitivity --rows 256 --seed 0
+    python -m studies.sensitivity --tracks SADA-Driving-Navigation-v0 --rows 1024 --seed 0
 
 In brackets: 95 % intervals from resampled rows.
 

@@ -202,10 +202,13 @@ def test_inline_commands_and_make_targets_exist(page: Path) -> None:
 
 
 @everywhere
-def test_studies_that_import_one_another_are_run_as_modules(page: Path) -> None:
-    """`python studies/x.py` does not find the folder `studies`, which is not installed."""
-    for script in re.findall(r"python (studies/\w+\.py)", page.read_text(encoding="utf-8")):
-        assert not re.search(r"^from studies", _read(script), re.MULTILINE), script
+def test_scripts_of_the_repository_are_run_as_modules(page: Path) -> None:
+    """`python FOLDER/x.py` does not find the folder, which is not installed."""
+    text = page.read_text(encoding="utf-8")
+    folders = "studies|tools|benchmarks|leaderboard"
+    assert not re.search(rf"python ({folders})/", text)
+    for module in re.findall(rf"python -m\s+((?:{folders})(?:\.\w+)+)", text):
+        assert (ROOT / f"{module.replace('.', '/')}.py").is_file(), module
 
 
 @everywhere

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from sada_gym.submission.entry import EntryResult, read_entries
+from sada_gym.results.entry import EntryResult, read_entries
 
 from sada_gym.frames import GRID, INK, MUTED
 from sada_gym.plots.style import FOOLED, new_figure, png, tidy
