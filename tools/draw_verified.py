@@ -10,10 +10,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from sada_gym.results.entry import EntryResult, read_entries
 
 from sada_gym.frames import GRID, INK, MUTED
 from sada_gym.plots.style import FOOLED, new_figure, png, tidy
+from sada_gym.results.entry import EntryResult, read_entries
 
 ROOT = Path(__file__).parents[1]
 OUT, ENTRIES = ROOT / "docs" / "images" / "verified.png", ROOT / "leaderboard" / "entries"
