@@ -27,9 +27,9 @@ _TABLE: dict[str, str] = {
     "smc": "sada_gym.adversaries.smc:SMC",
     "cma-mae": "sada_gym.adversaries.cma_mae:CMAMAE",
     "reinforce": "sada_gym.adversaries.reinforce:Reinforce",
-    "ppo": "sada_gym.adversaries.ppo:PPO",
-    "sac": "sada_gym.adversaries.off_policy:SAC",
-    "td3": "sada_gym.adversaries.off_policy:TD3",
+    "ppo": "sada_gym.adversaries.rl_sb3:PPO",
+    "sac": "sada_gym.adversaries.rl_sb3:SAC",
+    "td3": "sada_gym.adversaries.rl_sb3:TD3",
     "trees": "sada_gym.adversaries.trees:Trees",
     "level-set": "sada_gym.adversaries.level_set:LevelSet",
 }

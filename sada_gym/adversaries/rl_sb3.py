@@ -1,9 +1,9 @@
-"""The adapter to Stable-Baselines3: its models learn from our rollouts, by our seeds."""
+"""`ppo`, `sac` and `td3`: Stable-Baselines3's models learn from our rollouts, by our seeds."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
 from sada_gym.determinism import generators_kept, one_thread
+from sada_gym.evaluations import Evaluations
 
 
 @dataclass(frozen=True)
@@ -121,3 +122,181 @@ class SB3Adversary(RLAdversary):
         self._begin(budget=1)
         weights = without_prefix(arrays, "policy.")
         self._model.policy.load_state_dict({k: torch.tensor(v) for k, v in weights.items()})
+
+
+@dataclass(frozen=True)
+class PPOOptions(SB3Options):
+    """The options of `ppo`, beside those of `SB3Options`.
+
+    Attributes:
+        epochs: Number of steps of Adam on each rollout.
+        log_deviation: The logarithm of the standard deviation that the Gaussian starts with.
+        entropy: The weight of the policy's entropy in the loss.
+    """
+
+    rollout: int = option(50, 2, 100_000)
+    epochs: int = option(30, 1, 1_000)
+    log_deviation: float = option(-1.0, -10, 2)
+    entropy: float = option(0.0, 0, 100)
+
+
+class PPO(SB3Adversary):
+    """A Gaussian policy that PPO improves, rollout after rollout, on the latest one alone.
+
+    This is proximal policy optimisation (Schulman et al. 2017) by Stable-Baselines3. It uses only
+    the order of the uniform queries' scores, because they are no actions of the policy. See
+    `PPOOptions`.
+    """
+
+    name: ClassVar[str] = "ppo"
+    algorithm = "PPO"
+    options_class = PPOOptions
+    presets: ClassVar[Mapping[str, PPOOptions]] = {
+        "default": PPOOptions(),
+        "plain": PPOOptions(starts="centre", log_deviation=0.0),
+    }
+    options: PPOOptions
+
+    def _settings(self, budget: int) -> dict[str, Any]:  # noqa: ARG002 - it forgets them
+        o = self.options
+        return {
+            "policy_kwargs": {"net_arch": list(o.hidden), "log_std_init": o.log_deviation},
+            "n_steps": o.rollout,
+            "batch_size": o.rollout,
+            "n_epochs": o.epochs,
+            "ent_coef": o.entropy,
+        }
+
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        normal = self._model.policy.get_distribution(start).distribution
+        return normal.mean, normal.stddev
+
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+        rows = steps.start, steps.action
+        tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
+        with torch.no_grad():
+            values, log_densities, _ = self._model.policy.evaluate_actions(*tensors)
+        buffer = self._model.rollout_buffer
+        buffer.reset()
+        begun = np.ones(1)
+        for start, action, reward, value, log_density in zip(
+            *rows, rewards, values, log_densities, strict=True
+        ):
+            buffer.add(start, action, reward, begun, value, log_density)
+        buffer.compute_returns_and_advantage(last_values=torch.zeros(1), dones=np.ones(1))
+        return self._update()
+
+
+@dataclass(frozen=True)
+class OffPolicyOptions(SB3Options):
+    """The options that `sac` and `td3` share, beside those of `SB3Options`.
+
+    Attributes:
+        updates: Number of steps of Adam for each query.
+        batch: Number of queries in a step of Adam.
+    """
+
+    updates: float = option(0.5, 0, 100, inside=True)
+    batch: int = option(128, 1, 100_000)
+
+
+class OffPolicyAdversary(SB3Adversary):
+    """An adversary of Stable-Baselines3 that learns from all queries, the uniform ones included."""
+
+    options: OffPolicyOptions
+
+    def _settings(self, budget: int) -> dict[str, Any]:
+        return {"buffer_size": budget}
+
+    def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
+        mu = queries.mu.astype(np.float64)
+        start = np.zeros_like(mu)
+        if self.options.starts == "uniform":  # an action reaches no further than 1
+            start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
+        self._remember(PolicySteps(start, mu - start), rewards)
+
+    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+        self._remember(steps, rewards)
+        updates = max(1, round(self.options.updates * self.options.rollout))
+        return self._update(gradient_steps=updates, batch_size=self.options.batch)
+
+    def _remember(self, steps: PolicySteps, rewards: Array) -> None:
+        over = np.ones(1)
+        for start, action, reward in zip(steps.start, steps.action, rewards, strict=True):
+            self._model.replay_buffer.add(start, start, action, reward, over, [{}])
+
+
+@dataclass(frozen=True)
+class SACOptions(OffPolicyOptions):
+    """The options of `sac`, beside those of `OffPolicyOptions`.
+
+    Attributes:
+        dissimilarity: The weight of the bonus for failures far from those already found.
+        entropy: The temperature: the reward for each nat of the policy's entropy.
+    """
+
+    dissimilarity: float = option(0.5, 0, 100)
+    entropy: float = option(0.05, 0, 100)
+
+
+class SAC(OffPolicyAdversary):
+    """A Gaussian policy, squashed into the box, that climbs a critic of all queries so far.
+
+    This is the soft actor-critic (Haarnoja et al. 2018) by Stable-Baselines3, with a fixed
+    temperature: at its optimum an action's density is proportional to exp(reward / temperature), as
+    far as a squashed Gaussian allows. See `SACOptions`.
+    """
+
+    name: ClassVar[str] = "sac"
+    algorithm = "SAC"
+    options_class = SACOptions
+    presets: ClassVar[Mapping[str, SACOptions]] = {
+        "default": SACOptions(),
+        "plain": SACOptions(starts="centre", dissimilarity=0.0),
+    }
+    options: SACOptions
+
+    def _settings(self, budget: int) -> dict[str, Any]:
+        return {**super()._settings(budget), "ent_coef": self.options.entropy}
+
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)
+        return mean, log_deviation.exp()
+
+    def _squash(self, drawn: Array) -> Array:
+        return np.tanh(drawn)
+
+
+@dataclass(frozen=True)
+class TD3Options(OffPolicyOptions):
+    """The options of `td3`, beside those of `OffPolicyOptions`.
+
+    Attributes:
+        noise: The standard deviation of the noise added to every action, in training and in
+            samples. It is this policy's only entropy.
+    """
+
+    updates: float = option(1.0, 0, 100, inside=True)
+    noise: float = option(0.05, 0, 10, inside=True)
+
+
+class TD3(OffPolicyAdversary):
+    """A deterministic policy that climbs a critic of all queries, and Gaussian noise around it.
+
+    This is twin delayed deterministic policy gradients (Fujimoto, van Hoof & Meger 2018) by
+    Stable-Baselines3. A deterministic policy is not a distribution, so samples are its actions with
+    the noise that it explores with. See `TD3Options`.
+    """
+
+    name: ClassVar[str] = "td3"
+    algorithm = "TD3"
+    options_class = TD3Options
+    presets: ClassVar[Mapping[str, TD3Options]] = {
+        "default": TD3Options(),
+        "plain": TD3Options(starts="centre"),
+    }
+    options: TD3Options
+
+    def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
+        action = self._model.actor(start)
+        return action, action.new_full(action.shape, self.options.noise)

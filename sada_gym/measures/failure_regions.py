@@ -128,19 +128,14 @@ def _too_few(failures: int, different: int) -> str:
 
 @dataclass(frozen=True)
 class _Grid:
-    """The cells into which a parameter's range is cut, and the sets of cells that are tried.
+    """The cells into which a parameter's range is cut, and the sets of cells that are tried."""
 
-    Attributes:
-        edges: (k + 1,) physical values; cell i lies between edges i and i + 1.
-        sets: (m, k) bool, the sets that are tried; None tries all sets, for choices.
-        weights: (k,) the shares of uniform worlds in the cells.
-    """
-
-    edges: Array
-    sets: npt.NDArray[np.bool_] | None
+    edges: Array  # (k + 1,) physical values; cell i lies between edges i and i + 1
+    sets: npt.NDArray[np.bool_] | None  # (m, k); None tries all sets, for choices
 
     @property
     def weights(self) -> Array:
+        """(k,) the shares of uniform worlds in the cells."""
         widths: Array = np.diff(self.edges) / (self.edges[-1] - self.edges[0])
         return widths
 
@@ -154,17 +149,11 @@ class _Grid:
 
 @dataclass(frozen=True)
 class _Finding:
-    """A set of cells in which failures crowd.
-
-    Attributes:
-        grid: The grid of its parameter.
-        cells: (k,) bool.
-        uniform: The share of uniform worlds in it.
-    """
+    """A set of cells in which failures crowd."""
 
     grid: _Grid
-    cells: npt.NDArray[np.bool_]
-    uniform: float
+    cells: npt.NDArray[np.bool_]  # (k,)
+    uniform: float  # the share of uniform worlds in it
 
 
 def _strongest(
@@ -296,29 +285,27 @@ def _describe(parameter: Parameter, finding: _Finding) -> str:
     if names:
         share = (finding.grid.edges - parameter.low) / (parameter.high - parameter.low)
         first = np.rint(share * len(names)).astype(int).tolist()  # each cell's first choice
-        return _either(
-            [
-                names[i]
-                if j == i + 1
-                else f"at most {names[j - 1]}"
-                if i == 0
-                else f"at least {names[i]}"
-                if j == len(names)
-                else f"{names[i]} to {names[j - 1]}"
-                for i, j in ((first[start], first[end]) for start, end in _runs(cells))
-            ]
-        )
+        return _either([_choices(names, first[i], first[j]) for i, j in _runs(cells)])
     ends = [_quantity(float(edge), parameter) for edge in finding.grid.edges]
-    return _either(
-        [
-            f"below {ends[j]}"
-            if i == 0
-            else f"above {ends[i]}"
-            if j == len(cells)
-            else f"between {ends[i]} and {ends[j]}"
-            for i, j in _runs(cells)
-        ]
-    )
+    return _either([_interval(ends, i, j) for i, j in _runs(cells)])
+
+
+def _choices(names: tuple[str, ...], first: int, stop: int) -> str:
+    if stop == first + 1:
+        return names[first]
+    if first == 0:
+        return f"at most {names[stop - 1]}"
+    if stop == len(names):
+        return f"at least {names[first]}"
+    return f"{names[first]} to {names[stop - 1]}"
+
+
+def _interval(ends: list[str], first: int, last: int) -> str:
+    if first == 0:
+        return f"below {ends[last]}"
+    if last == len(ends) - 1:
+        return f"above {ends[first]}"
+    return f"between {ends[first]} and {ends[last]}"
 
 
 def _describe_directions(names: tuple[str, ...], cells: npt.NDArray[np.bool_]) -> str:

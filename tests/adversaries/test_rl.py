@@ -9,9 +9,8 @@ from numpy.testing import assert_array_equal
 
 from sada_gym import adversaries
 from sada_gym.adversaries.fitted import NONE_FOOLED
-from sada_gym.adversaries.off_policy import SAC, TD3
-from sada_gym.adversaries.ppo import PPO
 from sada_gym.adversaries.reinforce import Reinforce
+from sada_gym.adversaries.rl_sb3 import PPO, SAC, TD3
 from sada_gym.envs.analytic import AnalyticApplication
 from sada_gym.errors import AdversaryError, TrainingDiverged, UserError
 from sada_gym.testing import AdversaryContract, RecordingOracle

@@ -4,8 +4,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.models.exact_gp import fit_weights, predict_mean
-from sada_gym.adversaries.models.sparse_gp import SparseGP
-from sada_gym.adversaries.models.surrogate import CrossFittedTrees, Surrogate
+from sada_gym.adversaries.models.surrogate import CrossFittedTrees, SparseGP, Surrogate
 from studies.landscapes import Landscape
 
 
