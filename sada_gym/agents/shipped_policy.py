@@ -70,11 +70,7 @@ class PolicyFiles:
             FileError: If the file holds no weights of such an agent.
         """
         model = self.new_model(0)
-        mend = (
-            f"Write such a file in the repository by python -m {self.trained_by}, or, for a "
-            f"{self.kind} of your own, pass the model as agent=model."
-        )
-        file = WeightsFile(path, f"the weights of a {self.kind}", mend)
+        file = WeightsFile(path, f"the weights of a {self.kind}", self.kind, self.trained_by)
         load_weights(model.policy, file, self._architecture)
         # as SB3 loads a model: with an environment its pictures would be transposed by that one's
         # wrapper, into another order in memory, for which convolutions give other last bits

@@ -25,16 +25,22 @@ class WeightsFile:
     Attributes:
         path: The safetensors file.
         content: What it should hold, such as `the weights of a driver`.
-        mend: How to come by such a file, a sentence.
+        kind: What such an agent is called, such as `driver`.
+        trained_by: The module that trains one.
     """
 
     path: Path
     content: str
-    mend: str
+    kind: str
+    trained_by: str
 
     def error(self, got: str) -> FileError:
         """Return an error that says what was expected, what came, and how to mend it."""
-        return FileError(f"Expected {self.content} in {self.path}{got}. {self.mend}")
+        return FileError(
+            f"Expected {self.content} in {self.path}{got}. Write such a file in the repository by "
+            f"python -m {self.trained_by}, or, for a {self.kind} of your own, pass the model as "
+            "agent=model."
+        )
 
 
 def save_weights(

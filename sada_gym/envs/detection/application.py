@@ -211,8 +211,8 @@ class DetectionApplication(Application):
         for scene, (rendering, detections) in zip(scenes, self._detected(scenes), strict=True):
             scores.append(detections["scores"][detections["labels"] == self.label].max(initial=0.0))
             box = np.zeros(4) if rendering.box is None else rendering.box
-            found = {"shape": scene.shape_name, "box": box, "detections": listed(detections)}
-            extras.append(found)
+            extra = {"shape": scene.shape_name, "box": box, "detections": listed(detections)}
+            extras.append(extra)
         return Scored(np.array(scores, dtype=np.float64), extras)
 
     def _scenes(self, mu: Mu, seeds: Sequence[int]) -> list[Scene]:

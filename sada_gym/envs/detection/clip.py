@@ -72,29 +72,32 @@ def _world(application: DetectionApplication, mu: Mu) -> str:
 
 
 def _views(application: DetectionApplication, way: Mu, seed: int) -> list[Image.Image]:
-    """Draw the worlds, large."""
     side, renderer = SIDE * _FINER, application.renderer
     if renderer.any_size:
         renderings = renderer.render_batch([application.scene(row, seed) for row in way], side)
         return [Image.fromarray(rendering.image) for rendering in renderings]
     seen = [Image.fromarray(application.observation(row, seed)) for row in way]
-    return [one.resize((side, side), Image.Resampling.BICUBIC) for one in seen]
+    return [view.resize((side, side), Image.Resampling.BICUBIC) for view in seen]
 
 
 def _best(detections: Sequence[Detection], label: int) -> tuple[Detection | None, Detection | None]:
-    """Give the best detection of the class, and the best of others, where they are worth a word."""
-    clear = [one for one in detections if one["score"] >= FLOOR]
-    right = next((one for one in clear if one["label"] == label), None)
-    return right, next((one for one in clear if one["label"] != label), None)
+    """Return the best detection of the class, and the best of others, as far as they are clear."""
+    clear = [detection for detection in detections if detection["score"] >= FLOOR]
+    right = next((detection for detection in clear if detection["label"] == label), None)
+    return right, next((detection for detection in clear if detection["label"] != label), None)
+
+
+def _confidence(detection: Detection) -> float:
+    return float(detection["score"])
 
 
 def _said(
     right: Detection | None, wrong: Detection | None, names: Mapping[int, str], wanted: str
 ) -> str:
-    found = [one for one in (right, wrong) if one is not None]
-    if not found:
+    clear = [detection for detection in (right, wrong) if detection is not None]
+    if not clear:
         return f"nothing: no {wanted}"
-    best = max(found, key=lambda one: float(one["score"]))
+    best = max(clear, key=_confidence)
     return f"{names.get(best['label'], 'label ' + str(best['label']))}, {best['score']:.2f}"
 
 
@@ -107,14 +110,14 @@ def _boxed(
 ) -> Image.Image:
     """Draw the box of the class (blue) or of what the detector takes it for (orange, dashed)."""
     draw = ImageDraw.Draw(view)
-    found = [(one, colour) for one, colour in ((right, _SEEN), (wrong, _WRONG)) if one is not None]
-    if found:
-        one, colour = max(found, key=lambda pair: float(pair[0]["score"]))
-        box = np.clip(scale * np.array(one["box"]), 3, view.width - 4).tolist()
+    clear = [detection for detection in (right, wrong) if detection is not None]
+    if clear:
+        best = max(clear, key=_confidence)
+        colour, dash, gap = (_WRONG, 19, 11) if best is wrong else (_SEEN, 1, 0)
+        box = np.clip(scale * np.array(best["box"]), 3, view.width - 4).tolist()
         if box[0] < box[2] and box[1] < box[3]:
-            dash, gap = (19, 11) if one is wrong else (1, 0)
             dashed_box(draw, box, colour, 6, dash, gap)
-            text = f"{names.get(one['label'], '?')} {one['score']:.2f}"
+            text = f"{names.get(best['label'], '?')} {best['score']:.2f}"
             _tag(draw, box, text, colour, view.width)
     return view.resize((SIDE, SIDE), Image.Resampling.BOX)
 
@@ -136,7 +139,7 @@ def _chart(
 ) -> Image.Image:
     """Draw the detector's confidence in the class so far, and where it counts as fooled."""
     width, height = (WIDTH - SIDE) * _FINER, SIDE * _FINER
-    left, right, top, bottom = (_FINER * one for one in (_LEFT, _RIGHT, _TOP, _BOTTOM))
+    left, right, top, bottom = (_FINER * margin for margin in (_LEFT, _RIGHT, _TOP, _BOTTOM))
     picture = Image.new("RGB", (width, height), (246, 247, 249))
     draw = ImageDraw.Draw(picture)
 

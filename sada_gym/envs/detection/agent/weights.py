@@ -8,11 +8,6 @@ from sada_gym.agents.weights import WeightsFile, load_weights
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.shapes.catalogue import CLASSES
 
-_MEND = (
-    "Write such a file in the repository by python -m studies.training.detection.train, or, for a "
-    "detector of your own, pass the model as agent=model."
-)
-
 
 def load(path: Path) -> Detector:
     """Read a trained detector, frozen and ready to detect.
@@ -20,7 +15,6 @@ def load(path: Path) -> Detector:
     Raises:
         FileError: If the file does not hold this network's weights.
     """
-    model = Detector(CLASSES)
-    content = f"the weights of the {len(CLASSES)}-class Detector"
-    load_weights(model, WeightsFile(path, content, _MEND))
+    model, content = Detector(CLASSES), f"the weights of the {len(CLASSES)}-class Detector"
+    load_weights(model, WeightsFile(path, content, "detector", "studies.training.detection.train"))
     return model.eval().requires_grad_(False)

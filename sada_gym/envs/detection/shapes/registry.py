@@ -47,10 +47,10 @@ def find_shapes(
         )
     path = Path(shapes)
     if isinstance(shapes, str) and is_named(shapes):
-        found = find_part("shape set", shapes, SHAPES)(object_class)
-        if not isinstance(found, tuple) or not found or not isinstance(found[0], Shape):
-            raise UserError(f"Expected a tuple of Shape objects from {shapes!r}, got {found!r}.")
-        return found
+        chosen = find_part("shape set", shapes, SHAPES)(object_class)
+        if not isinstance(chosen, tuple) or not chosen or not isinstance(chosen[0], Shape):
+            raise UserError(f"Expected a tuple of Shape objects from {shapes!r}, got {chosen!r}.")
+        return chosen
     if not path.is_dir() and len(path.parts) == 1:
         close = difflib.get_close_matches(str(path), SHAPES, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""

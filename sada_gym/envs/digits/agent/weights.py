@@ -7,11 +7,6 @@ from pathlib import Path
 from sada_gym.agents.weights import WeightsFile, load_weights
 from sada_gym.envs.digits.agent.network import DigitNetwork, new_network
 
-_MEND = (
-    "Write such a file in the repository by python -m studies.training.digits.train, or, for a "
-    "classifier of your own, pass the model as agent=model."
-)
-
 
 def load(path: Path) -> DigitNetwork:
     """Read a trained classifier, frozen and ready to classify.
@@ -19,6 +14,6 @@ def load(path: Path) -> DigitNetwork:
     Raises:
         FileError: If the file does not hold this network's weights.
     """
-    network = new_network(0)
-    load_weights(network, WeightsFile(path, "the weights of a classifier of digits", _MEND))
+    network, content = new_network(0), "the weights of a classifier of digits"
+    load_weights(network, WeightsFile(path, content, "classifier", "studies.training.digits.train"))
     return network.eval().requires_grad_(False)

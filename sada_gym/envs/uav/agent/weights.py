@@ -9,10 +9,7 @@ from stable_baselines3 import PPO
 from sada_gym.agents.weights import WeightsFile, load_weights, read_weights, save_weights
 from sada_gym.envs.uav.agent.network import WaypointNetwork, new_model, new_network
 
-_MEND = (
-    "Write such a file in the repository by python -m studies.training.uav.train, or, for a "
-    "pilot of your own, pass the model as agent=model."
-)
+_TRAINED_BY = ("pilot", "studies.training.uav.train")
 
 
 def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
@@ -26,12 +23,11 @@ def load(path: Path) -> WaypointNetwork | PPO:
     Raises:
         FileError: If the file holds no weights of a pilot.
     """
-    weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", _MEND))
+    weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", *_TRAINED_BY))
     if WaypointNetwork.has_weights(weights):
-        network = new_network(0)
-        file = WeightsFile(path, "the weights of a pilot like waypoint-pid", _MEND)
-        load_weights(network, file)
+        network, content = new_network(0), "the weights of a pilot like waypoint-pid"
+        load_weights(network, WeightsFile(path, content, *_TRAINED_BY))
         return network.eval()
-    model = new_model(0)
-    load_weights(model.policy, WeightsFile(path, "the weights of a pilot like ppo", _MEND))
+    model, content = new_model(0), "the weights of a pilot like ppo"
+    load_weights(model.policy, WeightsFile(path, content, *_TRAINED_BY))
     return model
