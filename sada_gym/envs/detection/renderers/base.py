@@ -113,15 +113,14 @@ def validate_renderings(
     for rendering in renderings:
         if not isinstance(rendering, Rendering):
             raise UserError(f"Expected Rendering objects from {name}, got {rendering!r}.")
-        for what, array, shape, dtype in (
-            ("image", rendering.image, (*square, 3), np.dtype(np.uint8)),
-            ("mask", rendering.mask, square, np.dtype(np.bool_)),
-        ):
+        for what, shape, dtype in (("image", (*square, 3), np.uint8), ("mask", square, np.bool_)):
+            array = getattr(rendering, what)
             check_unmasked(array, what)
-            if np.shape(array) != shape or getattr(array, "dtype", None) != dtype:
+            came = np.shape(array), getattr(array, "dtype", None)
+            if came != (shape, np.dtype(dtype)):
                 raise UserError(
-                    f"Expected an {what} of shape {shape} and dtype {dtype} from {name}, got shape "
-                    f"{np.shape(array)} and dtype {getattr(array, 'dtype', None)}."
+                    f"Expected an {what} of shape {shape} and dtype {np.dtype(dtype)} from {name}, "
+                    f"got shape {came[0]} and dtype {came[1]}."
                 )
         box = rendering.box
         if box is not None and (np.shape(box) != (4,) or not np.isfinite(box).all()):
