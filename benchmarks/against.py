@@ -38,7 +38,7 @@ for _ in range(3):
 
 
 def measure(tree: Path, cache: Path, track: str, agent: str) -> list[float]:
-    """Give three times of an evaluation, in s of one core, with the package in a folder."""
+    """Return three times of an evaluation, in s of one core, with the package in a folder."""
     environment = os.environ | {
         "PYTHONPATH": str(tree),
         "NUMBA_CACHE_DIR": str(cache),

@@ -33,7 +33,7 @@ def one_thread():
 
 
 def score(mu):
-    """Give a bowl with ripples, within [0, 1]: (n,)."""
+    """Return a bowl with ripples, within [0, 1]: (n,)."""
     bowl = ((mu - 0.3) ** 2).mean(axis=1) / 2
     return np.clip(bowl + 0.05 * np.sin(9 * mu).mean(axis=1) + 0.05, 0, 1)
 
@@ -79,7 +79,7 @@ def test_bayesian(benchmark, steps):
 
 
 def extrapolated(steps):
-    """Give scikit-optimize's seconds for so many steps: a n + b n^2 + c n^3, none negative."""
+    """Return scikit-optimize's seconds for so many steps: a n + b n^2 + c n^3, none negative."""
     known, powers = np.array(THEIR_STEPS) / max(THEIR_STEPS), np.array([1, 2, 3])
     seconds = np.array([SECONDS["scikit-optimize", n] for n in THEIR_STEPS])
     # in units of what was measured: each length counts alike

@@ -33,7 +33,7 @@ class EmergencyBrake:
     limits = np.array([6.0, 2.0])  # deceleration in m/s², distance left when standing in m
 
     def __call__(self, distance_m: np.ndarray, speed_m_s: np.ndarray) -> np.ndarray:
-        """Say for each car, (n,), whether to brake."""
+        """Return whether each car brakes, (n,)."""
         needed, left = self.limits
         return speed_m_s**2 > 2.0 * needed * (distance_m - left)
 

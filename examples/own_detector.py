@@ -37,7 +37,7 @@ class ByContrast(torch.nn.Module):
         return [self.detect(image) for image in images]
 
     def detect(self, image: Tensor) -> dict[str, Tensor]:
-        """Give boxes (N, 4) in pixels as x0 y0 x1 y1, labels (N,) and scores (N,); N is 0 or 1."""
+        """Return boxes (N, 4) in pixels (x0 y0 x1 y1), labels (N,) and scores (N,), N <= 1."""
         rows, columns = image.shape[1:]
         box = torch.tensor([columns / 4, rows / 3, columns * 3 / 4, rows * 2 / 3])
         x0, y0, x1, y1 = box.int().tolist()

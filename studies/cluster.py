@@ -96,7 +96,7 @@ def dask_workers(count: int) -> Iterator[str]:
 
 @contextmanager
 def dask_commands(count: int) -> Iterator[tuple[str, int]]:
-    """Give the scheduler's process as well."""
+    """Return the scheduler's process as well."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

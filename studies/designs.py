@@ -266,7 +266,7 @@ def load(name: str, workers: int) -> Track:
 
 
 def measure(track: Track, mu: Mu, rng: np.random.Generator) -> tuple[float, float]:
-    """Give AFR and coverage of samples."""
+    """Return AFR and coverage of samples."""
     rate = track.rate(mu)
     fooled = rng.random(len(mu)) < rate
     return float(rate.mean()), fooling_coverage(mu, fooled, track.fooling_set).coverage

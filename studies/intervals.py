@@ -19,7 +19,7 @@ ERROR = 0.1
 
 
 def share_held(tracks: int, seeds: int, simulations: int = SIMULATIONS) -> float:
-    """Say in which share of the simulations the interval holds the true mean."""
+    """Return in which share of the simulations the interval holds the true mean."""
     rng = np.random.default_rng((tracks, seeds))
     means = np.linspace(0.55, 0.85, tracks)
     held = 0

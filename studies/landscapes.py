@@ -54,7 +54,7 @@ class Landscape:
         return score
 
     def fooling_rate(self, mu: npt.ArrayLike) -> Array:
-        """Give the share of the shapes that fool the agent at each mu, (n,)."""
+        """Return the share of the shapes that fool the agent at each mu, (n,)."""
         rate: Array = (self._height(np.asarray(mu, dtype=np.float64)) <= self._level).mean(axis=1)
         return rate
 

@@ -100,13 +100,13 @@ def application(track: str, agent: str) -> Application:
 
 
 def fooled_on(track: str, agent: str, mu: Mu, seeds: list[int]) -> npt.NDArray[np.bool_]:
-    """Say which worlds fool the agent, (n,)."""
+    """Return which worlds fool the agent, (n,)."""
     fooled: npt.NDArray[np.bool_] = application(track, agent).evaluate(mu, seeds).fooled
     return fooled
 
 
 def counted(track: str, agent: str, points: int, seeds: int, cache: Path) -> tuple[Mu, Counts]:
-    """Give points, and on how many new seeds each of them fools; the counts are kept in a file."""
+    """Return points, and on how many new seeds each of them fools; a file keeps the counts."""
     mu = reference_mu(len(application(track, agent).parameters), points, SOBOL_SEED)
     path = cache / f"{track}-{agent}-{points}-{seeds}.npy"
     if not path.exists():
@@ -175,7 +175,7 @@ def spread(
     seeds: int,
     fixed: dict[str, tuple[Mu, npt.NDArray[np.bool_]]],
 ) -> tuple[Numbers, Numbers]:
-    """Give mean and standard deviation over choices of points and seeds, (1 + kinds,) each."""
+    """Return mean and standard deviation over choices of points and seeds, (1 + kinds,) each."""
     rng = np.random.default_rng(0)
     pairs = []
     for _ in range(REPEATS):

@@ -99,7 +99,7 @@ def train(name: str, scale: Scale, seed: int, judge: Judge) -> dict[str, Any]:
 
 
 def keeps(figures: list[dict[str, Any]]) -> bool:
-    """Say whether one seed's figures on all scales keep the contract."""
+    """Return whether one seed's figures on all scales keep the contract."""
     coverages = [one["coverage"] for one in figures]
     overlap = max(one["low"] for one in figures) <= min(one["high"] for one in figures)
     return overlap and max(coverages) - min(coverages) <= FARTHEST

@@ -37,7 +37,7 @@ def some(points: Points, rng: np.random.Generator) -> Points:
 def make_samples(
     boxes: AnalyticApplication, drawn: Points, queries: Points, rng: np.random.Generator
 ) -> dict[str, Points]:
-    """Give the sets of samples, each (M, 2), by what they are called.
+    """Return the sets of samples, each (M, 2), by what they are called.
 
     Args:
         boxes: The application.

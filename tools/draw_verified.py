@@ -20,19 +20,19 @@ OUT, ENTRIES = ROOT / "docs" / "images" / "verified.png", ROOT / "leaderboard" /
 
 
 def rates(result: EntryResult) -> tuple[float, float] | None:
-    """Give the verified and the claimed AFR in %; None where there is no verified one."""
+    """Return the verified and the claimed AFR in %; None where there is no verified one."""
     if result.verified is None or not result.verified.seeds:
         return None
-    claimed = {one.seed: one.measures for one in result.claimed.seeds if one.measures}
-    pairs = [(one.measures.afr, claimed[one.seed].afr) for one in result.verified.seeds]
+    claimed = {claim.seed: claim.measures for claim in result.claimed.seeds if claim.measures}
+    pairs = [(seed.measures.afr, claimed[seed.seed].afr) for seed in result.verified.seeds]
     verified, said = np.mean(pairs, axis=0)
     return 100 * float(verified), 100 * float(said)
 
 
 def main() -> None:
     """Read the entries and draw their results."""
-    results = [one for entry in read_entries(ENTRIES) for one in entry.results.values()]
-    points = np.array([found for one in results if (found := rates(one)) is not None])
+    results = [result for entry in read_entries(ENTRIES) for result in entry.results.values()]
+    points = np.array([pair for result in results if (pair := rates(result)) is not None])
     figure = new_figure(6.5, 4.2)
     axes = figure.subplots()
     axes.plot((0, 100), (0, 100), color=GRID, linewidth=2, zorder=0)

@@ -39,8 +39,8 @@ def open_browser() -> webdriver.Chrome:
     return webdriver.Chrome(options=options, service=service)
 
 
-def look(browser: webdriver.Chrome, page: Path, width: int, theme: str) -> tuple[bytes, list[str]]:
-    """Give a page's picture, as PNG, and what of it is wider than the screen."""
+def screenshot(browser: webdriver.Chrome, page: Path, width: int, theme: str) -> tuple[bytes, list[str]]:
+    """Return a page's picture, as PNG, and what of it is wider than the screen."""
     metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     feature = {"name": "prefers-color-scheme", "value": theme}
@@ -62,7 +62,7 @@ def main(root: Path, out: Path, names: list[str]) -> int:
     for page in map(Path, names) if names else pages:
         for width in WIDTHS:
             for theme in THEMES:
-                picture, wide = look(browser, root / f"{page}.html", width, theme)
+                picture, wide = screenshot(browser, root / f"{page}.html", width, theme)
                 (out / f"{'-'.join(page.parts)}-{width}-{theme}.png").write_bytes(picture)
                 if wide:
                     bad = 1

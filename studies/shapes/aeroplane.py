@@ -22,7 +22,7 @@ STYLES = ("airliner", "fighter", "glider", "highwing", "biplane", "bizjet")
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one aeroplane in metres, its nose along +x; `style` is one of `STYLES`."""
+    """Return the parts of an aeroplane in metres, the nose along +x; `style`: one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 

@@ -27,7 +27,7 @@ def fuselage(*stations: tuple[float, float, float, float], exponent: float = 2.0
 
 
 def _aerofoil(chord: float, thickness: float) -> Array:
-    """Gives a section (6, 2): along the chord, backwards from the leading edge, and across it."""
+    """Return a section (6, 2): along the chord, backwards from the leading edge, and across it."""
     along = -chord * np.array([0.0, 0.12, 0.4, 1.0, 0.4, 0.12])
     return np.column_stack([along, thickness / 2 * np.array([0.0, 0.75, 1.0, 0.0, -1.0, -0.75])])
 
@@ -42,7 +42,7 @@ def wings(
     rise: float,
     thickness: float,
 ) -> list[Part]:
-    """Gives both wings, `reach` long each; sweep and rise are the slopes backwards and upwards."""
+    """Return both wings, `reach` long each; sweep and rise are the slopes backwards and upwards."""
     sections = []
     for share, c, t in ((0.0, chord, thickness), (1.0, tip_chord, 0.7 * thickness)):
         lead = np.array([root[0] - sweep * share * reach, root[2] + rise * share * reach])
@@ -61,7 +61,7 @@ def fin(
     sweep: float,
     thickness: float = 0.5,
 ) -> Part:
-    """Gives the vertical tail, with the leading edge's foot at `root`."""
+    """Return the vertical tail, with the leading edge's foot at `root`."""
     sections = []
     for share, c in ((0.0, chord), (1.0, tip_chord)):
         lead = np.array([root[0] - sweep * share * height, 0.0])
@@ -71,7 +71,7 @@ def fin(
 
 
 def twin(fin: Part, y: float) -> list[Part]:
-    """Gives two fins, canted outwards, in place of one."""
+    """Return two fins, canted outwards, in place of one."""
     low = fin.mesh.vertices[:, 2].min()
     vertices = fin.mesh.vertices + [0, y, 0] + 0.25 * (fin.mesh.vertices[:, 2:] - low) * [0, 1, 0]
     mesh = fin.mesh.copy()
@@ -80,7 +80,7 @@ def twin(fin: Part, y: float) -> list[Part]:
 
 
 def nacelle(centre: tuple[float, float, float], radius: float, length: float) -> list[Part]:
-    """Gives a jet engine with its intake to the front."""
+    """Return a jet engine with its intake to the front."""
     outline = [
         (0.0, -0.5),
         (0.55, -0.5),
@@ -103,7 +103,7 @@ def nacelle(centre: tuple[float, float, float], radius: float, length: float) ->
 def propeller(
     hub: tuple[float, float, float], radius: float, rng: np.random.Generator
 ) -> list[Part]:
-    """Gives a spinner and two or three blades `radius` long, in a random position."""
+    """Return a spinner and two or three blades `radius` long, in a random position."""
     x, _, z = hub
     blades = [
         cylinder((x - 0.05, 0, z), (x + 0.35, 0, z), 0.2, 0.04, segments=8, material=Material.METAL)
@@ -119,12 +119,12 @@ def propeller(
 
 
 def strut(start: Point, end: Point, radius: float) -> Part:
-    """Gives a biplane's wooden strut."""
+    """Return a biplane's wooden strut."""
     return cylinder(start, end, radius, segments=6, material=Material.WOOD)
 
 
 def floats(x: float, length: float) -> list[Part]:
-    """Gives a seaplane's two floats about `x`, and their struts."""
+    """Return a seaplane's two floats about `x`, and their struts."""
     pontoon = [
         ring((x + dx * length, 1.15, z), w, h, exponent=3.0, segments=8)
         for dx, z, w, h in (
@@ -144,7 +144,7 @@ def floats(x: float, length: float) -> list[Part]:
 
 
 def gear(x: float, y: float, wheel_z: float, body_z: float, radius: float) -> list[Part]:
-    """Gives a wheel on a leg on either side."""
+    """Return a wheel on a leg on either side."""
     return both_sides(
         [
             cylinder((x, 0.35, body_z), (x, y, wheel_z), 0.07, segments=6, material=Material.METAL),

@@ -13,12 +13,12 @@ _SEAT_M = 0.45
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one bench in metres, sitters looking along +x, in one of `STYLES`."""
+    """Return the parts of one bench in metres, sitters looking along +x, in one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 
 def _park(rng: np.random.Generator) -> list[Part]:
-    """Gives wooden slats on cast side frames with curled arms."""
+    """Return wooden slats on cast side frames with curled arms."""
     length, lean = rng.uniform(1.2, 2.3), rng.uniform(0.1, 0.26)
     parts = _seat_slats(length, 0.46, int(rng.integers(4, 6)))
     parts += _back_slats(length, -0.24, lean, int(rng.integers(3, 5)), rng.uniform(0.38, 0.48))
@@ -35,7 +35,7 @@ def _park(rng: np.random.Generator) -> list[Part]:
 
 
 def _backless(rng: np.random.Generator) -> list[Part]:
-    """Gives slats on two U-shaped steel legs."""
+    """Return slats on two U-shaped steel legs."""
     length, depth = rng.uniform(1.3, 2.3), rng.uniform(0.36, 0.52)
     parts = _seat_slats(length, depth, int(rng.integers(3, 6)))
     inset = length * rng.uniform(0.3, 0.42)
@@ -53,7 +53,7 @@ def _backless(rng: np.random.Generator) -> list[Part]:
 
 
 def _iron(rng: np.random.Generator) -> list[Part]:
-    """Gives a wrought iron bench: an arched back of bars, a plate as the seat."""
+    """Return a wrought iron bench: an arched back of bars, a plate as the seat."""
     length, arch = rng.uniform(1.1, 1.8), rng.uniform(0.02, 0.22)
     half = length / 2
     parts = [box((0.44, length, 0.045), (0, 0, _SEAT_M), chamfer=0.015)]
@@ -80,7 +80,7 @@ def _iron(rng: np.random.Generator) -> list[Part]:
 
 
 def _concrete(rng: np.random.Generator) -> list[Part]:
-    """Gives a stone slab on two blocks, some with a slab of a back."""
+    """Return a stone slab on two blocks, some with a slab of a back."""
     length, depth, thick = rng.uniform(1.4, 2.3), rng.uniform(0.42, 0.62), rng.uniform(0.09, 0.16)
     inset = length * rng.uniform(0.3, 0.4)
     leg = rng.uniform(0.12, 0.25)
@@ -103,7 +103,7 @@ def _concrete(rng: np.random.Generator) -> list[Part]:
 
 
 def _pew(rng: np.random.Generator) -> list[Part]:
-    """Gives a church or station bench: solid back and solid ends."""
+    """Return a church or station bench: solid back and solid ends."""
     length, height, lean = rng.uniform(1.3, 2.3), rng.uniform(0.8, 1.05), rng.uniform(0.04, 0.16)
     half = length / 2
     end = [
@@ -125,7 +125,7 @@ def _pew(rng: np.random.Generator) -> list[Part]:
 
 
 def _garden(rng: np.random.Generator) -> list[Part]:
-    """Gives a wooden garden bench: square posts, upright slats in the back, flat arms."""
+    """Return a wooden garden bench: square posts, upright slats in the back, flat arms."""
     length, height = rng.uniform(1.1, 2.0), rng.uniform(0.84, 1.06)
     half = length / 2
     parts = _seat_slats(length, 0.48, 4)

@@ -68,7 +68,7 @@ _MEASURES = {
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one bicycle in metres, its front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one bicycle in metres, its front along +x; `style` is one of `STYLES`."""
     frame = _frame(style, rng)
     parts = _wheels(frame, style, rng) + _fork(frame) + _drive(frame, frame.crank)
     if style == "tandem":
@@ -81,7 +81,7 @@ def build(style: str, rng: np.random.Generator) -> list[Part]:
 
 
 def _equipment(frame: _Frame, style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives mudguards, basket, rack, lamp, bottle and the like, some of them by chance."""
+    """Return mudguards, basket, rack, lamp, bottle and the like, some of them by chance."""
     parts: list[Part] = []
     if style not in ("racing", "mountain", "bmx"):
         parts += _guards(frame)
@@ -102,7 +102,7 @@ def _equipment(frame: _Frame, style: str, rng: np.random.Generator) -> list[Part
 
 
 def _bottle(frame: _Frame) -> Part:
-    """Gives a bottle on the down tube."""
+    """Return a bottle on the down tube."""
     down = frame.throat - frame.crank
     up = np.array([-down[1], down[0]]) / np.linalg.norm(down)
     start, end = (frame.crank + share * down + 0.065 * up for share in (0.3, 0.62))
@@ -110,7 +110,7 @@ def _bottle(frame: _Frame) -> Part:
 
 
 def _disc(hub: Array, radius: float) -> Part:
-    """Gives a disc that closes a wheel, as time trial bicycles have."""
+    """Return a disc that closes a wheel, as time trial bicycles have."""
     side = np.array([0.0, 0.022, 0.0])
     return cylinder(hub - side, hub + side, radius, segments=16)
 
@@ -146,19 +146,19 @@ def _frame(style: str, rng: np.random.Generator) -> _Frame:
 
 
 def _bar(start: Array, end: Array, radius: float, material: Material = Material.PAINT) -> Part:
-    """Gives a frame tube between two joints in the plane y = 0."""
+    """Return a frame tube between two joints in the plane y = 0."""
     a, b = ((float(p[0]), 0.0, float(p[1])) for p in (start, end))
     return cylinder(a, b, radius, segments=6, material=material)
 
 
 def _stay(start: Array, end: Array, radius: float, start_y: float, end_y: float) -> list[Part]:
-    """Gives a pair of thin tubes either side of a wheel."""
+    """Return a pair of thin tubes either side of a wheel."""
     a, b = (start[0], start_y, start[1]), (end[0], end_y, end[1])
     return both_sides(cylinder(a, b, radius, segments=5))
 
 
 def _main_tubes(frame: _Frame, style: str, *, step_through: bool) -> list[Part]:
-    """Gives the front triangle, or the low frame of a step-through, and the rear triangle."""
+    """Return the front triangle, or the low frame of a step-through, and the rear triangle."""
     r = frame.tube
     parts = [_bar(frame.crank, frame.seat, r), _bar(frame.throat, frame.head, 1.25 * r)]
     low = frame.throat + 0.25 * (frame.head - frame.throat)
@@ -212,7 +212,7 @@ def _wheels(frame: _Frame, style: str, rng: np.random.Generator) -> list[Part]:
 
 
 def _drive(frame: _Frame, crank: Array) -> list[Part]:
-    """Gives chain ring, chain, cranks and pedals; the chain runs on the right."""
+    """Return chain ring, chain, cranks and pedals; the chain runs on the right."""
     x, z, y = crank[0], crank[1], -0.055
     rear = frame.rear
     parts = [
@@ -231,7 +231,7 @@ def _drive(frame: _Frame, crank: Array) -> list[Part]:
 
 
 def _saddle(seat: Array, frame: _Frame) -> list[Part]:
-    """Gives a seat post and a saddle that narrows forwards, above the upper end of a seat tube."""
+    """Return a seat post and a saddle that narrows forwards, above the upper end of a seat tube."""
     lift = frame.saddle - seat[1]
     top = np.array([seat[0] - 0.27 * lift, frame.saddle])
     stations = [(-0.15, 0.1, 0.035), (-0.08, 0.1, 0.04), (0.02, 0.05, 0.032), (0.15, 0.022, 0.02)]
@@ -241,7 +241,7 @@ def _saddle(seat: Array, frame: _Frame) -> list[Part]:
 
 
 def _handlebar(frame: _Frame, style: str) -> list[Part]:
-    """Gives stem, bar and grips in the style's manner."""
+    """Return stem, bar and grips in the style's manner."""
     up = (frame.head - frame.throat) / np.linalg.norm(frame.head - frame.throat)
     clamp = frame.head + up * max(0.04, frame.bar - frame.head[1])
     ahead = {"racing": 0.1, "mountain": 0.07, "tandem": 0.08}.get(style, 0.02)
@@ -277,7 +277,7 @@ def _handlebar(frame: _Frame, style: str) -> list[Part]:
 
 
 def _guards(frame: _Frame) -> list[Part]:
-    """Gives painted mudguards over both wheels and a chain guard."""
+    """Return painted mudguards over both wheels and a chain guard."""
     width, gap = 2 * frame.tyre + 0.05, 0.018
     guards = []
     for hub, span in ((frame.rear, (48.0, 200.0)), (frame.front, (32.0, 175.0))):
@@ -295,7 +295,7 @@ def _lamp(frame: _Frame) -> Part:
 
 
 def _basket(frame: _Frame, rng: np.random.Generator) -> list[Part]:
-    """Gives a wicker basket before the handlebar, and the lamp below it."""
+    """Return a wicker basket before the handlebar, and the lamp below it."""
     x, z = float(frame.head[0]) + 0.2, float(frame.head[1]) + 0.06
     high = around(rng, 0.22, 0.2)
     basket = box((0.24, 0.3, high), (x, 0, z), taper=(1.25, 1.25), material=Material.WOOD)
@@ -319,7 +319,7 @@ def _rack(frame: _Frame) -> list[Part]:
 
 
 def _crate(frame: _Frame, rng: np.random.Generator) -> list[Part]:
-    """Gives a large box on a low carrier between the head tube and the front wheel."""
+    """Return a large box on a low carrier between the head tube and the front wheel."""
     length, height = around(rng, 0.62, 0.12), around(rng, 0.34, 0.12)
     x, z = frame.front[0] - 0.1, 2 * frame.radius * 0.8 + 0.07
     carrier = box((length, 0.46, 0.04), (x, 0, z), material=Material.DARK)
@@ -329,7 +329,7 @@ def _crate(frame: _Frame, rng: np.random.Generator) -> list[Part]:
 
 
 def _tandem(frame: _Frame) -> list[Part]:
-    """Gives the long frame with two seats, the second handlebar and the second cranks."""
+    """Return the long frame with two seats, the second handlebar and the second cranks."""
     r, step = frame.tube, np.array([0.66, 0.0])
     crank, seat = frame.crank + step, frame.seat + step
     across = frame.seat - frame.crank

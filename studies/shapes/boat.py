@@ -22,7 +22,7 @@ STYLES = ("sailing", "speedboat", "rowing", "trawler", "ferry", "cruiser")
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one boat in metres, the bow along +x; `style` is one of `STYLES`."""
+    """Return the parts of one boat in metres, the bow along +x; `style` is one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 
@@ -292,14 +292,14 @@ _BUILDERS = {
 
 
 def _spar(start: Point, end: Point, radius: float, end_radius: float | None = None) -> Part:
-    """Gives a mast, boom or post."""
+    """Return a mast, boom or post."""
     return cylinder(start, end, radius, end_radius, segments=6, material=Material.METAL)
 
 
 def _hull(
     length: float, beam: float, deck: float, *, sheer: float, transom: float, fullness: float = 2.0
 ) -> Part:
-    """Gives a decked hull; sheer lifts the bow's deck, transom is the stern's share of the beam."""
+    """Return a decked hull; sheer lifts the bow deck, transom is the stern's share of the beam."""
     sections = []
     for t in (0.0, 0.25, 0.5, 0.7, 0.85, 0.95, 1.0):
         half = 0.5 * beam * _half_beam(t, transom, fullness)
@@ -320,7 +320,7 @@ def _hull(
 
 
 def _open_hull(length: float, beam: float, deck: float) -> Part:
-    """Gives an open hull with a bottom and walls; only the bow and the transom are solid."""
+    """Return an open hull with a bottom and walls; only the bow and the transom are solid."""
     sections = []
     for t in (0.0, 0.03, 0.3, 0.55, 0.78, 0.92, 1.0):
         half = 0.5 * beam * _half_beam(t, 0.72, 2.0)
@@ -340,7 +340,7 @@ def _mirror_ring(x: float, half: list[tuple[float, float]]) -> list[tuple[float,
 
 
 def _half_beam(t: float, transom: float, fullness: float) -> float:
-    """Gives the hull's width as a share of the beam; t runs from the stern, 0, to the bow, 1."""
+    """Return the hull's width as a share of the beam; t runs from the stern, 0, to the bow, 1."""
     if t < 0.4:
         return transom + (1 - transom) * float(np.sin(np.pi * t / 0.8))
     return max(1 - float(((t - 0.4) / 0.6) ** fullness), 0.015)

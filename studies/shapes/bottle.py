@@ -13,12 +13,12 @@ _SEGMENTS = 16
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one bottle in metres, any handle towards -x, in one of `STYLES`."""
+    """Return the parts of one bottle in metres, any handle towards -x, in one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 
 def _wine(rng: np.random.Generator) -> list[Part]:
-    """Gives a bottle with high shoulders or, about every second time, sloping ones."""
+    """Return a bottle with high shoulders or, about every second time, sloping ones."""
     radius, height = rng.uniform(0.034, 0.048), rng.uniform(0.27, 0.34)
     neck = rng.uniform(0.0125, 0.0165)
     shoulder = rng.uniform(0.56, 0.66) * height
@@ -84,7 +84,7 @@ def _beer(rng: np.random.Generator) -> list[Part]:
 
 
 def _water(rng: np.random.Generator) -> list[Part]:
-    """Gives a ribbed plastic bottle with a wide screw cap."""
+    """Return a ribbed plastic bottle with a wide screw cap."""
     radius, height = rng.uniform(0.032, 0.046), rng.uniform(0.2, 0.29)
     neck, shoulder = rng.uniform(0.0135, 0.017), rng.uniform(0.69, 0.77) * height
     ribs = int(rng.integers(1, 4))
@@ -113,7 +113,7 @@ def _water(rng: np.random.Generator) -> list[Part]:
 
 
 def _soda(rng: np.random.Generator) -> list[Part]:
-    """Gives a contour bottle: a waist below, a bulge, a long shoulder."""
+    """Return a contour bottle: a waist below, a bulge, a long shoulder."""
     radius, height = rng.uniform(0.028, 0.04), rng.uniform(0.19, 0.26)
     waist, low = rng.uniform(0.66, 0.84), rng.uniform(-0.03, 0.03)
     shape = [
@@ -150,7 +150,7 @@ def _soda(rng: np.random.Generator) -> list[Part]:
 
 
 def _jug(rng: np.random.Generator) -> list[Part]:
-    """Gives a detergent or milk jug: rounded square, with a grip."""
+    """Return a detergent or milk jug: rounded square, with a grip."""
     radius, height = rng.uniform(0.058, 0.08), rng.uniform(0.22, 0.31)
     flat, neck = rng.uniform(0.58, 0.9), rng.uniform(0.02, 0.029)
     shoulder = rng.uniform(0.56, 0.7) * height
@@ -186,7 +186,7 @@ def _jug(rng: np.random.Generator) -> list[Part]:
 
 
 def _spray(rng: np.random.Generator) -> list[Part]:
-    """Gives a flat bottle under a trigger head, whose nozzle points along +x."""
+    """Return a flat bottle under a trigger head, whose nozzle points along +x."""
     radius, height = rng.uniform(0.042, 0.056), rng.uniform(0.16, 0.23)
     flat = rng.uniform(0.58, 0.85)
     waist = rng.uniform(0.5, 0.92)
@@ -254,7 +254,7 @@ def _body(outline: list[tuple[float, float]]) -> Part:
 
 
 def _band(radius: float, low: float, high: float, material: Material) -> Part:
-    """Gives a label or cap that stands out a little from a body of the radius."""
+    """Return a label or cap that stands out a little from a body of the radius."""
     r = 1.015 * radius
     return lathe(
         [(0.9 * r, low), (r, low), (r, high), (0.9 * r, high)],

@@ -20,7 +20,7 @@ from studies.shapes.catalogue import BENCHMARK_COUNT, generate
 
 
 def arrays() -> dict[str, npt.NDArray[Any]]:
-    """Give all arrays of the file by name, as `sada_gym.envs.detection.shapes.catalogue` says."""
+    """Return all arrays of the file by name, as `sada_gym.envs.detection.shapes.catalogue` says."""
     found: dict[str, npt.NDArray[Any]] = {}
     for name in CLASSES:
         shapes = [generate(name, seed) for seed in range(BENCHMARK_COUNT[name])]

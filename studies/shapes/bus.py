@@ -48,11 +48,11 @@ class _Plan:
     wheel: float = 0.48
 
     def x(self, share: float) -> float:
-        """Gives the x of a share of the length behind the front end."""
+        """Return the x of a share of the length behind the front end."""
         return self.length * (0.5 - share)
 
     def jittered(self, rng: np.random.Generator) -> _Plan:
-        """Gives a plan whose measures are drawn around this one's."""
+        """Return a plan whose measures are drawn around this one's."""
         return replace(
             self,
             length=around(rng, self.length, 0.13),
@@ -83,7 +83,7 @@ STYLES = tuple(_PLANS)
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one bus in metres, its front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one bus in metres, its front along +x; `style` is one of `STYLES`."""
     plan = _PLANS[style].jittered(rng)
     parts = _body(plan) + _sides(plan) + _ends(plan, style) + _lamps(plan)
     rim = float(rng.uniform(0.52, 0.64))
@@ -222,7 +222,7 @@ def _roof_units(plan: _Plan, rng: np.random.Generator) -> list[Part]:
 
 
 def _luggage(plan: _Plan) -> list[Part]:
-    """Gives the flaps of the hold between the axles, and a chrome line below the windows."""
+    """Return the flaps of the hold between the axles, and a chrome line below the windows."""
     face = wall(
         (plan.x(plan.axles[1]) + 0.9, plan.x(plan.axles[0]) - 0.9), (0.5, 1.3), plan.width / 2
     )
@@ -233,7 +233,7 @@ def _luggage(plan: _Plan) -> list[Part]:
 
 
 def _school_trim(plan: _Plan) -> list[Part]:
-    """Gives the dark rub rails, warning lamps on the roof's edge and the bonnet's grille."""
+    """Return the dark rub rails, warning lamps on the roof's edge and the bonnet's grille."""
     half, top = plan.width / 2, plan.height - 0.12
     parts: list[Part] = []
     for z in (1.02, 1.42):
@@ -247,7 +247,7 @@ def _school_trim(plan: _Plan) -> list[Part]:
 
 
 def _open_deck(plan: _Plan) -> list[Part]:
-    """Gives the open upper deck: floor, rows of seats, and a rail above the parapet."""
+    """Return the open upper deck: floor, rows of seats, and a rail above the parapet."""
     rear, front, top = plan.x(0.98), plan.x(0.04) - plan.rake, plan.height
     middle, length = (rear + front) / 2, front - rear
     parts = [box((length - 0.3, plan.width - 0.4, 0.1), (middle, 0, top), material=Material.DARK)]

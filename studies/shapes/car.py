@@ -53,11 +53,11 @@ class _Plan:
     panes: int = 2
 
     def x(self, share: float) -> float:
-        """Gives the x of a share of the length behind the front end."""
+        """Return the x of a share of the length behind the front end."""
         return self.length * (0.5 - share)
 
     def jittered(self, rng: np.random.Generator) -> _Plan:
-        """Gives a plan whose measures are drawn around this one's."""
+        """Return a plan whose measures are drawn around this one's."""
         foot, top = (share + rng.uniform(-0.02, 0.02) for share in self.screen)
         belt, nose = around(rng, self.belt, 0.05), around(rng, self.nose, 0.075)
         deck = around(rng, self.deck, 0.06)
@@ -99,12 +99,12 @@ STYLES = tuple(_PLANS)
 
 
 def _bonnet(belt: float, nose: float) -> float:
-    """Gives the bonnet's height halfway to the windscreen, above the front axle."""
+    """Return the bonnet's height halfway to the windscreen, above the front axle."""
     return 0.35 * belt + 0.65 * nose + 0.04
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one car in metres, its front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one car in metres, its front along +x; `style` is one of `STYLES`."""
     plan = _PLANS[style].jittered(rng)
     parts = _body(plan, style)
     parts += _cockpit(plan) if style == "roadster" else _cabin(plan)
@@ -228,7 +228,7 @@ def _spoiler(plan: _Plan) -> list[Part]:
 
 
 def _trim(plan: _Plan) -> list[Part]:
-    """Gives lamps, bumpers, grille, number plates and mirrors."""
+    """Return lamps, bumpers, grille, number plates and mirrors."""
     front, rear, width = plan.x(0), plan.x(1), plan.width
     low = plan.sill + 0.12
     lamp = box(

@@ -31,7 +31,7 @@ class _Generator(Protocol):
 
 @functools.lru_cache(maxsize=2_048)
 def generate(object_class: str, seed: int) -> Shape:
-    """Gives the shape of a class and seed; consecutive seeds cycle through the class's styles.
+    """Return the shape of a class and seed; consecutive seeds cycle through the class's styles.
 
     Args:
         object_class: One of `CLASSES`.
@@ -56,7 +56,7 @@ def generate(object_class: str, seed: int) -> Shape:
 
 
 def styles(object_class: str) -> tuple[str, ...]:
-    """Gives the names of a class's styles in the order in which consecutive seeds take them.
+    """Return the names of a class's styles in the order in which consecutive seeds take them.
 
     Args:
         object_class: One of `CLASSES`.

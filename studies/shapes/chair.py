@@ -20,12 +20,12 @@ STYLES = ("dining", "office", "armchair", "bar", "folding", "windsor")
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one chair in metres, the sitter looking along +x, in one of `STYLES`."""
+    """Return the parts of one chair in metres, the sitter looking along +x, in one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 
 def _dining(rng: np.random.Generator) -> list[Part]:
-    """Gives four square legs, and a back of slats across, slats upright, or one panel."""
+    """Return four square legs, and a back of slats across, slats upright, or one panel."""
     width, seat, top = rng.uniform(0.4, 0.52), rng.uniform(0.42, 0.5), rng.uniform(0.82, 1.15)
     depth, lean = rng.uniform(0.38, 0.48), rng.uniform(0.02, 0.16)
     y, x = width / 2 - 0.025, depth / 2 - 0.025
@@ -70,7 +70,7 @@ def _dining(rng: np.random.Generator) -> list[Part]:
 
 
 def _office(rng: np.random.Generator) -> list[Part]:
-    """Gives a padded seat and back on a gas spring and a star of five castors."""
+    """Return a padded seat and back on a gas spring and a star of five castors."""
     width, seat, back = rng.uniform(0.44, 0.56), rng.uniform(0.44, 0.58), rng.uniform(0.36, 0.68)
     parts = [
         box((0.48, width, 0.1), (0, 0, seat), chamfer=0.035),
@@ -126,7 +126,7 @@ def _office(rng: np.random.Generator) -> list[Part]:
 
 
 def _armchair(rng: np.random.Generator) -> list[Part]:
-    """Gives an upholstered easy chair."""
+    """Return an upholstered easy chair."""
     width, deep, seat = rng.uniform(0.72, 1.02), rng.uniform(0.7, 0.92), rng.uniform(0.4, 0.47)
     back, arm, thick = rng.uniform(0.76, 1.12), rng.uniform(0.52, 0.68), rng.uniform(0.1, 0.2)
     x, foot = deep / 2, rng.uniform(0.07, 0.18)
@@ -165,7 +165,7 @@ def _armchair(rng: np.random.Generator) -> list[Part]:
 
 
 def _bar(rng: np.random.Generator) -> list[Part]:
-    """Gives a bar stool with a low back: four splayed legs with rungs, or a pedestal."""
+    """Return a bar stool with a low back: four splayed legs with rungs, or a pedestal."""
     seat, radius, back = rng.uniform(0.62, 0.82), rng.uniform(0.18, 0.23), rng.uniform(0.2, 0.4)
     parts = [cylinder((0, 0, seat - 0.07), (0, 0, seat), 0.94 * radius, radius, segments=14)]
     angles = np.linspace(np.radians(115), np.radians(245), 7)
@@ -218,7 +218,7 @@ def _bar(rng: np.random.Generator) -> list[Part]:
 
 
 def _folding(rng: np.random.Generator) -> list[Part]:
-    """Gives a slatted garden chair on crossed legs."""
+    """Return a slatted garden chair on crossed legs."""
     width, seat, top = rng.uniform(0.4, 0.52), rng.uniform(0.41, 0.47), rng.uniform(0.76, 0.98)
     back, lean = -0.18, rng.uniform(0.06, 0.22)
     y = width / 2
@@ -254,7 +254,7 @@ def _folding(rng: np.random.Generator) -> list[Part]:
 
 
 def _windsor(rng: np.random.Generator) -> list[Part]:
-    """Gives a hooped back of spindles over a saddle seat and splayed turned legs."""
+    """Return a hooped back of spindles over a saddle seat and splayed turned legs."""
     width, seat, high = rng.uniform(0.42, 0.54), rng.uniform(0.41, 0.48), rng.uniform(0.38, 0.64)
     lean = rng.uniform(0.05, 0.2)
     parts = [cylinder((0, 0, seat - 0.05), (0, 0, seat), 0.46 * width, 0.5 * width, segments=14)]

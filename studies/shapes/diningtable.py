@@ -20,12 +20,12 @@ STYLES = ("rectangular", "round", "trestle", "oval", "square", "cloth")
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one table in metres, its long side along y; `style` is one of `STYLES`."""
+    """Return the parts of a table in metres, its long side along y; `style` is one of `STYLES`."""
     return _BUILDERS[style](rng)
 
 
 def _rectangular(rng: np.random.Generator) -> list[Part]:
-    """Gives four legs at the corners under an apron, laid for two or four."""
+    """Return four legs at the corners under an apron, laid for two or four."""
     length, depth, height = rng.uniform(1.2, 2.0), rng.uniform(0.75, 1.0), rng.uniform(0.71, 0.8)
     thick, leg = rng.uniform(0.035, 0.07), rng.uniform(0.06, 0.11)
     x, y = depth / 2 - 0.07, length / 2 - 0.08
@@ -43,7 +43,7 @@ def _rectangular(rng: np.random.Generator) -> list[Part]:
 
 
 def _round(rng: np.random.Generator) -> list[Part]:
-    """Gives a round top on a turned pedestal with three or four feet or a disc."""
+    """Return a round top on a turned pedestal with three or four feet or a disc."""
     radius, height = rng.uniform(0.44, 0.72), rng.uniform(0.71, 0.8)
     parts = [cylinder((0, 0, height - 0.045), (0, 0, height), radius, segments=24)]
     waist = rng.uniform(0.04, 0.1)
@@ -76,7 +76,7 @@ def _round(rng: np.random.Generator) -> list[Part]:
 
 
 def _trestle(rng: np.random.Generator) -> list[Part]:
-    """Gives planks over two trestles joined by a stretcher."""
+    """Return planks over two trestles joined by a stretcher."""
     length, depth, height = rng.uniform(1.3, 2.1), rng.uniform(0.75, 1.0), rng.uniform(0.71, 0.8)
     y, planks = 0.34 * length, int(rng.integers(3, 5))
     parts = []
@@ -103,7 +103,7 @@ def _trestle(rng: np.random.Generator) -> list[Part]:
 
 
 def _oval(rng: np.random.Generator) -> list[Part]:
-    """Gives an oval top on two columns, or on splayed round legs."""
+    """Return an oval top on two columns, or on splayed round legs."""
     length, depth, height = rng.uniform(1.3, 2.1), rng.uniform(0.85, 1.1), rng.uniform(0.71, 0.8)
     oval = scaled(cylinder((0, 0, -0.05), (0, 0, 0), 0.42, 0.5, segments=24), (depth, length, 1))
     parts = [moved(oval, (0, 0, height))]
@@ -140,7 +140,7 @@ def _oval(rng: np.random.Generator) -> list[Part]:
 
 
 def _square(rng: np.random.Generator) -> list[Part]:
-    """Gives a square table whose legs are joined crosswise near the ground."""
+    """Return a square table whose legs are joined crosswise near the ground."""
     side, height, leg = rng.uniform(0.8, 1.2), rng.uniform(0.7, 0.8), rng.uniform(0.05, 0.1)
     thick, low = rng.uniform(0.035, 0.06), rng.uniform(0.1, 0.25)
     at = side / 2 - rng.uniform(0.05, 0.12)
@@ -163,7 +163,7 @@ def _square(rng: np.random.Generator) -> list[Part]:
 
 
 def _cloth(rng: np.random.Generator) -> list[Part]:
-    """Gives a laid table under a cloth that hangs over all its sides."""
+    """Return a laid table under a cloth that hangs over all its sides."""
     length, depth, height = rng.uniform(1.1, 1.8), rng.uniform(0.8, 1.05), rng.uniform(0.71, 0.8)
     drop, flare = rng.uniform(0.14, 0.36), rng.uniform(0.92, 0.99)
     parts = [
@@ -198,13 +198,13 @@ def _top(depth: float, length: float, height: float, thick: float) -> Part:
 
 
 def _beam(low: tuple[float, float, float], high: tuple[float, float, float]) -> Part:
-    """Gives a square beam between two points that differ in x and z."""
+    """Return a square beam between two points that differ in x and z."""
     size = (0.07, 0.07, high[2] - low[2])
     return box(size, (low[0], low[1], (low[2] + high[2]) / 2), shift=(high[0] - low[0], 0))
 
 
 def _laid(places: list[tuple[float, float]], height: float, rng: np.random.Generator) -> list[Part]:
-    """Gives a plate at each place (x, y), and a vase or bowl in the middle of some tables."""
+    """Return a plate at each place (x, y), and a vase or bowl in the middle of some tables."""
     parts = []
     for x, y in places:
         plate = [(0.07, 0.0), (0.125, 0.022), (0.115, 0.022), (0.06, 0.008)]

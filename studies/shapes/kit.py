@@ -58,7 +58,7 @@ def box(
     chamfer: float = 0.0,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a box, optionally tapered to its top and with chamfered edges.
+    """Return a box, optionally tapered to its top and with chamfered edges.
 
     Args:
         size: Lengths along x, y and z, in metres (3,).
@@ -93,7 +93,7 @@ def cylinder(
     segments: int = 10,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a capped cylinder, or a frustum or cone (`end_radius`), between two points (3,)."""
+    """Return a capped cylinder, or a frustum or cone (`end_radius`), between two points (3,)."""
     last = radius if end_radius is None else end_radius
     return tube([start, end], [radius, last], segments=segments, material=material)
 
@@ -106,7 +106,7 @@ def tube(
     closed: bool = False,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a round tube along a polyline.
+    """Return a round tube along a polyline.
 
     Args:
         points: The centre line (n, 3).
@@ -143,7 +143,7 @@ def lathe(
     segments: int = 12,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a surface of revolution.
+    """Return a surface of revolution.
 
     Args:
         profile: (n, 2) of radius and position along the axis, in metres; ends are capped.
@@ -168,7 +168,7 @@ def extrude(
     bevel: float = 0.0,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a side profile made `width` thick along y.
+    """Return a side profile made `width` thick along y.
 
     Args:
         polygon: (n, 2) of x and z in metres, concave allowed, in either sense, not crossing itself.
@@ -197,7 +197,7 @@ def extrude(
 def slab(
     points: Sequence[Point] | Array, thickness: float, *, material: Material = Material.PAINT
 ) -> Part:
-    """Gives a flat plate: a planar polygon (n, 3), concave allowed, `thickness` metres thick."""
+    """Return a flat plate: a planar polygon (n, 3), concave allowed, `thickness` metres thick."""
     outline = np.asarray(points, float)
     normal = _unit(
         np.cross(outline - outline[0], np.roll(outline, -1, axis=0) - outline[0]).sum(axis=0)
@@ -215,7 +215,7 @@ def ring(
     segments: int = 12,
     exponent: float = 2.0,
 ) -> Array:
-    """Gives a cross-section for `loft` in the plane x = `centre[0]`, (segments, 3).
+    """Return a cross-section for `loft` in the plane x = `centre[0]`, (segments, 3).
 
     Args:
         centre: The ring's centre (3,).
@@ -238,7 +238,7 @@ def loft(
     caps: tuple[Array, Array] | None = None,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives the skin over a list of cross-sections, with both ends capped.
+    """Return the skin over a list of cross-sections, with both ends capped.
 
     Args:
         sections: k rings of (n, 3) points each, in the same order and sense, not repeating the
@@ -274,7 +274,7 @@ def ellipsoid(
     rings: int = 6,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives an ellipsoid with semi-axes `radii` (3,) about `centre` (3,), its poles along z."""
+    """Return an ellipsoid with semi-axes `radii` (3,) about `centre` (3,), its poles along z."""
     angles = np.linspace(0, np.pi, rings + 1)
     profile = np.column_stack([np.sin(angles), -np.cos(angles)])
     profile[[0, -1], 0] = 0.0
@@ -292,7 +292,7 @@ def torus(
     tube_segments: int = 6,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a ring such as a tyre.
+    """Return a ring such as a tyre.
 
     Args:
         centre: The ring's centre (3,).
@@ -312,12 +312,12 @@ def torus(
 
 
 def moved(part: Part, offset: Point) -> Part:
-    """Gives the part moved by `offset` (3,) in metres."""
+    """Return the part moved by `offset` (3,) in metres."""
     return _mapped(part, np.eye(3), offset)
 
 
 def turned(part: Part, axis: str, degrees: float, *, about: Point = (0.0, 0.0, 0.0)) -> Part:
-    """Gives the part turned, right-handed, about the axis "x", "y" or "z" through `about` (3,)."""
+    """Return the part turned, right-handed, about the axis "x", "y" or "z" through `about` (3,)."""
     cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     matrix = np.eye(3)
@@ -328,24 +328,24 @@ def turned(part: Part, axis: str, degrees: float, *, about: Point = (0.0, 0.0, 0
 
 
 def scaled(part: Part, factors: float | Point) -> Part:
-    """Gives the part scaled about the origin by one factor or one an axis (3,)."""
+    """Return the part scaled about the origin by one factor or one an axis (3,)."""
     return _mapped(part, np.diag(np.broadcast_to(np.asarray(factors, float), 3)), (0.0, 0.0, 0.0))
 
 
 def mirrored(part: Part) -> Part:
-    """Gives the part's mirror image in the plane y = 0."""
+    """Return the part's mirror image in the plane y = 0."""
     return scaled(part, (1.0, -1.0, 1.0))
 
 
 def both_sides(parts: Part | Iterable[Part]) -> list[Part]:
-    """Gives the part or parts and their mirror images in the plane y = 0."""
+    """Return the part or parts and their mirror images in the plane y = 0."""
     given = [parts] if isinstance(parts, Part) else list(parts)
     return given + [mirrored(part) for part in given]
 
 
 @functools.cache
 def _box_faces(chamfered: bool) -> npt.NDArray[np.int64]:
-    """Gives the faces over a box's corners, or over the three points a chamfer leaves of each."""
+    """Return the faces over a box's corners, or over the three points a chamfer leaves of each."""
     points = _CORNERS
     if chamfered:
         points = (_CORNERS[:, None] * (1 - 0.1 * _CUT_AXES)).reshape(-1, 3)

@@ -28,7 +28,7 @@ from studies.shapes.wheels import Cabin, around, panes, spread, wall
 
 
 def steam(rng: np.random.Generator) -> list[Part]:
-    """Gives a steam locomotive with three driving axles, and its tender."""
+    """Return a steam locomotive with three driving axles, and its tender."""
     driver, radius = around(rng, 0.8, 0.1), around(rng, 0.85, 0.08)
     boiler, deck = around(rng, 5.2, 0.16), RAIL + 1.35
     back, front = -1.2, -1.2 + boiler
@@ -71,7 +71,7 @@ def steam(rng: np.random.Generator) -> list[Part]:
 def _boiler(
     back: float, front: float, z: float, radius: float, rng: np.random.Generator
 ) -> list[Part]:
-    """Gives the boiler with hoops, smokebox, chimney, domes and head lamp."""
+    """Return the boiler with hoops, smokebox, chimney, domes and head lamp."""
     top, box_end = z + radius, front + 0.95
     chimney = around(rng, 0.95, 0.2)
     flare = float(rng.uniform(1.2, 2.1))
@@ -151,7 +151,7 @@ def _tender(front: float, deck: float, rng: np.random.Generator) -> list[Part]:
 
 
 def diesel(rng: np.random.Generator) -> list[Part]:
-    """Gives an American hood unit: a long narrow hood, the cab near the front, railings."""
+    """Return an American hood unit: a long narrow hood, the cab near the front, railings."""
     half, deck = around(rng, 5.9, 0.13), 1.55
     top, cab_top = deck + around(rng, 2.0, 0.06), deck + around(rng, 2.55, 0.04)
     front = half - 0.35
@@ -201,7 +201,7 @@ def _hood_unit_cab(x: float, deck: float, top: float) -> list[Part]:
 
 
 def shunter(rng: np.random.Generator) -> list[Part]:
-    """Gives a small yard engine: low bonnet in front, a tall cab behind, rods on its wheels."""
+    """Return a small yard engine: low bonnet in front, a tall cab behind, rods on its wheels."""
     half, deck = around(rng, 4.2, 0.13), 1.45
     hood, cab_top = deck + around(rng, 1.45, 0.08), deck + around(rng, 2.4, 0.05)
     split = -half + around(rng, 2.7, 0.1)

@@ -51,7 +51,7 @@ _CHASSIS = {
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one motorbike in metres, front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one motorbike in metres, front along +x; `style` is one of `STYLES`."""
     chassis = _CHASSIS[style].jittered(rng)
     builders = {
         "naked": _naked,
@@ -260,7 +260,7 @@ def _enduro(chassis: Chassis, rng: np.random.Generator) -> list[Part]:
 
 
 def _enduro_front(chassis: Chassis, rng: np.random.Generator) -> list[Part]:
-    """Gives the high mudguard, and the number plate with the lamp in it."""
+    """Return the high mudguard, and the number plate with the lamp in it."""
     x, z, base = chassis.head_x, chassis.head, chassis.base
     low, reach = 2 * chassis.front + 0.16, around(rng, 0.46, 0.12)
     beak = [(x - 0.02, low + 0.06), (base - 0.05, low + 0.08), (base + reach * 0.6, low)]

@@ -47,11 +47,11 @@ class Chassis:
 
     @property
     def head_x(self) -> float:
-        """Gives the x of the fork's upper end."""
+        """Return the x of the fork's upper end."""
         return self.base - self.rake
 
     def jittered(self, rng: np.random.Generator) -> Chassis:
-        """Gives a chassis whose measures are drawn around this one's."""
+        """Return a chassis whose measures are drawn around this one's."""
         return Chassis(
             base=around(rng, self.base, 0.08),
             rear=around(rng, self.rear, 0.06),
@@ -65,7 +65,7 @@ class Chassis:
 
 
 def wheels(chassis: Chassis, style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives both wheels with brake discs, on wire or on few cast spokes."""
+    """Return both wheels with brake discs, on wire or on few cast spokes."""
     wire = style in ("enduro", "cruiser")
     spokes = int(rng.integers(6, 9)) if wire else int(rng.integers(3, 6))
     parts: list[Part] = []
@@ -88,7 +88,7 @@ def wheels(chassis: Chassis, style: str, rng: np.random.Generator) -> list[Part]
 
 
 def fork(chassis: Chassis) -> list[Part]:
-    """Gives two fork legs with painted covers, and the clamp at their upper end."""
+    """Return two fork legs with painted covers, and the clamp at their upper end."""
     y = chassis.tyre + 0.055
     low = (chassis.base, y, chassis.front)
     high = (chassis.head_x, y, chassis.head)
@@ -100,7 +100,7 @@ def fork(chassis: Chassis) -> list[Part]:
 
 
 def swing_arm(chassis: Chassis) -> list[Part]:
-    """Gives the arms that hold the rear wheel."""
+    """Return the arms that hold the rear wheel."""
     y = chassis.tyre + 0.05
     pivot = (0.42 * chassis.base, y, chassis.rear + 0.08)
     arm = cylinder((0, y, chassis.rear), pivot, 0.036, segments=6)
@@ -108,7 +108,7 @@ def swing_arm(chassis: Chassis) -> list[Part]:
 
 
 def handlebar(chassis: Chassis, *, reach: float = 0.36, back: float = 0.12) -> list[Part]:
-    """Gives handlebar, grips and mirrors."""
+    """Return handlebar, grips and mirrors."""
     x, z = chassis.head_x, chassis.head
     line = [(x, 0.05, z), (x + 0.01, 0.14, chassis.bar - 0.02), (x - back, reach, chassis.bar)]
     tip = np.asarray(line[-1])
@@ -125,7 +125,7 @@ def handlebar(chassis: Chassis, *, reach: float = 0.36, back: float = 0.12) -> l
 
 
 def fuel_tank(start: float, end: float, z: float, rng: np.random.Generator) -> Part:
-    """Gives a fuel tank from `start` to `end` along x, highest towards the front."""
+    """Return a fuel tank from `start` to `end` along x, highest towards the front."""
     width, height = around(rng, 0.195, 0.1), around(rng, 0.165, 0.12)
     length = end - start
     stations = [
@@ -144,7 +144,7 @@ def fuel_tank(start: float, end: float, z: float, rng: np.random.Generator) -> P
 
 
 def engine(x: float, z: float, *, twin: bool, width: float = 0.36) -> list[Part]:
-    """Gives a crankcase and finned cylinders: one row leaning forwards, or a V of two."""
+    """Return a crankcase and finned cylinders: one row leaning forwards, or a V of two."""
     parts = [
         box((0.46, width, 0.26), (x, 0, z), chamfer=0.06, material=Material.METAL),
         cylinder(
@@ -166,7 +166,7 @@ def engine(x: float, z: float, *, twin: bool, width: float = 0.36) -> list[Part]
 
 
 def tube_frame(chassis: Chassis, seat_x: float) -> list[Part]:
-    """Gives painted tubes from the head to the swing arm's pivot and under the engine."""
+    """Return painted tubes from the head to the swing arm's pivot and under the engine."""
     top = (chassis.head_x - 0.02, 0.05, chassis.head - 0.12)
     pivot = (0.42 * chassis.base, 0.15, chassis.rear + 0.08)
     spine = [top, (seat_x, 0.13, chassis.seat - 0.1), pivot]
@@ -175,19 +175,19 @@ def tube_frame(chassis: Chassis, seat_x: float) -> list[Part]:
 
 
 def side_cover(chassis: Chassis, x: float, size: float) -> list[Part]:
-    """Gives a painted triangular panel either side, below the seat."""
+    """Return a painted triangular panel either side, below the seat."""
     z = chassis.seat - 0.08
     cover = [(x - 0.7 * size, z), (x + 0.7 * size, z + 0.02), (x + 0.35 * size, z - size)]
     return both_sides(extrude([*cover, (x, z - size)], 0.05, y=0.15))
 
 
 def padded_seat(outline: Outline, width: float) -> Part:
-    """Gives a dark cushion from its side profile."""
+    """Return a dark cushion from its side profile."""
     return extrude(outline, width, bevel=0.03, material=Material.DARK)
 
 
 def exhaust(chassis: Chassis, *, rise: float, length: float, radius: float = 0.06) -> Part:
-    """Gives a header pipe and a silencer on the right side."""
+    """Return a header pipe and a silencer on the right side."""
     y, x = -0.2, 0.66 * chassis.base
     line = [
         (x, -0.1, 0.6),
@@ -200,7 +200,7 @@ def exhaust(chassis: Chassis, *, rise: float, length: float, radius: float = 0.0
 
 
 def round_lamp(x: float, z: float, radius: float = 0.1) -> list[Part]:
-    """Gives a head lamp in a painted shell."""
+    """Return a head lamp in a painted shell."""
     shell = cylinder((x - 0.1, 0, z), (x + 0.01, 0, z), 0.5 * radius, 1.08 * radius, segments=10)
     glass = cylinder(
         (x, 0, z), (x + 0.04, 0, z), radius, 0.8 * radius, segments=10, material=Material.LAMP
@@ -209,18 +209,18 @@ def round_lamp(x: float, z: float, radius: float = 0.1) -> list[Part]:
 
 
 def tail_lamp(x: float, z: float) -> Part:
-    """Gives a rear lamp."""
+    """Return a rear lamp."""
     return box((0.05, 0.14, 0.07), (x, 0, z), material=Material.LAMP)
 
 
 def front_guard(chassis: Chassis, span: tuple[float, float]) -> Part:
-    """Gives the front mudguard over the angles `span`, in degrees from +x over +z."""
+    """Return the front mudguard over the angles `span`, in degrees from +x over +z."""
     hub = (chassis.base, 0, chassis.front)
     return mudguard(hub, chassis.front + 0.025, 2 * chassis.tyre + 0.06, span, thickness=0.025)
 
 
 def fairing(chassis: Chassis, *, nose: float, top: float, width: float, belly: float) -> list[Part]:
-    """Gives the bodywork from the nose, above the front wheel, back to the engine's underside."""
+    """Return the bodywork from the nose, above the front wheel, back to the engine's underside."""
     x, rear = chassis.head_x, 0.42 * chassis.base
     limit = chassis.base - chassis.front - 0.06
     profile = [
@@ -246,7 +246,7 @@ def fairing(chassis: Chassis, *, nose: float, top: float, width: float, belly: f
 
 
 def windscreen(foot: tuple[float, float], top: tuple[float, float], width: float) -> Part:
-    """Gives a windscreen as a plate from the foot's x and z to the top's."""
+    """Return a windscreen as a plate from the foot's x and z to the top's."""
     half, narrow = width / 2, 0.35 * width
     corners = [(foot[0], -half, foot[1]), (foot[0], half, foot[1])]
     corners += [(top[0], narrow, top[1]), (top[0], -narrow, top[1])]

@@ -54,7 +54,7 @@ Station = tuple[float, float, float, float]
 
 
 def track(rear: float, front: float, *, sleepers: int = 9) -> list[Part]:
-    """Gives two rails on wooden sleepers from `rear` to `front`."""
+    """Return two rails on wooden sleepers from `rear` to `front`."""
     length, middle = front - rear, (front + rear) / 2
     rail = box((length, 0.16, 0.22), (middle, 0.75, RAIL - 0.11), material=Material.METAL)
     parts = both_sides(rail)
@@ -66,7 +66,7 @@ def track(rear: float, front: float, *, sleepers: int = 9) -> list[Part]:
 def wheelset(
     x: float, radius: float, *, segments: int = 12, material: Material = Material.DARK
 ) -> list[Part]:
-    """Gives two flanged wheels, in relief, that stand on the rails."""
+    """Return two flanged wheels, in relief, that stand on the rails."""
     profile = [(0.94 * radius, -0.12), (radius, 0.04), (0.82 * radius, 0.12), (0.3 * radius, 0.16)]
     wheel = lathe(
         profile, centre=(x, 0.76, RAIL + radius), axis="y", segments=segments, material=material
@@ -75,7 +75,7 @@ def wheelset(
 
 
 def bogie(x: float, *, base: float = 2.3, radius: float = 0.45) -> list[Part]:
-    """Gives a frame with two wheelsets and their axle boxes."""
+    """Return a frame with two wheelsets and their axle boxes."""
     z = RAIL + radius
     parts: list[Part] = []
     for at in (x - base / 2, x + base / 2):
@@ -90,7 +90,7 @@ def bogie(x: float, *, base: float = 2.3, radius: float = 0.45) -> list[Part]:
 
 
 def shell(stations: Sequence[Station]) -> tuple[Part, Array]:
-    """Gives a body over its stations, and its rings (k, 10, 3)."""
+    """Return a body over its stations, and its rings (k, 10, 3)."""
     rings = np.array(
         [
             np.column_stack(
@@ -103,7 +103,7 @@ def shell(stations: Sequence[Station]) -> tuple[Part, Array]:
 
 
 def canopy(rings: Array, share: tuple[float, float]) -> Part:
-    """Gives a wrap-around windscreen on the shell's upper half between its stations 2 and 3."""
+    """Return a wrap-around windscreen on the shell's upper half between its stations 2 and 3."""
     upper = [
         (rings[2] + at * (rings[3] - rings[2]))[3:9] * [1.0, 1.03, 1.0] + [0.0, 0.0, 0.07]
         for at in share
@@ -112,7 +112,7 @@ def canopy(rings: Array, share: tuple[float, float]) -> Part:
 
 
 def buffers(x: float, sign: int) -> list[Part]:
-    """Gives a coupling, two buffers and the lamps above them at the end `x`."""
+    """Return a coupling, two buffers and the lamps above them at the end `x`."""
     z = RAIL + 0.78
     buffer = lathe(
         [(0.1, 0.0), (0.1, sign * 0.4), (0.26, sign * 0.42), (0.26, sign * 0.5)],
@@ -127,7 +127,7 @@ def buffers(x: float, sign: int) -> list[Part]:
 
 
 def pantograph(x: float, top: float, *, reach: float = 1.0) -> list[Part]:
-    """Gives a one-armed pantograph with its contact shoe."""
+    """Return a one-armed pantograph with its contact shoe."""
     knee, head = top + 0.3 + 0.45 * reach, top + 0.35 + reach
     arm = [(x - 0.9, 0, top + 0.1), (x + 0.75 * reach, 0, knee), (x - 0.5, 0, head)]
     return [
@@ -138,21 +138,21 @@ def pantograph(x: float, top: float, *, reach: float = 1.0) -> list[Part]:
 
 
 def floor(rear: float, front: float, low: float) -> Part:
-    """Gives the dark underside of a body whose bottom lies at `low`."""
+    """Return the dark underside of a body whose bottom lies at `low`."""
     return box(
         (front - rear, 2.2, 0.4), ((front + rear) / 2, 0, low - 0.05), material=Material.DARK
     )
 
 
 def double_ended(front: Sequence[Station]) -> list[Station]:
-    """Gives the stations of a body whose rear is its front's mirror image."""
+    """Return the stations of a body whose rear is its front's mirror image."""
     return [(-x, width, low, top) for x, width, low, top in reversed(front)] + list(front)
 
 
 def raked_face(
     foot: tuple[float, float], top: tuple[float, float], half_width: float, *, sign: float
 ) -> Array:
-    """Gives a sloping end face (4, 3), to carry panes, from the x and z of its foot and top.
+    """Return a sloping end face (4, 3), to carry panes, from the x and z of its foot and top.
 
     The face looks forwards for a `sign` of 1 and, mirrored, to the rear for -1.
     """
@@ -162,7 +162,7 @@ def raked_face(
 
 
 def railing(x: tuple[float, float], y: float, z: float, *, height: float = 0.95) -> list[Part]:
-    """Gives a handrail with four posts along one side of a walkway at `z`."""
+    """Return a handrail with four posts along one side of a walkway at `z`."""
     start, end = ((at, y, z + height) for at in x)
     posts = [
         cylinder((at, y, z), (at, y, z + height), 0.07, segments=4, material=Material.METAL)

@@ -24,7 +24,7 @@ STYLES = ("steam", "electric", "highspeed", "railcar", "diesel", "tram", "shunte
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one train in metres, its front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one train in metres, its front along +x; `style` is one of `STYLES`."""
     builders = {
         "steam": steam,
         "electric": _electric,
@@ -148,7 +148,7 @@ def _railcar(rng: np.random.Generator) -> list[Part]:
 
 
 def _flat_end(x: float, low: float, top: float) -> list[Part]:
-    """Gives a railcar's end: two screens, a door between them, and the route's sign."""
+    """Return a railcar's end: two screens, a door between them, and the route's sign."""
     sign = 1 if x > 0 else -1
     at = x - 0.02 * sign
     screen = box((0.16, 0.78, 0.95), (at, 0.84, low + 1.5), material=Material.GLASS)

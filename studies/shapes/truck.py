@@ -23,7 +23,7 @@ STYLES = ("box", "flatbed", "tipper", "tanker", "semi", "fire", "mixer", "hauler
 
 
 def build(style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the parts of one truck in metres, its front along +x; `style` is one of `STYLES`."""
+    """Return the parts of one truck in metres, its front along +x; `style` is one of `STYLES`."""
     length = {"semi": 13.0, "hauler": 12.5, "mixer": 8.4, "tanker": 8.8, "tipper": 7.6}
     truck = Truck(
         rear=-around(rng, length.get(style, 8.2), 0.14),
@@ -49,7 +49,7 @@ def build(style: str, rng: np.random.Generator) -> list[Part]:
 
 
 def _cab(truck: Truck) -> list[Part]:
-    """Gives a cab over the engine: flat face, one large windscreen, a door a side."""
+    """Return a cab over the engine: flat face, one large windscreen, a door a side."""
     top, belt, low = truck.height, 0.58 * truck.height, 0.62
     profile = [
         (truck.back, low),
@@ -74,7 +74,7 @@ def _cab(truck: Truck) -> list[Part]:
 
 
 def _bonneted_cab(truck: Truck) -> list[Part]:
-    """Gives a long-nosed cab: bonnet with a chrome grille, upright screen, stacks, sleeper."""
+    """Return a long-nosed cab: bonnet with a chrome grille, upright screen, stacks, sleeper."""
     top, belt, low, foot = truck.height, 1.95, 0.7, -1.55
     sleeper = [
         (truck.back, low),
@@ -116,7 +116,7 @@ def _bonneted_cab(truck: Truck) -> list[Part]:
 
 
 def _face(truck: Truck, belt: float) -> list[Part]:
-    """Gives the grille, bumper, lamps, mirrors and steps of a cab over the engine."""
+    """Return the grille, bumper, lamps, mirrors and steps of a cab over the engine."""
     half = truck.width / 2
     sides = [
         box((0.1, 0.4, 0.24), (0.06, half - 0.34, 0.72), material=Material.LAMP),
@@ -132,7 +132,7 @@ def _face(truck: Truck, belt: float) -> list[Part]:
 
 
 def _frame(truck: Truck, *, semi: bool) -> list[Part]:
-    """Gives the ladder frame, side guards and tail lamps."""
+    """Return the ladder frame, side guards and tail lamps."""
     end = truck.rear + 0.1
     depth = 0.24 if semi else 0.34
     z = FRAME + (0.2 if semi else 0.0) - depth / 2
@@ -144,7 +144,7 @@ def _frame(truck: Truck, *, semi: bool) -> list[Part]:
 
 
 def _running_gear(truck: Truck, style: str, rng: np.random.Generator) -> list[Part]:
-    """Gives the axles, and the mudguards over the front wheels."""
+    """Return the axles, and the mudguards over the front wheels."""
     radius, rear = truck.wheel, truck.rear
     front = {"hauler": -0.85, "fire": -1.35}.get(style, -1.25)
     spots = [front]

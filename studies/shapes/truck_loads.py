@@ -45,12 +45,12 @@ class Truck:
 
     @property
     def start(self) -> float:
-        """Gives the x of the load's front end."""
+        """Return the x of the load's front end."""
         return self.back - 0.28
 
 
 def box_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives a closed box with metal edges and a double door at the rear."""
+    """Return a closed box with metal edges and a double door at the rear."""
     length, height = truck.start - truck.rear, around(rng, 2.45, 0.15)
     middle, low = truck.start - length / 2, FRAME + 0.02
     width = truck.width * 1.02
@@ -67,7 +67,7 @@ def box_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
 
 
 def _edges(posts: Array, low: float, height: float, width: float) -> list[Part]:
-    """Gives metal rails and posts on the left wall of a box load; `posts` are their x (n,)."""
+    """Return metal rails and posts on the left wall of a box load; `posts` are their x (n,)."""
     y, middle, length = width / 2, (posts[0] + posts[-1]) / 2, np.ptp(posts) + 0.12
     rails = [
         box((length, 0.1, 0.12), (middle, y, z), material=Material.METAL)
@@ -79,7 +79,7 @@ def _edges(posts: Array, low: float, height: float, width: float) -> list[Part]:
 
 
 def flatbed_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives an open bed with low side boards, sometimes with crates on it."""
+    """Return an open bed with low side boards, sometimes with crates on it."""
     length = truck.start - truck.rear
     middle, low = truck.start - length / 2, FRAME + 0.1
     board = float(rng.uniform(0.45, 0.65))
@@ -107,7 +107,7 @@ def flatbed_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
 
 
 def tipper_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives a ribbed skip full of earth, with a shield over the cab."""
+    """Return a ribbed skip full of earth, with a shield over the cab."""
     low, high = FRAME + 0.05, around(rng, 2.4, 0.1)
     rear, start, half = truck.rear, truck.start, truck.width / 2
     side = [(rear + 0.25, low), (rear - 0.05, high), (start, high), (start - 0.15, low)]
@@ -152,7 +152,7 @@ def tipper_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
 
 
 def tank_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives a tank with hoops, a walkway and hatches."""
+    """Return a tank with hoops, a walkway and hatches."""
     radius = around(rng, 1.08, 0.12)
     middle = FRAME + 0.08 + radius
     start, rear = truck.start - 0.1, truck.rear
@@ -191,7 +191,7 @@ def tank_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
 
 
 def trailer_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives a long trailer: a box with a gap behind the cab, legs and a skirt."""
+    """Return a long trailer: a box with a gap behind the cab, legs and a skirt."""
     start, rear = truck.start - 0.35, truck.rear
     height, low = around(rng, 2.6, 0.1), FRAME + 0.2
     width, length, middle = truck.width * 1.02, start - rear, (start + rear) / 2
@@ -210,7 +210,7 @@ def trailer_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
 
 
 def fire_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives lockers with roller shutters, a ladder on the roof, and blue-light bars."""
+    """Return lockers with roller shutters, a ladder on the roof, and blue-light bars."""
     low, high = 0.72, around(rng, 2.85, 0.04)
     start, rear, half = truck.back - 0.04, truck.rear, truck.width / 2
     wheels = truck.rear + 1.6
@@ -263,7 +263,7 @@ def _ladder(truck: Truck, high: float) -> list[Part]:
 
 
 def mixer_load(truck: Truck, rng: np.random.Generator) -> list[Part]:
-    """Gives a tilted drum with a spiral's bands, its stand, hopper and chute."""
+    """Return a tilted drum with a spiral's bands, its stand, hopper and chute."""
     radius = around(rng, 1.1, 0.1)
     length = truck.start - truck.rear
     tail = np.array([truck.rear + 0.35, 0, FRAME + 0.55 + 1.3 * radius])

@@ -39,7 +39,7 @@ def wheel(
     rim: float = 0.62,
     material: Material = Material.METAL,
 ) -> list[Part]:
-    """Gives a tyre and its rim, which looks away from the plane y = 0.
+    """Return a tyre and its rim, which looks away from the plane y = 0.
 
     Args:
         centre: The tyre's centre (3,); its y is not zero.
@@ -83,7 +83,7 @@ def axle(
     segments: int = 12,
     rim: float = 0.62,
 ) -> list[Part]:
-    """Gives a left and a right wheel on z = 0, their outer faces `track` metres apart."""
+    """Return a left and a right wheel on z = 0, their outer faces `track` metres apart."""
     centre = (x, (track - width) / 2, radius)
     return both_sides(wheel(centre, radius, width, segments=segments, rim=rim))
 
@@ -98,7 +98,7 @@ def spoked_wheel(
     spoke: float = 0.009,
     rim_material: Material = Material.METAL,
 ) -> list[Part]:
-    """Gives a wheel of a bicycle or motorbike: tyre, rim, spokes and hub, its axle along y.
+    """Return a wheel of a bicycle or motorbike: tyre, rim, spokes and hub, its axle along y.
 
     Args:
         centre: The wheel's centre (3,).
@@ -133,7 +133,7 @@ def mudguard(
     segments: int = 7,
     material: Material = Material.PAINT,
 ) -> Part:
-    """Gives a curved band of inner `radius` about a wheel; angles run from +x over +z."""
+    """Return a curved band of inner `radius` about a wheel; angles run from +x over +z."""
     angles = np.radians(np.linspace(*span_deg, segments + 1))
     unit = np.column_stack([np.cos(angles), np.sin(angles)])
     band = np.concatenate([radius * unit, (radius + thickness) * unit[::-1]])
@@ -143,7 +143,7 @@ def mudguard(
 
 
 def arch(x: float, z: float, radius: float, sill: float, *, segments: int = 6) -> Outline:
-    """Gives the cut for a wheel at (x, z) into a bottom edge at z = `sill`, from front to rear."""
+    """Return the cut for a wheel at (x, z) into a bottom edge at z = `sill`, from front to rear."""
     start = np.arcsin((sill - z) / radius)
     angles = np.linspace(start, np.pi - start, segments + 1)
     return [(x + radius * float(np.cos(a)), z + radius * float(np.sin(a))) for a in angles]
@@ -160,7 +160,7 @@ def hull(
     ends: float = 1.0,
     gap: float = 0.06,
 ) -> Part:
-    """Gives a body with wheel arches: the side profile, extruded.
+    """Return a body with wheel arches: the side profile, extruded.
 
     Args:
         upper: The profile's (n, 2) points x, z from the lower rear corner over the top to the lower
@@ -199,7 +199,7 @@ class Cabin:
     width: tuple[float, float]
 
     def solid(self, *, crown: float = 0.0, material: Material = Material.PAINT) -> Part:
-        """Gives the closed body, its roof raised by `crown` metres in the middle."""
+        """Return the closed body, its roof raised by `crown` metres in the middle."""
         (rear, front), (low, high), (wide, narrow) = self.roof, self.z, self.width
         outline = [(self.base[0], low), (rear, high)]
         widths = [wide, narrow]
@@ -211,7 +211,7 @@ class Cabin:
         return extrude(outline, [*widths, narrow, wide], material=material)
 
     def side(self) -> Array:
-        """Gives the left face (4, 3): bottom rear, bottom front, top front, top rear."""
+        """Return the left face (4, 3): bottom rear, bottom front, top front, top rear."""
         low, high = self.width[0] / 2, self.width[1] / 2
         return np.array(
             [
@@ -223,11 +223,11 @@ class Cabin:
         )
 
     def front(self) -> Array:
-        """Gives the front face (4, 3): bottom right, bottom left, top left, top right."""
+        """Return the front face (4, 3): bottom right, bottom left, top left, top right."""
         return self._end(1)
 
     def rear(self) -> Array:
-        """Gives the rear face (4, 3): bottom right, bottom left, top left, top right."""
+        """Return the rear face (4, 3): bottom right, bottom left, top left, top right."""
         return self._end(0)
 
     def _end(self, end: int) -> Array:
@@ -244,7 +244,7 @@ class Cabin:
 
 
 def wall(x: tuple[float, float], z: tuple[float, float], y: float) -> Array:
-    """Gives an upright rectangle (4, 3) along x, to carry panes."""
+    """Return an upright rectangle (4, 3) along x, to carry panes."""
     return np.array([[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]])
 
 
@@ -263,7 +263,7 @@ def panes(
     proud: float = 0.02,
     material: Material = Material.GLASS,
 ) -> list[Part]:
-    """Gives flat panes that stand out of a four-cornered face.
+    """Return flat panes that stand out of a four-cornered face.
 
     Args:
         face: (4, 3) corners: bottom start, bottom end, top end, top start.

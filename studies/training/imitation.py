@@ -27,7 +27,7 @@ class Examples:
         self._answers = np.empty((0, 0), np.float32)
 
     def __len__(self) -> int:
-        """Give the number of rows."""
+        """Return the number of rows."""
         return self._count
 
     def add(
@@ -53,7 +53,7 @@ class Examples:
         self._count += room
 
     def batch(self, rows: npt.NDArray[np.intp]) -> tuple[dict[str, Tensor], Tensor]:
-        """Give the observations and answers of some rows."""
+        """Return the observations and answers of some rows."""
         observation = {key: torch.from_numpy(value[rows]) for key, value in self._arrays.items()}
         return observation, torch.from_numpy(self._answers[rows])
 
@@ -139,7 +139,7 @@ def relight(images: Tensor, brightness: float, tint: float, rng: np.random.Gener
 
 
 def _batches(count: int, size: int, rng: np.random.Generator) -> Iterator[npt.NDArray[np.intp]]:
-    """Give the indices of an epoch over `count` rows, in a new order, `size` at a time."""
+    """Yield the indices of an epoch over `count` rows, in a new order, `size` at a time."""
     order = rng.permutation(count)
     for start in range(0, count, size):
         yield order[start : start + size]

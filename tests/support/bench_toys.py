@@ -124,7 +124,7 @@ def make_reference(folder: Path, track: str, points: int = 600, seeds: int = 2) 
 
 
 def made(entries: Path) -> list[tuple[str, str, int]]:
-    """Give the entry, the result and the seed of all finished runs."""
+    """Return the entry, the result and the seed of all finished runs."""
     return [
         (entry.about.name, stem, one.seed)
         for entry in read_entries(entries)
@@ -134,7 +134,7 @@ def made(entries: Path) -> list[tuple[str, str, int]]:
 
 
 def run_in(entries: Path, label: str, rule: str, seed: int = 0, track: str = ANALYTIC):
-    """Give what the entries hold of a run: its result, its seed there, and its samples."""
+    """Return what the entries hold of a run: its result, its seed there, and its samples."""
     [entry] = [one for one in read_entries(entries) if one.about.name == entry_name(label)]
     result = entry.results[result_stem(track, "", rule)]
     [found] = [one for one in result.claimed.seeds if one.seed == seed]
@@ -142,13 +142,13 @@ def run_in(entries: Path, label: str, rule: str, seed: int = 0, track: str = ANA
 
 
 def costs_of(out: Path, label: str, table: str, seed: int = 0):
-    """Give the last costs of a run."""
+    """Return the last costs of a run."""
     key = (label, table, seed)
     return [one for one in read_costs(out) if (one.label, one.table, one.seed) == key][-1]
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """Give all files whose bytes do not depend on time: of the stores, the order of rows does."""
+    """Return all files whose bytes do not depend on time: of the stores, the order of rows does."""
     return {
         str(path.relative_to(out)): path.read_bytes()
         for path in sorted(out.rglob("*"))

@@ -136,5 +136,5 @@ class Greedy(Adversary):
 
 
 def paraboloid(mu: Mu) -> npt.NDArray[np.float64]:
-    """Give a batch function's scores."""
+    """Return a batch function's scores."""
     return np.asarray((mu.astype(np.float64) ** 2).mean(axis=1))

@@ -12,7 +12,7 @@ def run(out, problem=None, adversary=Greedy, **settings):
 
 
 def contents(folder):
-    """Give all files but the store, whose bytes depend on the order in which chunks came."""
+    """Return all files but the store, whose bytes depend on the order in which chunks came."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))

@@ -32,12 +32,12 @@ class Flat(Renderer):
 
 
 def first_two(object_class):
-    """Give the first two of the benchmark's shapes, from behind as well."""
+    """Return the first two of the benchmark's shapes, from behind as well."""
     return tuple(replace(shape, double_sided=True) for shape in benchmark_shapes(object_class)[:2])
 
 
 def no_shapes(object_class):
-    """Give nothing."""
+    """Return nothing."""
     return ()
 
 

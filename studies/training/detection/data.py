@@ -84,7 +84,7 @@ def validation_frames(
 
 
 def _requests(per_class: int, seeds: Sequence[int], empty: int) -> list[tuple[Shape | None, int]]:
-    """Give pairs (shape, label), shape by shape: a renderer loads each only once."""
+    """Yield pairs (shape, label), shape by shape: a renderer loads each only once."""
     counts = np.bincount(np.arange(per_class) % len(seeds), minlength=len(seeds))
     found: list[tuple[Shape | None, int]] = []
     for label, name in enumerate(CLASSES, 1):
@@ -117,7 +117,7 @@ def _render(
 def batches(
     frames: LabelledFrames, size: int, rng: np.random.Generator
 ) -> Iterator[LabelledFrames]:
-    """Give an epoch of shuffled batches, mirrored, brightened and with sensor noise at random."""
+    """Yield an epoch of shuffled batches, mirrored, brightened and with sensor noise at random."""
     order = rng.permutation(len(frames.images))
     width = frames.images.shape[2]
     for start in range(0, len(order) - size + 1, size):

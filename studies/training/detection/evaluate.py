@@ -73,7 +73,7 @@ def detect(model: Detector, images: npt.NDArray[np.uint8], tile: int = 16) -> De
 
 
 def average_precision(detections: Detections, frames: LabelledFrames, label: int) -> float:
-    """Give one class's AP at IoU 0.5, the area under the interpolated precision-recall curve."""
+    """Return one class's AP at IoU 0.5, the area under the interpolated precision-recall curve."""
     scores, hits = _matches(detections, frames, label)
     order = np.argsort(-scores, kind="stable")
     found = np.cumsum(hits[order])
@@ -84,7 +84,7 @@ def average_precision(detections: Detections, frames: LabelledFrames, label: int
 
 
 def calibration_error(detections: Detections, frames: LabelledFrames) -> float:
-    """Give the expected calibration error: the mean gap of confidence and share of hits, by bin."""
+    """Return the expected calibration error: the mean gap of confidence and share of hits by bin."""
     matches = [_matches(detections, frames, k + 1) for k in range(len(CLASSES))]
     scores = np.concatenate([s for s, _ in matches])
     hits = np.concatenate([h for _, h in matches])
@@ -99,7 +99,7 @@ def calibration_error(detections: Detections, frames: LabelledFrames) -> float:
 def _matches(
     detections: Detections, frames: LabelledFrames, label: int
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Give the scores of a class's detections, and which are the first to hit the true box."""
+    """Return the scores of a class's detections, and which are the first to hit the true box."""
     scores: list[float] = []
     hits: list[bool] = []
     for i, found in enumerate(detections):

@@ -67,7 +67,7 @@ def train(recipe: DetectorRecipe, seed: int, *, checkpoint: Path | None = None) 
 
 
 def detection_loss(model: Detector, batch: LabelledFrames) -> Tensor:
-    """Give the heat map's focal loss (Law & Deng 2018, eq. 1) plus the boxes' GIoU loss."""
+    """Return the heat map's focal loss (Law & Deng 2018, eq. 1) plus the boxes' GIoU loss."""
     images = torch.from_numpy(batch.images).permute(0, 3, 1, 2).float() / 255
     logits, reach = model.maps(images)
     heat, centre = targets(batch, tuple(logits.shape[1:]))
@@ -105,7 +105,7 @@ def targets(batch: LabelledFrames, shape: tuple[int, ...]) -> tuple[Tensor, Tens
 
 
 def giou(a: Tensor, b: Tensor) -> Tensor:
-    """Give the generalised intersection over union of boxes (..., 4) (Rezatofighi et al. 2019)."""
+    """Return generalised intersection over union of boxes (..., 4) (Rezatofighi et al. 2019)."""
     low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
     shared = (high - low).clamp(min=0).prod(-1)
     union = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1) - shared

@@ -13,7 +13,7 @@ from studies.training.digits.recipe import ClassifierRecipe
 
 
 def training_images(*, validation: bool = False) -> tuple[LabelledImages, LabelledImages]:
-    """Give the images to train on and those to choose hyper-parameters by; none is a test image.
+    """Return the images to train on and those to choose hyper-parameters by; none is a test image.
 
     Args:
         validation: Whether to hold back a third of the training images, the 3rd, 7th, 11th ... of
@@ -29,7 +29,7 @@ def training_images(*, validation: bool = False) -> tuple[LabelledImages, Labell
 def batches(
     data: LabelledImages, recipe: ClassifierRecipe, rng: np.random.Generator
 ) -> Iterator[tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]]:
-    """Give an epoch of shuffled, changed images (b, 8, 8) and their labels (b,)."""
+    """Yield an epoch of shuffled, changed images (b, 8, 8) and their labels (b,)."""
     strokes = Strokes(data.images)
     order = rng.permutation(len(data))
     for start in range(0, len(order), recipe.batch):

@@ -61,7 +61,7 @@ class PrivilegedDriver:
 
 
 def speed_profile(route: Route) -> Array:
-    """Say how fast to be at each point: slow enough for the curves ahead."""
+    """Return how fast to drive at each point: slow enough for the curves ahead."""
     curvature = np.abs(np.gradient(route.heading, SPACING_M))
     speed = np.minimum(CRUISE_M_S, np.sqrt(SIDEWAYS_M_S2 / np.maximum(curvature, 1e-6)))
     for i in range(len(speed) - 2, -1, -1):
@@ -70,7 +70,7 @@ def speed_profile(route: Route) -> Array:
 
 
 def _beyond(route: Route, along_m: float) -> Array:
-    """Give the route's point at a distance; past its end, the way goes straight on."""
+    """Return the route's point at a distance; past its end, the way goes straight on."""
     end = SPACING_M * (len(route.points) - 1)
     index = int(np.clip(along_m / SPACING_M, 0, len(route.points) - 1))
     past = max(0.0, along_m - end)

@@ -85,7 +85,7 @@ def gather(
 
 
 def strayed(races: RacingEpisodes) -> npt.NDArray[np.bool_]:
-    """Give which drones missed their gate: nothing ahead of them shows where it is."""
+    """Return which drones missed their gate: nothing ahead of them shows where it is."""
     gates = races.gates.shape[1]
     flying = np.flatnonzero(races.next_gate < gates)
     found: npt.NDArray[np.bool_] = np.any(races.endings > GateOutcome.PASSED, axis=1)
