@@ -44,7 +44,7 @@ class Video:
 
 
 def wrongly_sure(info: dict[str, Any]) -> float:
-    """Return how sure the detector is of another class, minus 1 for a pickup, where people may agree."""
+    """Return how sure the detector is of another class; a pickup loses 1, as people may agree."""
     best = info["detections"][0] if info["detections"] else {"score": 0.0}
     return best["score"] - info["score"] - ("pickup" in info["shape"])
 

@@ -39,7 +39,9 @@ def open_browser() -> webdriver.Chrome:
     return webdriver.Chrome(options=options, service=service)
 
 
-def screenshot(browser: webdriver.Chrome, page: Path, width: int, theme: str) -> tuple[bytes, list[str]]:
+def screenshot(
+    browser: webdriver.Chrome, page: Path, width: int, theme: str
+) -> tuple[bytes, list[str]]:
     """Return a page's picture, as PNG, and what of it is wider than the screen."""
     metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)

@@ -84,7 +84,7 @@ def average_precision(detections: Detections, frames: LabelledFrames, label: int
 
 
 def calibration_error(detections: Detections, frames: LabelledFrames) -> float:
-    """Return the expected calibration error: the mean gap of confidence and share of hits by bin."""
+    """Return expected calibration error: the mean gap of confidence and share of hits by bin."""
     matches = [_matches(detections, frames, k + 1) for k in range(len(CLASSES))]
     scores = np.concatenate([s for s, _ in matches])
     hits = np.concatenate([h for _, h in matches])
