@@ -12,7 +12,7 @@ from sada_gym.errors import UserError
 
 
 def names_file(env_id: str) -> bool:
-    """Say whether a name stands for a TOML file with an application, and not for an id."""
+    """Whether a name stands for a TOML file with an application, and not for an id."""
     return env_id.endswith(".toml")
 
 

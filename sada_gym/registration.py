@@ -28,25 +28,25 @@ def _register(env_id: str, entry_points: tuple[str, str], kwargs: dict[str, Any]
 
 
 def ids_of(application: str | None = None) -> dict[str, Mapping[str, Any]]:
-    """Give the ids of an application, or of all, with the keywords that each fixes."""
-    found: dict[str, Mapping[str, Any]] = {}
+    """Return the ids of an application, or of all, with the keywords that each fixes."""
+    ids: dict[str, Mapping[str, Any]] = {}
     for card in cards():
         if application in (None, card.name):
-            found[card.id] = {}
-            found |= {card.track_id(suffix): card.tracks[suffix] for suffix in card.tracks}
-    return found
+            ids[card.id] = {}
+            ids |= {card.track_id(suffix): card.tracks[suffix] for suffix in card.tracks}
+    return ids
 
 
 def env_ids() -> tuple[str, ...]:
-    """Give the ids of this package's adversary environments."""
+    """Return the ids of this package's adversary environments."""
     return tuple(ids_of())
 
 
 def tracks() -> tuple[str, ...]:
-    """Give the leaderboard's tracks."""
+    """Return the leaderboard's tracks."""
     return tuple(env_id for card in cards() for env_id in card.track_ids)
 
 
 def task_ids() -> tuple[str, ...]:
-    """Give the ids of the inner tasks, on which the agents under attack are trained."""
+    """Return the ids of the inner tasks, on which the agents under attack are trained."""
     return tuple(env_id for card in cards() for env_id in card.tasks)

@@ -15,7 +15,7 @@ RESET_MASK = "reset_mask"
 
 
 def validate_seed(seed: int | None) -> int | None:
-    """Give the seed of a reset back as a Python int.
+    """Return the seed of a reset as a Python int.
 
     Raises:
         ValueError: If it is not an int from 0 up.
@@ -24,14 +24,15 @@ def validate_seed(seed: int | None) -> int | None:
 
 
 def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Give each of `count` environments its seed: seed + i, or the i-th of a sequence.
+    """Return the seeds of `count` environments: seed + i, or the i-th of a sequence.
 
     Raises:
         ValueError: If their number is another one, or one is not an int from 0 up.
     """
     if seed is None:
         return [None] * count
-    if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or _is_scalar(seed):
+    scalar = isinstance(seed, np.ndarray) and seed.ndim == 0
+    if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or scalar:
         (first,) = validate_seeds([cast("int", seed)], 1, bounded=False)
         return [first + i for i in range(count)]
     if len(seed) != count:
@@ -39,25 +40,22 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
             f"Expected {count} seeds, one for each environment, got {len(seed)}. "
             "Pass an int to have them counted up from it."
         )
-    return [validate_seed(one) for one in seed]
+    return [validate_seed(value) for value in seed]
 
 
 def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:
-    """Check the options of a reset.
-
-    Gymnasium lets an environment ignore what it does not know. A misspelt mask or a seed among the
-    options would then change nothing without a word.
+    """Check that all options of a reset are known; Gymnasium would ignore a misspelt one.
 
     Raises:
-        ValueError: If one is not among the known ones.
+        ValueError: If one is not.
     """
     if options is not None and not isinstance(options, Mapping):
         raise UserTypeError(f"Expected the options of a reset in a dictionary, got {options!r}.")
     for name in options or {}:
         if name not in known:
-            takes = f"reset options among {list(known)}" if known else "no reset options"
+            expected = f"reset options among {list(known)}" if known else "no reset options"
             hint = " Pass the seed as reset(seed=...)." if name == "seed" else ""
-            raise UserError(f"Expected {takes}, got {name!r}.{hint}")
+            raise UserError(f"Expected {expected}, got {name!r}.{hint}")
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
@@ -77,7 +75,3 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
             f"got {mask.shape} and {mask.dtype}."
         )
     return [int(i) for i in np.flatnonzero(mask)]
-
-
-def _is_scalar(given: Any) -> bool:
-    return isinstance(given, np.ndarray) and given.ndim == 0

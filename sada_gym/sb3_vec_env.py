@@ -42,8 +42,8 @@ class SB3VecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Begin all episodes, with the seeds that `seed` set."""
-        given = self._seeds if any(seed is not None for seed in self._seeds) else None
-        observation, infos = self.env.reset(seed=given)  # type: ignore[arg-type]
+        seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
+        observation, infos = self.env.reset(seed=seeds)  # type: ignore[arg-type]
         self.reset_infos = [_row(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()

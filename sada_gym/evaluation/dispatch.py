@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sada_gym.errors import WorkerError
 from sada_gym.evaluation.executors import count_workers, engine_errors
-from sada_gym.evaluation.workers import PortableScorer, WorkerPool, evaluate_if_known
+from sada_gym.evaluation.workers import PortableScorer, WorkerPool, evaluate_if_loadable
 from sada_gym.parameters import Mu
 
 MAX_DEATHS = 3
@@ -44,12 +44,12 @@ class Chunk:
 
 
 Settle = Callable[[Chunk, Scores], None]
-Running = dict[Future[Scores | None], Chunk]
+Pending = dict[Future[Scores | None], Chunk]
 """The chunks that were handed out; None as the result of one asks for the task's payload."""
 
 
 class Dispatcher:
-    """Hands chunks to an executor, a few for each worker, and takes their scores back.
+    """Hands chunks to an executor, a few for each worker, and collects their scores.
 
     The first chunk starts our own processes. When one of them dies, all are replaced, and their
     chunks are evaluated again. What they warn of is shown here, once. Other executors replace
@@ -66,20 +66,20 @@ class Dispatcher:
         self, task: PortableScorer, workers: int, executor: Executor | None = None
     ) -> None:
         self._task = task
-        self._given_workers = workers
+        self._default_workers = workers
         self._executor = executor
         self._pool: WorkerPool | None = None
         self._payloads_to_send = 0
-        self._asked: int | None = None
-        self._asked_at = -_CHECK_S
-        self._told: set[tuple[type[Warning], str]] = set()
+        self._counted: int | None = None
+        self._counted_at = -_CHECK_S
+        self._shown: set[tuple[type[Warning], str]] = set()
 
     @property
     def workers(self) -> int:
         """The number of workers. A cluster is asked again every few seconds."""
-        if self._executor is not None and time.monotonic() - self._asked_at > _CHECK_S:
-            self._asked, self._asked_at = count_workers(self._executor), time.monotonic()
-        return self._asked or self._given_workers
+        if self._executor is not None and time.monotonic() - self._counted_at > _CHECK_S:
+            self._counted, self._counted_at = count_workers(self._executor), time.monotonic()
+        return self._counted or self._default_workers
 
     def run(self, chunks: Iterable[Chunk], settle: Settle) -> None:
         """Evaluate all chunks.
@@ -93,30 +93,30 @@ class Dispatcher:
                 before this or any other error were given to `settle`.
         """
         waiting, deaths = deque(chunks), Counter[Chunk]()
-        running: Running = {}
+        pending: Pending = {}
         ahead = _AHEAD * self.workers
         self._payloads_to_send = self.workers
         try:
-            while waiting or running:
+            while waiting or pending:
                 try:
-                    self._hand_out(waiting, running, ahead)
-                    self._take_back(waiting, running, settle)
+                    self._submit(waiting, pending, ahead)
+                    self._collect(waiting, pending, settle)
                 except engine_errors() as error:
-                    lost = _taken_back(running, settle)
+                    lost = _collect_lost(pending, settle)
                     self._recover(error, lost or [waiting[0]], deaths)
                     waiting.extendleft(reversed(lost))
         finally:
-            for future, chunk in running.items():
+            for future, chunk in pending.items():
                 if not future.cancel():
-                    _settled(future, chunk, settle)
+                    _settle_if_done(future, chunk, settle)
 
-    def _hand_out(self, waiting: deque[Chunk], running: Running, ahead: int) -> None:
+    def _submit(self, waiting: deque[Chunk], pending: Pending, ahead: int) -> None:
         executor = self._open()
-        while waiting and len(running) < ahead:
+        while waiting and len(pending) < ahead:
             chunk = waiting[0]
             try:
                 future = executor.submit(
-                    evaluate_if_known, self._scorer_to_send(), chunk.mu, chunk.seeds
+                    evaluate_if_loadable, self._scorer_to_send(), chunk.mu, chunk.seeds
                 )
             except BrokenExecutor:
                 raise
@@ -125,44 +125,40 @@ class Dispatcher:
                     f"Expected an open executor, got one that takes no more work ({error}). Keep "
                     "it open as long as the oracle is used."
                 ) from error
-            running[future] = waiting.popleft()
+            pending[future] = waiting.popleft()
 
     def _scorer_to_send(self) -> PortableScorer:
-        """Choose whether to send the payload: at first it is sent once for each worker.
-
-        Our own processes got it when they started. Other workers answer None if they lack it.
-        """
+        """Leave the payload out where it is large and the worker has it, or asks for it by None."""
         if self._executor is not None and self._task.size <= _SMALL_BYTES:
             return self._task
         if self._executor is not None and self._payloads_to_send > 0:
-            self._payloads_to_send -= 1
+            self._payloads_to_send -= 1  # at first it is sent once for each worker
             return self._task
         return replace(self._task, payload=None)
 
-    def _take_back(self, waiting: deque[Chunk], running: Running, settle: Settle) -> None:
-        for future in self._wait(running):
-            chunk = running[future]
+    def _collect(self, waiting: deque[Chunk], pending: Pending, settle: Settle) -> None:
+        for future in self._wait(pending):
+            chunk = pending[future]
             scores = future.result()
-            del running[future]
-            self._warn()
+            del pending[future]
+            self._show_warnings()
             if scores is None:
                 self._payloads_to_send += 1
                 waiting.appendleft(chunk)
             else:
                 settle(chunk, scores)
 
-    def _warn(self) -> None:
-        """Show each warning of our own processes once."""
+    def _show_warnings(self) -> None:
         for category, text in () if self._pool is None else self._pool.warnings():
-            if (category, text) not in self._told:
-                self._told.add((category, text))
+            if (category, text) not in self._shown:
+                self._shown.add((category, text))
                 warnings.warn(text, category, stacklevel=2)
 
-    def _wait(self, running: Running) -> Iterable[Future[Scores | None]]:
+    def _wait(self, pending: Pending) -> Iterable[Future[Scores | None]]:
         """Wait for the next results, but not for ever for a cluster that has no workers."""
         last_seen = time.monotonic()
         while True:
-            done, _ = wait(running, timeout=_CHECK_S, return_when=FIRST_COMPLETED)
+            done, _ = wait(pending, timeout=_CHECK_S, return_when=FIRST_COMPLETED)
             if done:
                 return done
             if self._executor is None or count_workers(self._executor) != 0:
@@ -193,11 +189,10 @@ class Dispatcher:
             ) from error
 
     def _open(self) -> Executor:
-        """Give the executor, and start our own processes if they have not been started."""
         if self._executor is not None:
             return self._executor
         if self._pool is None:
-            self._pool = WorkerPool(self._given_workers, self._task)
+            self._pool = WorkerPool(self._default_workers, self._task)
         return self._pool.executor
 
     def close(self, *, now: bool = False) -> None:
@@ -211,19 +206,19 @@ class Dispatcher:
             self._pool = None
 
 
-def _taken_back(running: Running, settle: Settle) -> list[Chunk]:
-    """Empty `running` after a death: settle the finished chunks, and return the others."""
-    wait(running, timeout=_DYING_S)  # a pool that has lost a process fails all that it holds
+def _collect_lost(pending: Pending, settle: Settle) -> list[Chunk]:
+    """Empty `pending` after a death: settle the finished chunks, and return the others."""
+    wait(pending, timeout=_DYING_S)  # a pool that has lost a process fails all that it holds
     lost = []
-    while running:
-        future, chunk = running.popitem()
-        if not _settled(future, chunk, settle):
+    while pending:
+        future, chunk = pending.popitem()
+        if not _settle_if_done(future, chunk, settle):
             lost.append(chunk)
     return lost[::-1]
 
 
-def _settled(future: Future[Scores | None], chunk: Chunk, settle: Settle) -> bool:
-    """Settle a chunk whose scores have come back, and say whether they have."""
+def _settle_if_done(future: Future[Scores | None], chunk: Chunk, settle: Settle) -> bool:
+    """Settle a chunk whose scores have come back, and return whether they have."""
     if not future.done() or future.cancelled() or future.exception() is not None:
         return False
     scores = future.result()

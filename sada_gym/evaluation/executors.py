@@ -88,7 +88,7 @@ def open_executor(spec: str = "processes", workers: int = 1) -> OpenExecutor:
 
 
 def count_workers(executor: Executor) -> int | None:
-    """Ask an executor how many workers it has; None if it does not know."""
+    """Return how many workers an executor has; None if it does not know."""
     client = getattr(executor, "_client", None)  # of Dask's executors
     if client is not None:
         try:
@@ -96,12 +96,12 @@ def count_workers(executor: Executor) -> int | None:
         except Exception:  # whatever is wrong with the cluster, its futures will say
             return None
     # concurrent.futures and loky alike
-    known = getattr(executor, "_max_workers", None)
-    return known if isinstance(known, int) else None
+    workers = getattr(executor, "_max_workers", None)
+    return workers if isinstance(workers, int) else None
 
 
 def engine_errors() -> tuple[type[BaseException], ...]:
-    """List the errors that futures of a broken executor raise, and evaluations never."""
+    """Return the errors that futures of a broken executor raise, and evaluations never."""
     errors: list[type[BaseException]] = [BrokenExecutor, CancelledError]
     distributed = sys.modules.get("distributed")  # loaded by whoever made such an executor
     if distributed is not None:
@@ -170,7 +170,7 @@ def _running_cluster(address: str) -> OpenExecutor:
 
 
 def _leave(connection: Any) -> None:
-    with suppress(OSError, TimeoutError):  # it is gone already
+    with suppress(OSError, TimeoutError):  # it may be gone
         connection.close(timeout=_CLOSE_S)
 
 
@@ -183,29 +183,29 @@ def _ready_workers(client: Any, address: str) -> int:
             f"Expected workers in the cluster at {address}, but there was none within "
             f"{_FIRST_WORKER_S:.0f} s. Start some: dask worker {address}"
         ) from error
-    here = _versions()
+    own = _versions()
     try:
-        found = client.run(_versions)
+        versions = client.run(_versions)
     except ModuleNotFoundError as error:
         raise UserError(
             f"Expected sada-gym to be installed where the workers of {address} run, but it is not "
-            f"({error}). Install sada-gym {here['sada-gym']} there."
+            f"({error}). Install sada-gym {own['sada-gym']} there."
         ) from error
-    for worker, there in found.items():
-        other = [f"{k} {there[k]} instead of {here[k]}" for k in here if there[k] != here[k]]
-        if other:
+    for worker, its in versions.items():
+        differing = [f"{k} {its[k]} instead of {own[k]}" for k in own if its[k] != own[k]]
+        if differing:
             raise UserError(
                 f"Expected the same versions in the cluster as here, got a worker, {worker}, with "
-                f"{', '.join(other)}. Scores could differ: install the same ones everywhere."
+                f"{', '.join(differing)}. Scores could differ: install the same ones everywhere."
             )
     return int(sum(client.nthreads().values()))
 
 
 def _versions() -> dict[str, str]:
-    found = {"Python": ".".join(platform.python_version_tuple()[:2])}
+    versions = {"Python": ".".join(platform.python_version_tuple()[:2])}
     for name in _DECISIVE:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "(none)"
-    return found
+            versions[name] = "(none)"
+    return versions

@@ -21,7 +21,7 @@ from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 
 BatchFunction = Callable[[Mu], npt.ArrayLike]
-"""A user's black box takes (n, d) float32 in [-1, 1] and gives (n,) scores."""
+"""A user's black box takes (n, d) float32 in [-1, 1] and returns (n,) scores."""
 
 Problem = str | Application | BatchFunction
 """Anything that can be attacked: an id, a TOML file, an application, or (n, d) -> (n,)."""

@@ -48,7 +48,7 @@ class _Context(SpawnContext):
 
 
 def spawn_context() -> SpawnContext:
-    """Give a context for executors and queues whose processes start safely."""
+    """Return a context for executors and queues whose processes start safely."""
     if os.name == "posix":
         from multiprocessing.resource_tracker import ensure_running
 
@@ -73,8 +73,8 @@ def _program() -> Iterator[None]:
 
     def start_safely(path: str, command: Sequence[Any], descriptors: Sequence[int]) -> Any:
         words = list(command)
-        at = words.index("-c") + 1
-        words[at] = f"import sys; del sys.path[0]; {words[at]}"
+        script = words.index("-c") + 1
+        words[script] = f"import sys; del sys.path[0]; {words[script]}"
         return start(path, words, descriptors)
 
     util.spawnv_passfds = start_safely

@@ -34,6 +34,20 @@ MAX_WORKERS = 1_024
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
 _DYING_S = 10.0
+_MOST_WARNINGS, _LONGEST_WARNING = 10, 500
+
+_sent_warnings: set[str] = set()
+"""The warnings that this worker has sent."""
+
+_payloads: dict[str, bytes] = {}
+"""The last payloads that this process received, when it started or later, by key."""
+
+_payloads_lock = threading.Lock()
+
+_scorers = threading.local()
+"""The scorers that this thread has loaded, by key. Threads seldom can share a simulator."""
+
+WarningQueue = SimpleQueue[tuple[type[Warning], str]]
 
 
 @dataclass(frozen=True)
@@ -73,18 +87,15 @@ class PortableScorer:
 
     def __call__(self, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
         """Evaluate one chunk, see `score`."""
-        return score(self._scorer(), mu, seeds)
-
-    def _scorer(self) -> Scorer:
-        loaded: dict[str, Scorer] = vars(_loaded)
-        if self.key not in loaded:
-            _drop_oldest(loaded)
-            loaded[self.key] = self._load()
-        return loaded[self.key]
+        scorers: dict[str, Scorer] = vars(_scorers)
+        if self.key not in scorers:
+            _drop_oldest(scorers)
+            scorers[self.key] = self._load()
+        return score(scorers[self.key], mu, seeds)
 
     def _load(self) -> Scorer:
         try:
-            payload = _given[self.key] if self.payload is None else self.payload
+            payload = _payloads[self.key] if self.payload is None else self.payload
             source: Registered | Scorer = pickle.loads(payload)
             return source.build() if isinstance(source, Registered) else source
         except Exception as error:
@@ -94,48 +105,35 @@ class PortableScorer:
             ) from error
 
 
-_MOST_WARNINGS, _LONGEST_WARNING = 10, 500
-_said: set[str] = set()
-"""The warnings that this worker has sent."""
-_given: dict[str, bytes] = {}
-"""The last payloads that this process received, when it started or later, by key."""
-
-_giving = threading.Lock()
-
-
-_loaded = threading.local()
-"""The scorers that this thread has loaded, by key. Threads seldom can share a simulator."""
-
-
-def _drop_oldest(kept: dict[str, Any]) -> None:
+def _drop_oldest(cache: dict[str, Any]) -> None:
     """Make room for one more entry."""
-    while len(kept) >= _CACHE_SIZE:
-        oldest = kept.pop(next(iter(kept)))
+    while len(cache) >= _CACHE_SIZE:
+        oldest = cache.pop(next(iter(cache)))
         if isinstance(oldest, Application):
             oldest.close()
 
 
-def evaluate_if_known(
+def evaluate_if_loadable(
     task: PortableScorer, mu: Mu, seeds: Sequence[int]
 ) -> npt.NDArray[np.float64] | None:
-    """Evaluate one chunk in a process that may have seen the task before.
+    """Evaluate one chunk in a process that may have received the task before.
 
-    This lets a large model cross the network once for each process, not with every chunk.
+    So a large model crosses the network once for each process, not with every chunk.
 
     Args:
         task: The task. This process keeps its payload; a task without one must have come before.
-        mu: (n, d) float32, checked.
+        mu: (n, d) float32, valid.
         seeds: n evaluation seeds.
 
     Returns:
         (n,) float64, or None if this process lacks the payload and must get it first.
     """
-    with _giving:
-        if task.payload is not None and task.key not in _given:
-            _drop_oldest(_given)
-            _given[task.key] = task.payload
-        known = task.payload is not None or task.key in _given or task.key in vars(_loaded)
-    return task(mu, seeds) if known else None
+    with _payloads_lock:
+        if task.payload is not None and task.key not in _payloads:
+            _drop_oldest(_payloads)
+            _payloads[task.key] = task.payload
+        loadable = task.payload is not None or task.key in _payloads or task.key in vars(_scorers)
+    return task(mu, seeds) if loadable else None
 
 
 class WorkerPool:
@@ -152,17 +150,17 @@ class WorkerPool:
     def __init__(self, workers: int, task: PortableScorer | None = None) -> None:
         context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
-        self._heard: SimpleQueue[tuple[type[Warning], str]] = context.SimpleQueue()
+        self._warnings: WarningQueue = context.SimpleQueue()
         self.executor = ProcessPoolExecutor(
             workers,
             mp_context=context,
             initializer=_initialise,
-            initargs=(watched, task, self._heard),
+            initargs=(watched, task, self._warnings),
         )
         before = set(active_children())
         with inherited_settings():
             for _ in range(workers):
-                self.executor.submit(_nothing)
+                self.executor.submit(_nothing)  # so that the pool starts a process
         self._processes = set(active_children()) - before
 
     @property
@@ -171,12 +169,12 @@ class WorkerPool:
         return any(process.exitcode == 1 for process in self._processes)
 
     def warnings(self) -> Iterator[tuple[type[Warning], str]]:
-        """Give the category and the text of each warning that the workers sent since the last call.
+        """Iterate over category and text of the warnings that came since the last call.
 
         They come before the scores of the chunk in which they arose.
         """
-        while not self._heard.empty():
-            yield self._heard.get()
+        while not self._warnings.empty():
+            yield self._warnings.get()
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers; calling it twice is fine.
@@ -196,44 +194,38 @@ class WorkerPool:
 def inherited_settings() -> Iterator[None]:
     """Give processes that start here one thread each, and block SIGINT from the beginning.
 
-    Both must stand before the interpreter starts: NumPy reads the variables when it is imported,
+    Both must be set before the interpreter starts: NumPy reads the variables when it is imported,
     and a Ctrl-C during start-up would print a traceback for each worker.
     """
-    masks = hasattr(signal, "pthread_sigmask")
     with environment_variables(dict.fromkeys(_THREADS, "1")):
-        if masks:
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        if not hasattr(signal, "pthread_sigmask"):
+            yield
+            return
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield
         finally:
-            if masks:
-                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _initialise(
-    lifeline: Connection,
-    task: PortableScorer | None,
-    told: SimpleQueue[tuple[type[Warning], str]],
-) -> None:
+def _initialise(lifeline: Connection, task: PortableScorer | None, queue: WarningQueue) -> None:
     if task is not None and task.payload is not None:
-        _given[task.key] = task.payload
+        _payloads[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    warnings.showwarning = partial(_tell, told)  # the parent shows it once, not each worker
+    warnings.showwarning = partial(_send_warning, queue)  # the parent shows it once
     threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
 
 
-def _tell(
-    told: SimpleQueue[tuple[type[Warning], str]],
-    message: Warning | str,
-    category: type[Warning],
-    *_: Any,
+def _send_warning(
+    queue: WarningQueue, message: Warning | str, category: type[Warning], *_: Any
 ) -> None:
     # a full pipe would stop the worker until the parent reads it, which waits for the worker
-    if len(_said) < _MOST_WARNINGS and str(message) not in _said:
-        _said.add(str(message))
+    text = str(message)
+    if len(_sent_warnings) < _MOST_WARNINGS and text not in _sent_warnings:
+        _sent_warnings.add(text)
         # the parent may be unable to import the category of another library
-        known = category if category.__module__ == "builtins" else UserWarning
-        told.put((known, str(message)[:_LONGEST_WARNING]))
+        portable = category if category.__module__ == "builtins" else UserWarning
+        queue.put((portable, text[:_LONGEST_WARNING]))
 
 
 def _exit_with_parent(lifeline: Connection) -> None:
@@ -242,4 +234,4 @@ def _exit_with_parent(lifeline: Connection) -> None:
 
 
 def _nothing() -> None:
-    """Do nothing, so that the pool starts a process."""
+    pass

@@ -18,7 +18,7 @@ from toy import Toy, paraboloid
 from sada_gym.errors import MissingExtra, UserError, WorkerError
 from sada_gym.evaluation import dispatch, executors
 from sada_gym.evaluation.executors import count_workers, open_executor
-from sada_gym.evaluation.workers import PortableScorer, evaluate_if_known
+from sada_gym.evaluation.workers import PortableScorer, evaluate_if_loadable
 from sada_gym.oracle import Oracle
 
 pytestmark = pytest.mark.timeout(120)
@@ -438,9 +438,9 @@ def test_a_large_model_reaches_dasks_workers_even_one_that_is_new(cluster):
 def test_a_process_that_lacks_the_payload_asks_for_it():
     task = PortableScorer.of(Large(seed=1))  # that no other test has sent
     light = PortableScorer(None, task.key)
-    assert evaluate_if_known(light, MU[:2], [0, 1]) is None
-    whole = evaluate_if_known(task, MU[:2], [0, 1])
-    np.testing.assert_array_equal(evaluate_if_known(light, MU[:2], [0, 1]), whole)
+    assert evaluate_if_loadable(light, MU[:2], [0, 1]) is None
+    whole = evaluate_if_loadable(task, MU[:2], [0, 1])
+    np.testing.assert_array_equal(evaluate_if_loadable(light, MU[:2], [0, 1]), whole)
 
 
 def test_only_a_few_chunks_are_handed_out_at_a_time():
