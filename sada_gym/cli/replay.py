@@ -36,13 +36,12 @@ def replay(
     """
     with errors_as_sentences():
         from sada_gym.progress import COMPILING, will_compile
-        from sada_gym.replay.video import Stage
-        from sada_gym.replay.video import replay as make
+        from sada_gym.replay import video as videos
 
         status = Status("Opening the run", console=err)
         compiling = False
 
-        def progress(stage: Stage, done: int, total: int) -> None:
+        def progress(stage: videos.Stage, done: int, total: int) -> None:
             nonlocal compiling
             if stage == "play" and not compiling and will_compile():
                 compiling = True
@@ -60,7 +59,7 @@ def replay(
         if err.is_terminal:
             status.start()
         try:
-            video = make(
+            video = videos.replay(
                 run,
                 worst=worst,
                 sample=sample,
@@ -71,8 +70,8 @@ def replay(
             )
         finally:
             status.stop()
-    for one in video.samples:
-        say(f"Sample {one.sample}: Q = {one.score:.3g}; {'; '.join(one.endings)}")
-        if one.score != one.stored:
-            say(f"  The run stored {one.stored!r}: another processor rounds otherwise.")
+    for played in video.samples:
+        say(f"Sample {played.sample}: Q = {played.score:.3g}; {'; '.join(played.endings)}")
+        if played.score != played.stored:
+            say(f"  The run stored {played.stored!r}: another processor rounds otherwise.")
     say(f"{video.path}: {video.seconds:.1f} s, {video.size / 1e6:.2f} MB")

@@ -15,7 +15,7 @@ from sada_gym.replay.palette import Palette
 COLOURS = 255
 """One of the 256 that a GIF can have stands for pixels that stay as they are."""
 BYTES_PER_10_S = 2_000_000
-_TRIES: tuple[tuple[float, float, int], ...] = (
+_TRIES = (
     (1.0, 5.0, COLOURS),
     (1.0, 9.0, 160),
     (1.0, 12.0, 96),
@@ -31,8 +31,8 @@ _HELD_S = 1.0
 """Frames that stand so long are endings."""
 
 
-def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> bytes:
-    """Give a video as the bytes of a GIF.
+def gif(frames: Sequence[Frame], times_s: Sequence[float], max_bytes: int) -> bytes:
+    """Return a video as the bytes of a GIF.
 
     All frames share one palette. A frame holds only those pixels that changed. Where the file would
     be too large, it gets fewer colours, a smaller picture and in the end fewer frames.
@@ -40,36 +40,35 @@ def gif(frames: Sequence[Frame], times_s: Sequence[float], most_bytes: int) -> b
     Args:
         frames: The frames, all of one size.
         times_s: How long each is shown.
-        most_bytes: What the file may have. A video that cannot be made so small is as small as it
+        max_bytes: What the file may have. A video that cannot be made so small is as small as it
             gets.
     """
     content = b""
-    for kept, times in _thinner(frames, times_s):
+    for kept, times in _thinned(frames, times_s):
         skip = False
         for share, tolerance, colours in _TRIES:
             if skip:  # far too large: the next try would not do
                 skip = False
                 continue
-            smaller = kept if share == 1.0 else [_scaled(frame, share) for frame in kept]
-            content = _encoded(smaller, times, tolerance, colours)
-            if len(content) <= most_bytes:
+            scaled = kept if share == 1.0 else [_scaled(frame, share) for frame in kept]
+            content = _encoded(scaled, times, tolerance, colours)
+            if len(content) <= max_bytes:
                 return content
-            skip = len(content) > _FAR * most_bytes
+            skip = len(content) > _FAR * max_bytes
     return content
 
 
-def _thinner(
+def _thinned(
     frames: Sequence[Frame], times_s: Sequence[float]
 ) -> Iterator[tuple[Sequence[Frame], Sequence[float]]]:
-    """Give the video, then with every second, and with every third frame; endings stay."""
     yield frames, times_s
-    for share in (2, 3):
+    for share in (2, 3):  # keep every second, then every third frame, and all endings
         kept: list[Frame] = []
         times: list[float] = []
         together = 0
         for frame, time_s in zip(frames, times_s, strict=True):
             held = time_s >= _HELD_S
-            if held or together == 0 or together == share:
+            if held or together in (0, share):
                 kept.append(frame)
                 times.append(time_s)
                 together = 0 if held else 1
@@ -89,7 +88,9 @@ def _encoded(
     frames: Sequence[Frame], times_s: Sequence[float], tolerance: float, colours: int
 ) -> bytes:
     palette = Palette(frames, colours)
-    pictures = [_paletted(one, palette) for one in _steadied(frames, palette, tolerance)]
+    pictures = [Image.fromarray(indices) for indices in _steadied(frames, palette, tolerance)]
+    for picture in pictures:
+        picture.putpalette(palette.colours.tobytes())
     buffer = io.BytesIO()
     pictures[0].save(
         buffer,
@@ -107,25 +108,19 @@ def _encoded(
 def _steadied(
     frames: Sequence[Frame], palette: Palette, tolerance: float
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    """Give each frame's indices, (height, width); a pixel keeps its index while that fits."""
-    now: npt.NDArray[np.uint8] | None = None
+    """Yield each frame's indices, (height, width); a pixel keeps its index while that fits."""
+    shown: npt.NDArray[np.uint8] | None = None
     colours = palette.colours.astype(np.int16)
     for frame in frames:
-        fresh = palette.indices(frame)
-        if now is not None:
-            off = (colours[now] - frame.astype(np.int16)).astype(np.float32)
-            fresh = np.where((off * off).sum(axis=2) <= 3 * tolerance**2, now, fresh)
-        now = fresh
-        yield fresh
-
-
-def _paletted(indices: npt.NDArray[np.uint8], palette: Palette) -> Image.Image:
-    picture = Image.fromarray(indices)
-    picture.putpalette(palette.colours.tobytes())
-    return picture
+        indices = palette.indices(frame)
+        if shown is not None:
+            off = (colours[shown] - frame.astype(np.int16)).astype(np.float32)
+            indices = np.where((off * off).sum(axis=2) <= 3 * tolerance**2, shown, indices)
+        shown = indices
+        yield indices
 
 
 def durations_ms(times_s: Sequence[float]) -> list[int]:
     """Round times to the hundredths of a second that a GIF holds, so that the sum stays right."""
     ends = np.round(np.cumsum([0.0, *times_s]) * 100).astype(int)
-    return [max(20, 10 * one) for one in np.diff(ends).tolist()]
+    return [max(20, 10 * hundredths) for hundredths in np.diff(ends).tolist()]

@@ -15,7 +15,7 @@ FPS = 20
 
 
 def require_encoder() -> None:
-    """Refuse to go on without an encoder.
+    """Check that there is an encoder.
 
     Raises:
         MissingExtra: If imageio-ffmpeg is not installed.
@@ -30,7 +30,7 @@ def require_encoder() -> None:
 
 
 def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
-    """Give a video as the bytes of an MP4 (H.264).
+    """Return a video as the bytes of an MP4 (H.264).
 
     Args:
         frames: The frames, all of one size.
@@ -43,12 +43,13 @@ def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
     require_encoder()
     import imageio_ffmpeg
 
-    height, width = (side + side % 2 for side in frames[0].shape[:2])  # H.264 takes even sides
+    height, width = frames[0].shape[:2]
+    odd = ((0, height % 2), (0, width % 2), (0, 0))  # H.264 takes even sides
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "video.mp4")
         writer = imageio_ffmpeg.write_frames(
             str(path),
-            (width, height),
+            (width + width % 2, height + height % 2),
             fps=FPS,
             codec="libx264",
             pix_fmt_out="yuv420p",
@@ -60,12 +61,7 @@ def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
         try:
             writer.send(None)
             for frame in _at_one_rate(frames, times_s):
-                padded = np.pad(
-                    frame,
-                    ((0, height - frame.shape[0]), (0, width - frame.shape[1]), (0, 0)),
-                    mode="edge",
-                )
-                writer.send(np.ascontiguousarray(padded))
+                writer.send(np.ascontiguousarray(np.pad(frame, odd, mode="edge")))
             writer.close()
             return path.read_bytes()
         except OSError as error:
@@ -75,7 +71,6 @@ def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
 
 
 def _at_one_rate(frames: Sequence[Frame], times_s: Sequence[float]) -> Iterator[Frame]:
-    """Repeat frames, so that each is shown for its time at `FPS`."""
     ends = np.round(np.cumsum([0.0, *times_s]) * FPS).astype(int)
     for frame, count in zip(frames, np.diff(ends).tolist(), strict=True):
         for _ in range(count):

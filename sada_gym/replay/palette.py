@@ -11,99 +11,14 @@ from sada_gym.frames import Frame
 
 _BITS = 6
 """Colours are looked up, and counted, on a grid of so many bits a channel."""
-_MOST_COLOURS = 6_000
+_MAX_COLOURS = 6_000
 _RARE = 0.4
 """A colour that fills a hundred times the area gets 100 ** 0.4 times the weight."""
 
 Pixels = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
 
-
-class Palette:
-    """A few colours that stand for all those of some frames.
-
-    Args:
-        frames: The frames.
-        count: The number of colours.
-
-    Attributes:
-        colours: (count, 3) uint8.
-    """
-
-    def __init__(self, frames: Sequence[Frame], count: int) -> None:
-        centres, weights = _histogram(frames)
-        self.colours = _cluster(centres, weights, count)
-        self._nearest = _lookup(self.colours)
-
-    def indices(self, frame: Frame) -> Pixels:
-        """Give the index of the nearest colour for each pixel, (height, width)."""
-        found: Pixels = self._nearest[_cells(frame)]
-        return found
-
-
-def _cells(pixels: Pixels) -> npt.NDArray[np.int32]:
-    """Give the cell of the grid, (...), in which each of the colours (..., 3) lies."""
-    red, green, blue = (pixels[..., k].astype(np.int32) >> (8 - _BITS) for k in range(3))
-    cells: npt.NDArray[np.int32] = (red << 2 * _BITS) | (green << _BITS) | blue
-    return cells
-
-
-def _histogram(frames: Sequence[Frame]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Give the mean colours of the cells of a coarse grid, (n, 3), and their weights, (n,)."""
-    cells = 1 << 3 * _BITS
-    counts, sums = np.zeros(cells), np.zeros((cells, 3))
-    step = max(1, len(frames) // 40)
-    for frame in [*frames[::step], frames[-1]]:
-        pixels = frame.reshape(-1, 3)
-        at = _cells(pixels)
-        counts += np.bincount(at, minlength=cells)
-        for k in range(3):
-            sums[:, k] += np.bincount(at, pixels[:, k], minlength=cells)
-    there = np.flatnonzero(counts)
-    there = there[np.argsort(-counts[there], kind="stable")][:_MOST_COLOURS]
-    return sums[there] / counts[there, None], counts[there] ** _RARE
-
-
-def _cluster(
-    colours: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], count: int
-) -> Pixels:
-    if len(colours) <= count:
-        return np.round(colours).astype(np.uint8)
-    from sklearn.cluster import KMeans
-
-    means = KMeans(count, n_init=1, max_iter=30, random_state=0)
-    means.fit(_seen(colours), sample_weight=weights)
-    # the mean of the colours themselves, not of how they are seen, which need not be turned back
-    total = np.bincount(means.labels_, weights, minlength=count)
-    sums = [np.bincount(means.labels_, weights * colours[:, k], minlength=count) for k in range(3)]
-    used = total > 0
-    found: Pixels = np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
-    return found
-
-
-def _lookup(colours: Pixels) -> Pixels:
-    """Give the nearest colour of every colour of a grid, by index."""
-    from scipy.spatial import cKDTree
-
-    size = 1 << _BITS
-    levels = (np.arange(size) + 0.5) * (256 / size)
-    grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    _, nearest = cKDTree(_seen(colours.astype(np.float64))).query(_seen(grid))
-    found: Pixels = nearest.astype(np.uint8)
-    return found
-
-
-def _seen(colours: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Give sRGB colours (n, 3) as lightness and two hues, so that distances are as people see them.
-
-    The space is Oklab (Ottosson, 2020).
-    """
-    share = colours / 255.0
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    cones = np.cbrt(linear @ _TO_CONES.T)
-    seen: npt.NDArray[np.float64] = cones @ _TO_LAB.T
-    return seen
-
-
+# Oklab (Ottosson, 2020): lightness and two hues, in which distances are as people see them
 _TO_CONES = np.array(
     [
         [0.4122214708, 0.5363325363, 0.0514459929],
@@ -118,3 +33,73 @@ _TO_LAB = np.array(
         [0.0259040371, 0.7827717662, -0.8086757660],
     ]
 )
+
+
+class Palette:
+    """A few colours that stand for all those of some frames.
+
+    Args:
+        frames: The frames.
+        count: The number of colours.
+
+    Attributes:
+        colours: (count, 3) uint8.
+    """
+
+    def __init__(self, frames: Sequence[Frame], count: int) -> None:
+        from scipy.spatial import cKDTree
+
+        self.colours = _cluster(*_histogram(frames), count)
+        levels = (np.arange(1 << _BITS) + 0.5) * (256 / (1 << _BITS))
+        grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+        _, nearest = cKDTree(_oklab(self.colours.astype(np.float64))).query(_oklab(grid))
+        self._nearest: Pixels = nearest.astype(np.uint8)
+
+    def indices(self, frame: Frame) -> Pixels:
+        """Return the index of the nearest colour for each pixel, (height, width)."""
+        indices: Pixels = self._nearest[_cells(frame)]
+        return indices
+
+
+def _cells(pixels: Pixels) -> npt.NDArray[np.int32]:
+    red, green, blue = (pixels[..., k].astype(np.int32) >> (8 - _BITS) for k in range(3))
+    cells: npt.NDArray[np.int32] = (red << 2 * _BITS) | (green << _BITS) | blue
+    return cells
+
+
+def _histogram(frames: Sequence[Frame]) -> tuple[Floats, Floats]:
+    """Return the mean colours of the cells of a coarse grid, (n, 3), and their weights, (n,)."""
+    cells = 1 << 3 * _BITS
+    counts, sums = np.zeros(cells), np.zeros((cells, 3))
+    step = max(1, len(frames) // 40)
+    for frame in [*frames[::step], frames[-1]]:
+        pixels = frame.reshape(-1, 3)
+        cell = _cells(pixels)
+        counts += np.bincount(cell, minlength=cells)
+        for k in range(3):
+            sums[:, k] += np.bincount(cell, pixels[:, k], minlength=cells)
+    filled = np.flatnonzero(counts)
+    filled = filled[np.argsort(-counts[filled], kind="stable")][:_MAX_COLOURS]
+    return sums[filled] / counts[filled, None], counts[filled] ** _RARE
+
+
+def _cluster(colours: Floats, weights: Floats, count: int) -> Pixels:
+    if len(colours) <= count:
+        return np.round(colours).astype(np.uint8)
+    from sklearn.cluster import KMeans
+
+    means = KMeans(count, n_init=1, max_iter=30, random_state=0)
+    means.fit(_oklab(colours), sample_weight=weights)
+    # the mean of the colours themselves, not in Oklab, which need not be turned back
+    total = np.bincount(means.labels_, weights, minlength=count)
+    sums = [np.bincount(means.labels_, weights * colours[:, k], minlength=count) for k in range(3)]
+    used = total > 0
+    centres: Pixels = np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
+    return centres
+
+
+def _oklab(colours: Floats) -> Floats:
+    share = colours / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    lab: Floats = np.cbrt(linear @ _TO_CONES.T) @ _TO_LAB.T
+    return lab

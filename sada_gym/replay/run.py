@@ -40,7 +40,7 @@ def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
 
 
 def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> list[int]:
-    """Give the rows of the samples to replay: the worst ones, or the one that is named.
+    """Return the rows of the samples to replay: the worst ones, or the one that is named.
 
     Args:
         samples: All samples of the run.
@@ -81,8 +81,7 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
     if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
-            f"attacked {shown(target.track)} in an application of yours. "
-            f"{_mend(folder)}"
+            f"attacked {shown(target.track)} in an application of yours. {_mend(folder)}"
         )
     try:
         return target.open(given)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
@@ -22,18 +24,18 @@ from sada_gym.frames import Frame
 from sada_gym.replay.run import choose, open_target, read_run
 
 SECONDS = 10.0
-MOST_SECONDS = 60.0
+MAX_SECONDS = 60.0
 """A video is kept in memory while it is made."""
 CLOSE = 1e-4
 """Another processor rounds otherwise: a score may be so far from the stored one."""
 
 Stage = Literal["open", "play", "write"]
-OnProgress = Callable[[Stage, int, int], None]
+OnProgress = Callable[[Stage, int, int], object]
 """Gets the stage, how many samples of it are done, and their number."""
 
 
 @dataclass(frozen=True)
-class Replayed:
+class ReplayedSample:
     """One sample, played again.
 
     Attributes:
@@ -54,8 +56,8 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class Replay:
-    """A video.
+class Video:
+    """Samples of a run, played again.
 
     Attributes:
         frames: Its frames, (height, width, 3) uint8.
@@ -67,7 +69,7 @@ class Replay:
 
     frames: tuple[Frame, ...]
     times_s: tuple[float, ...]
-    samples: tuple[Replayed, ...]
+    samples: tuple[ReplayedSample, ...]
     path: Path | None = None
     size: int = 0
 
@@ -75,10 +77,6 @@ class Replay:
     def seconds(self) -> float:
         """How long it takes."""
         return sum(self.times_s)
-
-
-def _ignore(stage: Stage, done: int, total: int) -> None:
-    """Do nothing."""
 
 
 def replay(
@@ -89,8 +87,8 @@ def replay(
     out: str | Path | None = None,
     application: Application | str | None = None,
     seconds: float = SECONDS,
-    on_progress: OnProgress = _ignore,
-) -> Replay:
+    on_progress: OnProgress = lambda *_: None,
+) -> Video:
     """Play samples of a run again, and write them as a video.
 
     Each sample's score must be the one that the run stored. A video shows how episodes end: a
@@ -113,49 +111,55 @@ def replay(
         FileError: If the folder holds no finished run, or the video cannot be written.
         MissingExtra: If an MP4 is asked for and imageio-ffmpeg is not installed.
     """
-    path = None if out is None else _checked_out(out)
+    path = None if out is None else _check_out(out)
     settings, samples = read_run(run)
     rows = choose(samples, worst=worst, sample=sample)
     _check_seconds(seconds, len(rows))
-    folder = Path(run)
     on_progress("open", 0, len(rows))
     frames: list[Frame] = []
     times: list[float] = []
-    shown: list[Replayed] = []
-    with open_target(settings, folder, application) as target:
-        opened = target.application
-        for done, row in enumerate(rows):
-            on_progress("play", done, len(rows))
-            clip = _played(opened, samples, row, settings, seconds)
-            replayed = _replayed(opened, samples, row, clip)
-            shown.append(replayed)
+    played: list[ReplayedSample] = []
+    with open_target(settings, Path(run), application) as target:
+        threshold = target.application.fooling_threshold
+        for row in rows:
+            on_progress("play", len(played), len(rows))
+            clip = _play(target.application, samples, row, settings, seconds)
+            played.append(
+                ReplayedSample(
+                    sample=row,
+                    seed=int(samples.seed[row]),
+                    score=clip.score,
+                    stored=float(samples.score[row]),
+                    fooled=fools(clip.score, threshold),
+                    endings=tuple(shot.ending.text for shot in clip.shots),
+                )
+            )
+            last_line = f"sample {row}: Q = {clip.score:.2f}; fooled where Q ≤ {threshold:g}"
             for shot in clip.shots:
-                for frame, time_s in captioned(shot, _last_line(opened, replayed)):
+                for frame, time_s in captioned(shot, last_line):
                     frames.append(frame)
                     times.append(time_s)
-    even = _one_size(frames)
-    video = Replay(tuple(even), tuple(times), tuple(shown), path)
+    video = Video(_same_height(frames), tuple(times), tuple(played), path)
     if path is None:
         return video
     on_progress("write", len(rows), len(rows))
-    content = _content(video, path)
+    content = _encode(video, path)
     write_file(path, content)
-    return Replay(video.frames, video.times_s, video.samples, path, len(content))
+    return replace(video, size=len(content))
 
 
-def _content(video: Replay, path: Path) -> bytes:
+def _encode(video: Video, path: Path) -> bytes:
     if path.suffix.lower() == ".mp4":
         from sada_gym.replay.mp4 import mp4
 
         return mp4(video.frames, video.times_s)
     from sada_gym.replay.gif import BYTES_PER_10_S, gif
 
-    most = round(BYTES_PER_10_S * max(1.0, video.seconds / 10.0))
-    return gif(video.frames, video.times_s, most)
+    limit = round(BYTES_PER_10_S * max(1.0, video.seconds / 10.0))
+    return gif(video.frames, video.times_s, limit)
 
 
-def _checked_out(out: str | Path) -> Path:
-    """Refuse a file of another kind, before anything is played."""
+def _check_out(out: str | Path) -> Path:
     path = as_path(out, "the video")
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise UserError(f"Expected a file that ends in .gif or .mp4, got {path}.")
@@ -175,19 +179,19 @@ def _checked_out(out: str | Path) -> Path:
 def _check_seconds(seconds: float, count: int) -> None:
     if isinstance(seconds, bool) or not isinstance(seconds, int | float | np.number):
         raise UserTypeError(f"Expected seconds to be a number, got {seconds!r}.")
-    if not 1.0 <= seconds <= MOST_SECONDS:
-        raise UserError(f"Expected seconds from 1 to {MOST_SECONDS:g}, got {seconds:g}.")
-    if seconds * count > MOST_SECONDS:
+    if not 1.0 <= seconds <= MAX_SECONDS:
+        raise UserError(f"Expected seconds from 1 to {MAX_SECONDS:g}, got {seconds:g}.")
+    if seconds * count > MAX_SECONDS:
         raise UserError(
-            f"Expected a video of at most {MOST_SECONDS:g} s, got {count} samples of {seconds:g} "
-            f"s. Take --seconds {int(MOST_SECONDS / count) or 1}, or fewer samples."
+            f"Expected a video of at most {MAX_SECONDS:g} s, got {count} samples of {seconds:g} "
+            f"s. Take --seconds {int(MAX_SECONDS / count) or 1}, or fewer samples."
         )
 
 
-def _played(
+def _play(
     application: Application, samples: Evaluations, row: int, settings: RunSettings, seconds: float
 ) -> Clip:
-    mu, seed = samples.mu[row], int(samples.seed[row])
+    mu, threshold = samples.mu[row], application.fooling_threshold
     if mu.shape != (len(application.parameters),):
         raise UserError(
             f"Expected samples of {len(application.parameters)} parameters, got {len(mu)}. The "
@@ -195,36 +199,30 @@ def _played(
         )
     try:
         with isolated_rng(application):
-            clip = find_clip(application)(application, mu, seed, seconds)
+            clip = find_clip(application)(application, mu, int(samples.seed[row]), seconds)
     except NotImplementedError as error:
         raise UserError(
             f"Expected an application that draws pictures, got {application.name}: {error}"
         ) from error
     stored = float(samples.score[row])
-    same_verdict = fools(clip.score, application.fooling_threshold) == (
-        fools(stored, application.fooling_threshold)
-    )
+    same_verdict = fools(clip.score, threshold) == fools(stored, threshold)
     if abs(clip.score - stored) > CLOSE or not same_verdict:
         raise UserError(
             f"Expected Q = {stored:.6g} of sample {row}, as the run stored it, got "
-            f"{clip.score:.6g}. {_why(settings)}"
+            f"{clip.score:.6g}. {_reason(settings)}"
         )
     return clip
 
 
-def _why(settings: RunSettings) -> str:
-    """Say what differs from the machine of the run."""
-    import platform
-    from importlib.metadata import PackageNotFoundError
-
+def _reason(settings: RunSettings) -> str:
     changed = []
-    for name, was in settings.packages.items():
+    for name, before in settings.packages.items():
         try:
             now = platform.python_version() if name == "python" else version(name)
-        except PackageNotFoundError:
+        except metadata.PackageNotFoundError:
             now = "missing"
-        if now != was:
-            changed.append(f"{name} was {was} and is {now}")
+        if now != before:
+            changed.append(f"{name} was {before} and is {now}")
     if changed:
         return f"Other versions are installed: {'; '.join(changed)}. Install those of the run."
     return (
@@ -233,28 +231,8 @@ def _why(settings: RunSettings) -> str:
     )
 
 
-def _replayed(application: Application, samples: Evaluations, row: int, clip: Clip) -> Replayed:
-    return Replayed(
-        sample=row,
-        seed=int(samples.seed[row]),
-        score=clip.score,
-        stored=float(samples.score[row]),
-        fooled=fools(clip.score, application.fooling_threshold),
-        endings=tuple(shot.ending.text for shot in clip.shots),
+def _same_height(frames: list[Frame]) -> tuple[Frame, ...]:
+    height = max(map(len, frames))
+    return tuple(
+        np.pad(frame, ((0, height - len(frame)), (0, 0), (0, 0)), mode="edge") for frame in frames
     )
-
-
-def _last_line(application: Application, of: Replayed) -> str:
-    threshold = application.fooling_threshold
-    return f"sample {of.sample}: Q = {of.score:.2f}; fooled where Q ≤ {threshold:g}"
-
-
-def _one_size(frames: list[Frame]) -> list[Frame]:
-    """Pad frames below, so that all have the height of the highest."""
-    height = max(len(frame) for frame in frames)
-    return [
-        frame
-        if len(frame) == height
-        else np.pad(frame, ((0, height - len(frame)), (0, 0), (0, 0)), mode="edge")
-        for frame in frames
-    ]

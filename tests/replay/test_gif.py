@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from sada_gym.replay.gif import COLOURS, _thinner, durations_ms, gif
+from sada_gym.replay.gif import COLOURS, _thinned, durations_ms, gif
 from sada_gym.replay.palette import Palette
 
 
@@ -76,7 +76,7 @@ def test_what_cannot_be_made_small_enough_is_as_small_as_it_gets():
 
 def test_thinning_keeps_the_last_frame_and_the_time():
     frames = moving(9)
-    videos = [*_thinner(frames, [0.05] * 8 + [1.5])]
+    videos = [*_thinned(frames, [0.05] * 8 + [1.5])]
     for kept, times in videos:
         assert sum(times) == pytest.approx(1.9)
         assert kept[-1] is frames[-1]
