@@ -12,13 +12,13 @@ import pytest
 from sada_gym.envs.uav.agent.network import WaypointNetwork
 from sada_gym.envs.uav.agent.pilot import WaypointPilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.application import LOCKSTEP, UAVApplication
+from sada_gym.envs.uav.application import UAVApplication
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, upright
 from sada_gym.envs.uav.world.physics import FreeBodies
 
 RNG = np.random.default_rng(0)
-MU = RNG.uniform(-1, 1, (LOCKSTEP, 8)).astype(np.float32)
-SEEDS = RNG.integers(2**31, size=LOCKSTEP).tolist()
+MU = RNG.uniform(-1, 1, (UAVApplication.worlds_at_once, 8)).astype(np.float32)
+SEEDS = RNG.integers(2**31, size=UAVApplication.worlds_at_once).tolist()
 STEPS = 1_000
 SPEEDS: dict[str, float] = {}
 """Simulated seconds of one drone in a second, by what was measured."""
@@ -44,10 +44,10 @@ def flown(application, count):
 @pytest.mark.parametrize(
     ("name", "agent", "count"),
     [
-        ("a batch, ppo", "ppo", LOCKSTEP),
+        ("a batch, ppo", "ppo", UAVApplication.worlds_at_once),
         ("one race, ppo", "ppo", 1),
-        ("a batch, told the truth", PrivilegedPilot(), LOCKSTEP),
-        ("a batch, seeing", Looking(WaypointNetwork()), LOCKSTEP),
+        ("a batch, told the truth", PrivilegedPilot(), UAVApplication.worlds_at_once),
+        ("a batch, seeing", Looking(WaypointNetwork()), UAVApplication.worlds_at_once),
         ("one race, seeing", Looking(WaypointNetwork()), 1),
     ],
 )
@@ -59,15 +59,15 @@ def test_evaluations(benchmark, name, agent, count):
 
 
 def test_bare_stepping(benchmark):
-    bodies, velocities = FreeBodies(), RNG.normal(0, 5, (LOCKSTEP, 6))
-    bodies.place(np.tile(upright((0, 0, 200), 0)[:7], (LOCKSTEP, 1)))
+    bodies, velocities = FreeBodies(), RNG.normal(0, 5, (UAVApplication.worlds_at_once, 6))
+    bodies.place(np.tile(upright((0, 0, 200), 0)[:7], (UAVApplication.worlds_at_once, 1)))
 
     def step():
         for _ in range(STEPS):
             bodies.step(velocities)
 
     benchmark.pedantic(step, rounds=5)
-    record(benchmark, "bare stepping", LOCKSTEP * STEPS / SIMULATION_HZ)
+    record(benchmark, "bare stepping", UAVApplication.worlds_at_once * STEPS / SIMULATION_HZ)
 
 
 def test_the_ratios(capsys):

@@ -101,9 +101,9 @@ def main() -> None:
     application = UAVApplication(4, agent=agents.load(arguments.pilot, "SADA-UAV"))
     pictures["seen"] = seen(application)
     passed, failed = rollouts(application, rng)
-    pictures["passed"] = Image.fromarray(summary(passed))
+    pictures["passed"] = Image.fromarray(summary([passed]))
     if failed is not None:
-        pictures["failed"] = Image.fromarray(summary(failed))
+        pictures["failed"] = Image.fromarray(summary([failed]))
     for name, picture in pictures.items():
         picture.save(arguments.out / f"uav-{name}.png", optimize=True)
 

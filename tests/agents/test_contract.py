@@ -1,12 +1,12 @@
 """Detectors, classifiers, drivers and pilots keep one contract."""
 
 import pytest
+from drivers import as_driver
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, as_agent, identity_of
 from sada_gym.envs.detection.detector import DetectorAgent
 from sada_gym.envs.digits.classifier import ClassifierAgent
-from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.uav.agent.pilot import as_pilot
 from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
 from studies.training.driving.privileged import PrivilegedDriver

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from drivers import as_driver
 
 from sada_gym import agents
 from sada_gym.envs.driving.agent import weights
-from sada_gym.envs.driving.agent.driver import as_driver
 from studies.training.common import Reinforcement
 from studies.training.driving import evaluate, train
 from studies.training.driving.evaluate import TaskFigures, measure, table

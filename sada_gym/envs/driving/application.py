@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.agents.contract import Agent
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored
-from sada_gym.envs.driving.agent.driver import Driver, DriverLike, as_driver
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
-from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.seeds import validate_world
 
 if TYPE_CHECKING:
-    from sada_gym.frames import LegendEntry
+    pass
 
 
-class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
+class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
     """A frozen driver with a camera drives five routes through a town.
 
     ## Description
@@ -79,6 +79,8 @@ class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
     render_fps = POLICY_HZ
     fooling_threshold = 0.6
     sample_size = 100
+    episodes_class = DrivingEpisodes
+    frame_module = "sada_gym.envs.driving.frame"
     parameters = ParameterSpace(
         Parameter("camera_height_m", 1.0, 2.0, "m"),
         Parameter("camera_pitch_deg", -20.0, -10.0, "deg"),
@@ -89,29 +91,19 @@ class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
         self,
         task: str = "navigation",
         *,
-        agent: str | Path | DriverLike = "cil",
+        agent: str | Path | Predictor | Agent[DrivingEpisodes, npt.NDArray[Any]] = "cil",
         agent_id: str | None = None,
     ) -> None:
         self.task, self.routes = task, benchmark_routes(task)
         super().__init__(agent, agent_id)
 
     @property
-    def legend(self) -> tuple[LegendEntry, ...]:
-        """What the marks in frames mean."""
-        from sada_gym.envs.driving.frame import LEGEND
-
-        return LEGEND
-
-    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"task": self.task}
 
-    def _as_agent(self, given: Any) -> Driver:
-        return as_driver(given)
-
     def camera_and_weather(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
-        """Give the camera's mount, and the weather's index, of one mu, (3,)."""
+        """Return the camera's mount, and the weather's index, of one mu, (3,)."""
         height, pitch, place = self.parameters.physical(mu).tolist()
         return Mount(height, pitch), min(int(place), len(NAMES) - 1)
 
@@ -131,12 +123,11 @@ class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
         ]
         first = {world: i for i, world in reversed([*enumerate(worlds)])}
         rows = sorted(first.values())
-        drives = self.episodes(mu[rows], [seeds[row] for row in rows])
-        self.play(drives)
-        routes = len(self.routes)
-        of = [rows.index(first[world]) for world in worlds]
-        ending = drives.ending.reshape(-1, routes)[of]
-        progress = drives.progress_m.reshape(-1, routes)[of]
+        ((_, drives),) = self._played(self.policy, mu[rows], [seeds[row] for row in rows])
+        driven = [rows.index(first[world]) for world in worlds]
+        shape = (len(rows), len(self.routes))
+        ending = drives.ending.reshape(shape)[driven]
+        progress = drives.progress_m.reshape(shape)[driven]
         lengths = [route.length_m for route in self.routes]
         extras = [
             {
@@ -146,19 +137,7 @@ class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
             }
             for (_, weather, _), codes, made in zip(worlds, ending, progress, strict=True)
         ]
-        return Scored(drives.score.reshape(-1, routes).mean(axis=1)[of], extras)
-
-    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the camera's image where the driver first fails, above a map of all five drives."""
-        one: Any = [mu]
-        return next(self.render_batch(one, [seed]))
-
-    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
-        """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.driving.frame import summary
-
-        for rollouts in self.rollouts_batch(mu, seeds):
-            yield summary(rollouts)
+        return Scored(drives.score.reshape(shape).mean(axis=1)[driven], extras)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start of the first route."""
@@ -167,8 +146,3 @@ class DrivingApplication(EpisodesApplication[DrivingEpisodes]):
         row, seed = validate_world(self.parameters, mu, seed)
         drives = self.episodes(row, [seed])
         return observation(drives.starts[0], drives.states[0])
-
-    def _frames(self, rollouts: list[Rollout[DrivingStart]]) -> list[Frame]:
-        from sada_gym.envs.driving.frame import frames
-
-        return frames(rollouts)

@@ -6,16 +6,19 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
+from sada_gym.agents.policy import as_policy
 from sada_gym.application import Application
+from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
-from sada_gym.frames import Frame
+from sada_gym.frames import Frame, LegendEntry
+from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 from sada_gym.seeds import validate_seeds, validate_world
 
@@ -31,7 +34,7 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
         agent_id: Names an in-memory model in evaluation stores; by default a hash of its weights.
 
     Attributes:
-        acting: What chooses the actions: `agent` as an `Agent`.
+        policy: What chooses the actions: `agent` as an `Agent`.
     """
 
     def __init__(self, agent: str | Path | Any, agent_id: str | None) -> None:
@@ -46,7 +49,7 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
 
     @abstractmethod
     def _as_agent(self, given: Any) -> Agent[EpisodesT, npt.NDArray[Any]]:
-        """Give the agent that a model means."""
+        """Return the agent that a model means."""
 
     @abstractmethod
     def episodes(self, mu: Mu, seeds: Sequence[int]) -> EpisodesT:
@@ -65,15 +68,16 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
     def rollouts_batch(
         self, mu: npt.ArrayLike, seeds: Sequence[int]
     ) -> Iterator[list[Rollout[Any]]]:
-        """Give such rollouts of several worlds, (n, d), whose episodes go on in lockstep."""
+        """Yield such rollouts of several worlds, (n, d), whose episodes go on in lockstep."""
         batch = self.parameters.validate(mu)
         checked = validate_seeds(seeds, len(batch))
         for first in range(0, len(batch), _AT_ONCE):
-            rows, some = batch[first : first + _AT_ONCE], checked[first : first + _AT_ONCE]
-            with closing(self.episodes(rows, some)) as episodes:
-                found = record(self.policy, episodes)
-            count = len(found) // len(rows)
-            yield from (found[start : start + count] for start in range(0, len(found), count))
+            last = first + _AT_ONCE
+            rows, row_seeds = batch[first:last], checked[first:last]
+            with closing(self.episodes(rows, row_seeds)) as episodes:
+                rollouts = record(self.policy, episodes)
+            count = len(rollouts) // len(rows)
+            yield from (rollouts[i : i + count] for i in range(0, len(rollouts), count))
 
     @abstractmethod
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
@@ -83,3 +87,78 @@ class EpisodesApplication(Application, Generic[EpisodesT]):
         """Play all episodes of one world, one after another: their frames, and the score."""
         rollouts = self.rollouts(mu, seed)
         return self._frames(rollouts), float(np.mean([rollout.score for rollout in rollouts]))
+
+
+class SimulatorApplication(EpisodesApplication[EpisodesT]):
+    """A frozen agent acts in episodes of a simulator of ours, and a module draws its rollouts.
+
+    Attributes:
+        episodes_class: The class of the episodes.
+        frame_module: The module that draws: its `LEGEND`, and `summary` and `frames` of the
+            rollouts of one world.
+        privileged_agent: `module:Class` of an agent that knows the whole world; "" if there is
+            none.
+        worlds_at_once: The most worlds whose episodes are in lockstep.
+    """
+
+    episodes_class: ClassVar[type[Episodes[Any]]]
+    frame_module: ClassVar[str]
+    privileged_agent: ClassVar[str] = ""
+    worlds_at_once: ClassVar[int] = 2**20
+
+    def _as_agent(self, given: Any) -> Agent[EpisodesT, npt.NDArray[Any]]:
+        episodes: Any = self.episodes_class
+        return as_policy(given, episodes)
+
+    def _played(
+        self, agent: Agent[EpisodesT, npt.NDArray[Any]], mu: Mu, seeds: Sequence[int]
+    ) -> Iterator[tuple[slice, EpisodesT]]:
+        """Play all episodes to their ends; yield them with the worlds that they belong to."""
+        for first in range(0, len(mu), self.worlds_at_once):
+            worlds = slice(first, first + self.worlds_at_once)
+            episodes = self.episodes(mu[worlds], seeds[worlds])
+            play(agent, episodes)
+            yield worlds, episodes
+
+    def privileged_score(
+        self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
+    ) -> npt.NDArray[np.float64] | None:
+        """Score the privileged agent: what it cannot do can hardly be done.
+
+        Args:
+            mu: (n, d), values in [-1, 1].
+            seeds: n seeds; 0 for all by default.
+
+        Returns:
+            (n,) Q of the privileged agent, or None if there is none.
+
+        Raises:
+            ValueError: If mu or the seeds are not what `evaluate` takes.
+        """
+        if not self.privileged_agent:
+            return None
+        batch = self.parameters.validate(mu)
+        checked = [0] * len(batch) if seeds is None else validate_seeds(seeds, len(batch))
+        scores = [np.empty(0)]
+        for worlds, episodes in self._played(load(self.privileged_agent)(), batch, checked):
+            scores.append(episodes.score.reshape(len(batch[worlds]), -1).mean(axis=1))
+        return np.concatenate(scores)
+
+    @property
+    def legend(self) -> tuple[LegendEntry, ...]:
+        """What the marks in frames mean."""
+        legend: tuple[LegendEntry, ...] = load(f"{self.frame_module}:LEGEND")
+        return legend
+
+    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw what became of all episodes in the world of one mu, (d,)."""
+        one_world: Any = [mu]
+        return next(self.render_batch(one_world, [seed]))
+
+    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
+        """Draw such frames of several worlds, whose episodes go on in lockstep."""
+        return map(load(f"{self.frame_module}:summary"), self.rollouts_batch(mu, seeds))
+
+    def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
+        frames: list[Frame] = load(f"{self.frame_module}:frames")(rollouts)
+        return frames

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,28 +10,25 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.agents.contract import Agent
-from sada_gym.agents.policy import as_policy
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored
-from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import Rollout, play
-from sada_gym.envs.robot.agent.privileged import PrivilegedDriver
+from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_seeds, validate_world
+from sada_gym.seeds import validate_world
 
 if TYPE_CHECKING:
-    from sada_gym.frames import LegendEntry
+    pass
 
 PLANS = 2
 """The floor plans of one evaluation."""
 
 
-class RobotApplication(EpisodesApplication[RobotEpisodes]):
+class RobotApplication(SimulatorApplication[RobotEpisodes]):
     """A robot with a lidar makes ten trips through warehouses.
 
     ## Description
@@ -92,6 +89,9 @@ class RobotApplication(EpisodesApplication[RobotEpisodes]):
     fooling_threshold = 0.6
     sample_size = 100
     parameters = PARAMETERS
+    episodes_class = RobotEpisodes
+    frame_module = "sada_gym.envs.robot.frame"
+    privileged_agent = "sada_gym.envs.robot.agent.privileged:PrivilegedDriver"
 
     def __init__(
         self,
@@ -100,16 +100,6 @@ class RobotApplication(EpisodesApplication[RobotEpisodes]):
         agent_id: str | None = None,
     ) -> None:
         super().__init__(agent, agent_id)
-
-    @property
-    def legend(self) -> tuple[LegendEntry, ...]:
-        """What the marks in frames mean."""
-        from sada_gym.envs.robot.frame import LEGEND
-
-        return LEGEND
-
-    def _as_agent(self, given: Any) -> Agent[RobotEpisodes, npt.NDArray[Any]]:
-        return as_policy(given, RobotEpisodes)
 
     def episodes(self, mu: Mu, seeds: Sequence[int]) -> RobotEpisodes:
         """Begin all trips in the worlds of mu, ten each: (10 n) of them."""
@@ -127,46 +117,17 @@ class RobotApplication(EpisodesApplication[RobotEpisodes]):
         return RobotEpisodes(starts)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        trips = self.episodes(mu, seeds)
-        self.play(trips)
+        ((_, trips),) = self._played(self.policy, mu, seeds)
         ending = trips.ending.reshape(len(mu), -1)
-        left = trips.remaining_m.reshape(len(mu), -1)
+        remaining_m = trips.remaining_m.reshape(len(mu), -1)
         extras = [
             {"endings": [RobotEnd(code).name.lower() for code in codes], "remaining_m": row}
-            for codes, row in zip(ending, left, strict=True)
+            for codes, row in zip(ending, remaining_m, strict=True)
         ]
         return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
-
-    def privileged_score(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-        """Give the scores of the privileged driver, (n,); arguments as `evaluate`.
-
-        It knows the whole world, and what it doesn't reach can hardly be reached.
-        """
-        batch = self.parameters.validate(mu)
-        trips = self.episodes(batch, validate_seeds(seeds, len(batch)))
-        play(PrivilegedDriver(), trips)
-        score: npt.NDArray[np.float64] = trips.score.reshape(len(batch), -1).mean(axis=1)
-        return score
-
-    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the first trip that fails, above maps of all trips."""
-        one: Any = [mu]
-        return next(self.render_batch(one, [seed]))
-
-    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
-        """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.robot.frame import summary
-
-        for rollouts in self.rollouts_batch(mu, seeds):
-            yield summary(rollouts)
 
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the hall, and what the lidar returns, at the start of the first trip."""
         row, seed = validate_world(self.parameters, mu, seed)
-        frame: Frame = self.episodes(row, [seed]).render(np.zeros(1, np.intp))[0]
-        return frame
-
-    def _frames(self, rollouts: list[Rollout[RobotStart]]) -> list[Frame]:
-        from sada_gym.envs.robot.frame import frames
-
-        return frames(rollouts)
+        (frame,) = self.episodes(row, [seed]).render(np.zeros(1, np.intp))
+        return np.asarray(frame)

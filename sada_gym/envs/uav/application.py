@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,27 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Scored
-from sada_gym.envs.episodes.closed_loop import EpisodesApplication
-from sada_gym.envs.episodes.rollout import Rollout, play
+from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.envs.uav.agent.pilot import Pilot, PilotLike, as_pilot
-from sada_gym.envs.uav.agent.privileged import PrivilegedPilot
-from sada_gym.envs.uav.episodes import REPLAY_HZ, RacingEpisodes, RacingStart
+from sada_gym.envs.uav.episodes import REPLAY_HZ, RacingEpisodes
 from sada_gym.envs.uav.start_distribution import benchmark_starts
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.templates import template
-from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_seeds, validate_world
+from sada_gym.seeds import validate_world
 
 if TYPE_CHECKING:
-    from sada_gym.frames import LegendEntry
-
-LOCKSTEP = 64
-"""The most races that are flown at a time."""
+    pass
 
 
-class UAVApplication(EpisodesApplication[RacingEpisodes]):
+class UAVApplication(SimulatorApplication[RacingEpisodes]):
     """A frozen pilot flies a racing drone through eight gates.
 
     ## Description
@@ -92,6 +86,10 @@ class UAVApplication(EpisodesApplication[RacingEpisodes]):
     render_fps = REPLAY_HZ
     fooling_threshold = 0.7
     sample_size = 100
+    episodes_class = RacingEpisodes
+    frame_module = "sada_gym.envs.uav.frame"
+    privileged_agent = "sada_gym.envs.uav.agent.privileged:PrivilegedPilot"
+    worlds_at_once = 64
 
     def __init__(
         self,
@@ -105,13 +103,6 @@ class UAVApplication(EpisodesApplication[RacingEpisodes]):
         super().__init__(agent, agent_id)
 
     @property
-    def legend(self) -> tuple[LegendEntry, ...]:
-        """What the marks in frames mean."""
-        from sada_gym.envs.uav.frame import LEGEND
-
-        return LEGEND
-
-    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         return {"anchors": self.anchors}
@@ -121,39 +112,21 @@ class UAVApplication(EpisodesApplication[RacingEpisodes]):
 
     def episodes(self, mu: Mu, seeds: Sequence[int]) -> RacingEpisodes:
         """Begin the races in the worlds of mu, n of them; close them after use."""
-        return RacingEpisodes(benchmark_starts(self.template.tracks(mu), seeds))
-
-    def privileged_score(
-        self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
-    ) -> npt.NDArray[np.float64]:
-        """Score the privileged pilot: where it passes, a failure is the agent's own.
-
-        Args:
-            mu: (n, d), values in [-1, 1].
-            seeds: n seeds; 0 for all by default.
-
-        Returns:
-            (n,) Q of the guidance that gets the gates' true poses.
-
-        Raises:
-            ValueError: If mu or the seeds are not what `evaluate` takes.
-        """
-        batch = self.parameters.validate(mu)
-        checked = [0] * len(batch) if seeds is None else validate_seeds(seeds, len(batch))
-        scores = [races.score for _, races in self._flown(PrivilegedPilot(), batch, checked)]
-        return np.concatenate([np.empty(0), *scores])
+        tracks = self.template.tracks(mu)
+        return RacingEpisodes(benchmark_starts(tracks, seeds), tracks)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scores, extras = [], []
-        for tracks, races in self._flown(self.policy, mu, seeds):
+        for _, races in self._played(self.policy, mu, seeds):
             scores.append(races.score)
+            tracks = races.tracks
+            assert tracks is not None
             sharpest, closest = tracks.sharpest_turn_deg(), tracks.closest_m()
-            for i in range(len(races)):
-                ended = races.endings[i]
+            for i, outcomes in enumerate(races.endings):
                 extras.append(
                     {
-                        "gates_passed": int((ended == GateOutcome.PASSED).sum()),
-                        "endings": [GateOutcome(code).name.lower() for code in ended],
+                        "gates_passed": int((outcomes == GateOutcome.PASSED).sum()),
+                        "endings": [GateOutcome(code).name.lower() for code in outcomes],
                         "time_s": float(races.time_s[i]),
                         "length_m": float(tracks.length_m[i]),
                         "sharpest_turn_deg": float(sharpest[i]),
@@ -163,29 +136,6 @@ class UAVApplication(EpisodesApplication[RacingEpisodes]):
                 )
         return Scored(np.concatenate(scores), extras)
 
-    def _flown(
-        self, pilot: Pilot, mu: Mu, seeds: Sequence[int]
-    ) -> Iterator[tuple[Tracks, RacingEpisodes]]:
-        """Fly the races of mu to their ends, `LOCKSTEP` at a time."""
-        for start in range(0, len(mu), LOCKSTEP):
-            rows = slice(start, start + LOCKSTEP)
-            tracks = self.template.tracks(mu[rows])
-            races = RacingEpisodes(benchmark_starts(tracks, seeds[rows]))
-            play(pilot, races)
-            yield tracks, races
-
-    def render(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the camera's image where the pilot first misses, beside a map of the race."""
-        one: Any = [mu]
-        return next(self.render_batch(one, [seed]))
-
-    def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
-        """Draw such frames of several worlds, whose episodes go on in lockstep."""
-        from sada_gym.envs.uav.frame import summary
-
-        for rollouts in self.rollouts_batch(mu, seeds):
-            yield summary(rollouts[0])
-
     def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
         """Draw the camera's image at the start."""
         from sada_gym.envs.uav.frame import observation
@@ -193,8 +143,3 @@ class UAVApplication(EpisodesApplication[RacingEpisodes]):
         row, seed = validate_world(self.parameters, mu, seed)
         (start,) = benchmark_starts(self.template.tracks(row), [seed])
         return observation(start, start.state)
-
-    def _frames(self, rollouts: list[Rollout[RacingStart]]) -> list[Frame]:
-        from sada_gym.envs.uav.frame import frames
-
-        return frames(rollouts[0])

@@ -37,6 +37,7 @@ from sada_gym.envs.uav.world.referee import (
     observed_motion,
     orders,
 )
+from sada_gym.envs.uav.world.track import Tracks
 
 POLICY_HZ = 20
 REPLAY_HZ = 10
@@ -90,8 +91,10 @@ class RacingEpisodes(Episodes[RacingStart]):
 
     Args:
         starts: How each race begins; all have the same number of gates.
+        tracks: The tracks of all races, where they are known.
 
     Attributes:
+        tracks: As given.
         gates: (n, g, 4) x, y, z and heading.
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
@@ -105,8 +108,9 @@ class RacingEpisodes(Episodes[RacingStart]):
     action_space = ACTION_SPACE
     finite_only = False
 
-    def __init__(self, starts: Sequence[RacingStart]) -> None:
+    def __init__(self, starts: Sequence[RacingStart], tracks: Tracks | None = None) -> None:
         super().__init__(starts)
+        self.tracks = tracks
         count, gates = len(starts), len(starts[0].gates)
         self.gates = np.empty((count, gates, 4))
         self.states = np.empty((count, 13))

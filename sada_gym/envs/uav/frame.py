@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +54,9 @@ LEGEND = (
 Array = npt.NDArray[np.float64]
 
 
-def summary(rollout: Rollout[RacingStart]) -> Frame:
+def summary(rollouts: Sequence[Rollout[RacingStart]]) -> Frame:
     """Draw the camera's picture where the first gate is missed (or half-way), beside the track."""
+    (rollout,) = rollouts
     step, seen_at = shown_step(rollout)
     passed = int((rollout["endings"][-1] == GateOutcome.PASSED).sum())
     pair = _pair(rollout, step, len(rollout["states"]))
@@ -65,8 +67,9 @@ def summary(rollout: Rollout[RacingStart]) -> Frame:
     return stacked([pair, caption(text, pair.width, _TEXT)])
 
 
-def frames(rollout: Rollout[RacingStart]) -> list[Frame]:
+def frames(rollouts: Sequence[Rollout[RacingStart]]) -> list[Frame]:
     """Draw `REPLAY_HZ` pictures a second: what the camera sees, beside the track."""
+    (rollout,) = rollouts
     drawn: list[Frame] = []
     last = len(rollout["states"]) - 1
     for step in [*range(0, last, POLICY_HZ // REPLAY_HZ), last]:

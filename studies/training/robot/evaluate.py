@@ -66,6 +66,7 @@ def measure(robot: Any, *, seed: int, worlds: int = 500, referenced: int = 100) 
     fooled = mu[uniform.fooled]
     again = application.evaluate(fooled, rng.integers(2**31, size=len(fooled)).tolist())
     reference = application.privileged_score(mu[:referenced], seeds[:referenced])
+    assert reference is not None
     return Figures(
         worlds=worlds,
         nominal=_goals(nominal),

@@ -77,6 +77,7 @@ def measure(
         _, _, on_mild = evaluate_uniform(application, mild, rng, spread=MILD.spread)
         mu, seeds, outcomes = evaluate_uniform(application, samples, rng)
         reference = application.privileged_score(mu, seeds)
+        assert reference is not None
         fooling = mu[outcomes.fooled]
         moved = np.clip(fooling + rng.normal(0, NEAR, fooling.shape), -1, 1)
         again, near = (

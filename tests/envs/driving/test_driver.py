@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from drivers import as_driver
 from gymnasium import spaces
 from gymnasium.wrappers.vector import TransformAction
 from stable_baselines3 import PPO
@@ -19,7 +20,6 @@ from stable_baselines3.common.vec_env import (
 import sada_gym  # noqa: F401 - registers
 from sada_gym import agents
 from sada_gym.agents.policy import POLICY_TILE
-from sada_gym.envs.driving.agent.driver import as_driver
 from sada_gym.envs.driving.agent.network import new_model
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import camera

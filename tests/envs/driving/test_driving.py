@@ -76,13 +76,14 @@ def test_the_seed_is_the_rains(application):
 
 def test_a_dry_world_is_driven_once_for_all_seeds(application, monkeypatch):
     counts = []
-    play = DrivingApplication.play
+    episodes = DrivingApplication.episodes
 
-    def counted(self, drives, on_step=None):
+    def counted(self, mu, seeds):
+        drives = episodes(self, mu, seeds)
         counts.append(len(drives))
-        play(self, drives, on_step)
+        return drives
 
-    monkeypatch.setattr(DrivingApplication, "play", counted)
+    monkeypatch.setattr(DrivingApplication, "episodes", counted)
     dry, wet = MU[0], [0.0, 0.0, 0.9]
     worlds = [(dry, 1), (wet, 1), (dry, 2), (wet, 2)]
     outcomes = application.evaluate(*zip(*worlds, strict=True))

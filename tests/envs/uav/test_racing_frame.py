@@ -68,8 +68,8 @@ def test_a_rollout_scores_as_the_evaluation_does(application, failed):
 
 def test_a_flown_race_is_green(flown):
     assert flown.score == 1
-    assert painted(summary(flown), GREEN) > 50 * GATES
-    assert painted(summary(flown), RED) == 0
+    assert painted(summary([flown]), GREEN) > 50 * GATES
+    assert painted(summary([flown]), RED) == 0
 
 
 def test_a_replay_shows_every_decision(failed, replay):
@@ -83,7 +83,7 @@ def test_a_replay_shows_every_decision(failed, replay):
 
 
 def test_frames_have_one_even_shape(flown, failed, replay):
-    shapes = {frame.shape for frame in [*replay[0], summary(flown), summary(failed)]}
+    shapes = {frame.shape for frame in [*replay[0], summary([flown]), summary([failed])]}
     (shape,) = shapes
     assert shape[0] % 2 == shape[1] % 2 == 0  # video encoders want that
 
@@ -93,8 +93,8 @@ def test_the_summary_looks_before_the_first_gate_missed(application, failed):
     assert text == f"seen: on the way to gate {BLIND[0] + 1} (lost)"
     assert failed["endings"][step, BLIND[0]] == GateOutcome.AHEAD
     assert failed["endings"][step, BLIND[0] - 1] == GateOutcome.PASSED
-    assert painted(summary(failed), RED) > 50
-    np.testing.assert_array_equal(application.render(MU, 5), summary(failed))
+    assert painted(summary([failed]), RED) > 50
+    np.testing.assert_array_equal(application.render(MU, 5), summary([failed]))
 
 
 def test_the_summary_shows_the_gate_although_the_drone_has_flown_past_it(failed):

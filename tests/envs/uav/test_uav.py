@@ -30,7 +30,7 @@ def test_scores_are_pure():
 
 
 def test_more_races_than_fly_at_a_time_are_the_same(monkeypatch):
-    monkeypatch.setattr("sada_gym.envs.uav.application.LOCKSTEP", 4)
+    monkeypatch.setattr(UAVApplication, "worlds_at_once", 4)
     hasty = application(5, 12.0)
     mu, seeds = draw_worlds(hasty, 6, 3)
     together = hasty.evaluate(mu, seeds)
