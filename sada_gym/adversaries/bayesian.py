@@ -55,11 +55,9 @@ class BayesianOptions(Options):
 class Bayesian(MixtureAdversary):
     """Minimises Q by expected improvement, and fits a Gaussian mixture to the lowest late points.
 
-    This is the Bayesian baseline of the paper (section "Baselines"), which takes 10^4 steps; here
-    the oracle's budget sets the number. S comes from the last 1,000 evaluations, or from all if
-    there are fewer. The paper fits mixtures of several sizes and reports the best. We take the one
-    of the best cross-validated likelihood, without a test sample. Draws outside the box are drawn
-    again. See `BayesianOptions`.
+    This is the Bayesian baseline of the paper (section "Baselines"), with the oracle's budget as
+    the number of steps. Of mixtures of several sizes we take the one of the best cross-validated
+    likelihood, without a test sample. Draws outside the box are drawn again. See `BayesianOptions`.
     """
 
     name: ClassVar[str] = "bayesian"

@@ -47,18 +47,11 @@ class CMAMAEOptions(Options):
 class CMAMAE(FittedAdversary):
     """Evolution strategies that fill an archive of cells all over the box with low scores.
 
-    CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing"): several
-    CMA-ES climb the improvement of 1 - Q over their cell's acceptance threshold, which rises with
-    every solution that the cell gets, so that they leave an exhausted cell. The measure is mu
-    itself: the cells are the Voronoi cells of a Halton sequence in [-1, 1]^d. A first part of the
-    budget is uniform; the strategies start at elites that fool, if any do. They move in unbounded
-    space, reflected at the box's faces.
-
-    Where the world is random, an elite may have been lucky. So the distribution rests on all
-    evaluated points, as implicit repetitions of their cell (as in Deep-Grid, Flageat & Cully 2020):
-    a sample picks a cell in proportion to the square of its fooling rate, one of the cell's points
-    that fooled, and a Gaussian step from there. The step's expected length is half the distance to
-    the nearest other fooling point, its deviation at most `sigma` in each dimension. Training
+    CMA-MAE (Fontaine & Nikolaidis 2023, "Covariance Matrix Adaptation MAP-Annealing"), whose
+    measure is mu itself: the cells are the Voronoi cells of a Halton sequence. All evaluated points
+    count, as implicit repetitions of their cell (as in Deep-Grid, Flageat & Cully 2020): a sample
+    picks a cell in proportion to the square of its fooling rate, one of its points that fooled, and
+    a Gaussian step, on average half as long as the way to the nearest other fooling point. Training
     raises `ModuleNotFoundError` where ribs is not installed. See `CMAMAEOptions`.
     """
 

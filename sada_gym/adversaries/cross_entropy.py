@@ -48,18 +48,11 @@ class CrossEntropy(FittedAdversary):
     """Mixtures fitted in stages to the points that fool, each drawing the next stage's points.
 
     The cross-entropy method (Rubinstein & Kroese 2004) for the target density 1{Q <= epsilon}, with
-    mixtures as proposals because failures lie in several regions (Kurtz & Song 2013; Geyer,
-    Papaioannou & Straub 2019). The first stage is uniform. Each later stage draws from a mixture
-    fitted to all points so far at or below a level: the `elite` quantile of the last stage's
-    scores, but at least epsilon. A point weighs the uniform density over the density of all
-    stages' proposals together (balance heuristic, Veach & Guibas 1995), so that no region gains by
-    having been drawn from more often. A share of uniform draws in every stage bounds the weights
-    and finds regions that the mixture lacks. The number of components is cross-validated.
-
-    Where Q is random, every evaluation counts once, so the mixture aims at the density proportional
-    to the probability p(mu) to fool. Samples are those of the last mixture, thinned by an estimate
-    of p from all evaluated points (discriminant analysis by mixtures, Hastie & Tibshirani 1996), as
-    a mixture spills over the edges of a fooling set. See `CrossEntropyOptions`.
+    mixtures as proposals (Kurtz & Song 2013; Geyer, Papaioannou & Straub 2019). A point weighs the
+    uniform density over the density of all stages' proposals together (balance heuristic, Veach &
+    Guibas 1995). Where Q is random, every evaluation counts once, so the mixture aims at the
+    density proportional to the probability p(mu) to fool. Samples are thinned by an estimate of p
+    (discriminant analysis by mixtures, Hastie & Tibshirani 1996). See `CrossEntropyOptions`.
     """
 
     name: ClassVar[str] = "cross-entropy"

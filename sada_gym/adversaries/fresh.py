@@ -31,8 +31,7 @@ def fresh_rows(
     """Collect rows, no two equal and none excluded: `shape`, (n, d), float32 in [-1, 1].
 
     After 100 rounds the proposals get noise of 1e-4. Whenever less than a tenth of the proposals of
-    20 further rounds was new, the noise grows tenfold, because few floats may be left around a
-    single point. It gives up where even noise as wide as the box brings hardly anything new.
+    20 further rounds was new, the noise grows tenfold, up to the width of the box.
 
     Args:
         propose: Called as propose(missing, noise), it gives some rows. The noise is 0 as long as

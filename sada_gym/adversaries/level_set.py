@@ -53,23 +53,15 @@ class LevelSetOptions(Options):
 
 
 class LevelSet(FittedAdversary):
-    """Learns the probability of fooling from all queries; samples evenly where it is high.
+    """Learns the probability p of fooling from all queries; samples evenly where it is high.
 
-    1. A part of the budget is uniform; the rest is spent in rounds. Each fits a `Surrogate` to all
-       queries so far and asks about random mu with probability in proportion to p (1 - p), highest
-       at the boundary of the fooling set {p >= 1/2}, where a query is the most informative (compare
-       Bryan et al. 2005, "Active learning for identifying function threshold boundaries"). A part
-       of each round stays uniform, because a surrogate may be confident and wrong where it has no
-       queries. Where hardly any query fools yet, the lowest predicted scores come first.
-    2. The last surrogate is calibrated on held-out queries. Samples are uniform over
-       {p >= level}, by rejection from the box; where that set is rarer than one in 500, by a
-       Metropolis walk within it.
-    3. The level is 1/2, raised as far as at least `coverage` of what level 1/2 covers is left:
-       density and coverage of Naeem et al. 2020, with samples that fool as predicted. Where few
-       queries fool, a calibrated surrogate is sure of hardly any mu. So the level is never so high
-       that the sampled set has less than `volume` of the volume predicted to fool, the mean of p.
-
-    See `LevelSetOptions`.
+    A first part of the budget is uniform. Each later round fits a `Surrogate` and asks about random
+    mu with probability in proportion to p (1 - p), highest at the boundary of the fooling set
+    (compare Bryan et al. 2005, "Active learning for identifying function threshold boundaries").
+    Samples are uniform over {p >= level}, by rejection from the box, or by a Metropolis walk within
+    the set where it is rare. The level is 1/2, raised as far as the predicted coverage (Naeem et
+    al. 2020) allows, but never so high that the set has less than `volume` of the volume that is
+    predicted to fool. See `LevelSetOptions`.
 
     Attributes:
         level: Samples are drawn where p >= level.

@@ -89,10 +89,6 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
 def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return all options that `make` would use: those given, the preset's, the defaults.
 
-    Args:
-        name: A name as `make` takes it.
-        options: The adversary's own, `preset` among them where it has presets.
-
     Raises:
         ValueError: If the name or the preset is unknown.
     """
@@ -114,10 +110,7 @@ def describe() -> list[Description]:
 
 
 def find(name: str) -> type[Adversary]:
-    """Import the class of an adversary.
-
-    Args:
-        name: One of `names()`, or `module:Class` for an adversary of one's own.
+    """Import the class of an adversary by a name as `make` takes it.
 
     Raises:
         ValueError: If there is no such adversary, or its module cannot be imported.

@@ -39,11 +39,10 @@ class Reinforce(RLAdversary):
     """A mixture of Gaussians whose weights, means and scales follow the score-function gradient.
 
     This is REINFORCE (Williams 1992) for a bandit: after each rollout, one step of Adam follows the
-    mean of (reward - baseline) x gradient of log density. The baseline of a query is the mean
-    reward of the rollout's other queries (Kool, van Hoof & Welling 2019). The gradient of the
-    entropy is estimated in the same way: each query gets `entropy` times its negative log density.
-    Gaussians have diagonal covariances and live in unbounded space, reflected at the box's faces.
-    See `ReinforceOptions`.
+    mean of (reward - baseline) x gradient of log density. The baseline is the mean reward of the
+    rollout's other queries (Kool, van Hoof & Welling 2019); the entropy's gradient is estimated in
+    the same way. Gaussians have diagonal covariances and are reflected at the box's faces. See
+    `ReinforceOptions`.
     """
 
     name: ClassVar[str] = "reinforce"

@@ -149,11 +149,9 @@ def failure_rewards(
 
     A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
     missed so far, these included, whose score is above its own (half of the equal ones count). So
-    only the order of scores matters, and Q, Q**4 and log Q give the same rewards.
-
-    The dissimilarity bonus (Corso et al. 2019, "Adaptive stress testing with reward augmentation
-    for autonomous vehicle validation") is added where a query fooled: `dissimilarity` times its
-    `novelties`.
+    only the order of scores matters. Where a query fooled, `dissimilarity` times its `novelties` is
+    added (Corso et al. 2019, "Adaptive stress testing with reward augmentation for autonomous
+    vehicle validation").
 
     Args:
         asked: The rollout's queries.
@@ -175,12 +173,11 @@ def failure_rewards(
 
 
 def novelties(mu: Mu, failures: Mu) -> Array:
-    """Return how far from known failures each mu (n, d) lies: (n,) in [0, 1].
+    """Return how far each mu (n, d) lies from known failures (m, d): (n,) in [0, 1].
 
-    A distance has no meaning by itself: in eight dimensions every two points are far apart. So it
-    is compared to those among the failures themselves, (m, d): the result is the share of them
-    whose nearest other failure is closer than the mu's nearest failure. With fewer than two
-    failures every mu has novelty 1.
+    It is the share of the failures whose nearest other failure is closer than the mu's nearest
+    failure: in eight dimensions every two points are far apart, so a distance by itself says
+    nothing. With fewer than two failures every mu has novelty 1.
     """
     if len(failures) < 2:
         return np.ones(len(mu))

@@ -38,18 +38,12 @@ class SB3Adversary(RLAdversary):
     """An adversary whose policy and update rule are those of Stable-Baselines3.
 
     We draw the actions, query the oracle and give rewards; then the model's own `train` improves
-    the policy. So a rollout is one call of the oracle, the policy learns from the last one too, and
-    the oracle never runs while Stable-Baselines3 uses the global generators.
+    the policy. So the oracle never runs while Stable-Baselines3 uses the global generators. The
+    policy observes where an episode starts and proposes a step from there: with uniform starts the
+    learnt distribution may lie in many places at once.
 
-    Where all episodes start at the centre of the box, the policy is one Gaussian. With uniform
-    starts the policy observes where an episode starts and proposes a step from there: the learnt
-    distribution may then lie in many places at once.
-
-    A subclass names its `algorithm` and implements `_settings`, `_moments` and `_learn`, and
-    `_squash` where it needs it.
-
-    Attributes:
-        algorithm: The name of the class in `stable_baselines3`.
+    A subclass names its `algorithm`, the class in `stable_baselines3`, and implements `_settings`,
+    `_moments` and `_learn`, and `_squash` where it needs it.
     """
 
     packages = ("scikit-learn", "torch", "stable-baselines3")

@@ -37,11 +37,9 @@ class SelectionOptions(Options):
 class Selection(FittedAdversary):
     """Learns to predict Q from all of Omega; samples are the lowest of a fresh random pool.
 
-    The paper draws random mu, sorts them by their predicted score and picks the M lowest, but does
-    not say out of how many. The size of the pool decides the selection: a large one gives only the
-    extremes of the prediction, a small one nearly the whole box. Ours is as large as Omega, so
-    that the model selects from as many points as it learnt from. Each call draws a new pool and
-    takes equal predictions in the pool's random order. See `SelectionOptions`.
+    The paper does not say how many random mu it sorts by their predicted score. A large pool gives
+    only the extremes of the prediction, a small one nearly the whole box. Ours is as large as
+    Omega. Each call draws a new pool; ties are in random order. See `SelectionOptions`.
     """
 
     uniform_queries: ClassVar[bool] = True

@@ -46,21 +46,11 @@ class SMC(FittedAdversary):
     """A population of points that moves down levels of Q and then about the fooling set.
 
     This is subset simulation (Au & Beck 2001), a sequential Monte Carlo sampler (Del Moral, Doucet
-    & Jasra 2006). It starts with a uniform pool. The level is the `level_probability` quantile of
-    the pool's scores, but at least epsilon. Markov chains from the points at or below the level
-    spread over the set below it, and their states give the next level. At epsilon, chains get the
-    rest of the budget. Steps are Gaussian, scaled by the population's spread and towards the
-    `acceptance` rate, and reflected at the faces.
-
-    Where Q is random, a chain's state is mu with the world that it was evaluated in, as in
+    & Jasra 2006). A chain's state is mu with the world that it was evaluated in, as in
     pseudo-marginal Metropolis (Andrieu & Roberts 2009): the chains follow the density proportional
-    to the probability p(mu) to fool. Evaluating states again would cost queries and bias that.
-    Many short chains, started again at every level, keep the variance low.
-
-    Sampling may not query. So a sample lies at a random place between a point that fooled and one
-    of its nearest neighbours among these (SMOTE, Chawla et al. 2002), which hardly leaves the
-    fooling set at its edges, for a little less spread. Each point that fooled counts once, however
-    long a chain stayed there. See `SMCOptions`.
+    to the probability to fool. A sample lies at a random place between a point that fooled and one
+    of its nearest neighbours among these (SMOTE, Chawla et al. 2002). Each point that fooled counts
+    once, however long a chain stayed there. See `SMCOptions`.
     """
 
     name: ClassVar[str] = "smc"

@@ -33,14 +33,11 @@ _BLOCK = 1_000
 class SVM(Selection):
     """A multi-class SVM of the score in five equal bins; samples are random mu of the lowest bin.
 
-    Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines". The paper names
-    neither kernel nor penalty. Ours: an RBF kernel on standardised inputs, pairs of classes that
-    vote, weights that make up for rare classes (the one that fools is often the rarest), and C and
-    gamma with the best balanced accuracy in a threefold cross-validation on a subset of Omega that
-    has the same shares of the classes. The final machine is trained on all of Omega.
-
-    Most predictions are ties, because there are only five values: see `Selection` for how samples
-    are chosen, and for the options.
+    Hamdi, Mueller, Ghanem 2020, section "Testing, Evaluation, and Baselines", which names neither
+    kernel nor penalty. Ours: an RBF kernel on standardised inputs, pairs of classes that vote,
+    weights that make up for rare classes, and C and gamma with the best balanced accuracy in a
+    threefold cross-validation on a subset of Omega. See `Selection` for how samples are chosen,
+    and for the options.
     """
 
     name: ClassVar[str] = "svm"

@@ -143,7 +143,7 @@ def write_reference(
     *,
     sobol_seed: int,
 ) -> ReferenceEntry:
-    """Write a reference set of a track's application and enter it into the folder's index.
+    """Write the reference set of a track's application and enter it into the folder's index.
 
     Args:
         folder: The folder of the reference sets.
@@ -209,12 +209,7 @@ def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
 def load_reference(
     track: str, application: Application, folder: str | Path = FOLDER
 ) -> Reference | None:
-    """Load the reference set of a track and its agent; None where there is none.
-
-    Args:
-        track: The environment's id.
-        application: The application under attack.
-        folder: The folder of the reference sets.
+    """Load the reference set of a track's id and its application's agent; None without one.
 
     Raises:
         ValueError: If the file cannot be read, is not the one that the index names, or is of

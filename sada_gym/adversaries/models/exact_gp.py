@@ -1,9 +1,8 @@
 """Exact Gaussian process regression with an exponential kernel, in place and block by block.
 
 scikit-learn's regressor computes the same, but holds three (n, n) matrices at once, which are 10 GB
-at n = 20,000, and thirty where it differentiates the marginal likelihood in 8 dimensions (measured
-with its version 1.9 at n = 3,000 and 6,000). This module holds one, and five. Beyond 4,000 points
-it solves by conjugate gradients, which take n^2 operations a step, a factorisation n^3.
+at n = 20,000, and thirty where it differentiates the marginal likelihood in 8 dimensions. This
+module holds one, and five.
 """
 
 from __future__ import annotations
@@ -119,10 +118,9 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
 def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
     """Solve (K + noise I) w = y for all n points.
 
-    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000, of which one half is written. Up to
-    4,000 points it factorises the matrix in place. Beyond, it takes conjugate gradients down to a
-    residual of 1e-11 of y, and factorises only where 300 steps do not reach that: in up to three
-    dimensions where the noise is hardly above 0 and y is rough all the same.
+    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000. Up to 4,000 points it factorises the
+    matrix in place. Beyond, it takes conjugate gradients down to a residual of 1e-11 of y, and
+    factorises only where 300 steps do not reach that.
 
     Returns:
         (n,) the weights: the posterior mean at a is k(a, x) w (Rasmussen & Williams 2006, 2.27).

@@ -72,10 +72,8 @@ class PoolPosterior:
     """The posterior at every candidate of a pool, exact after each observation.
 
     With K the covariance of n observations, noise included, and L its Cholesky factor, it holds L
-    and V = L^-1 k(observations, pool). A candidate's posterior variance is the signal less its
-    column's sum of squares, and its column is the next row of L once it is observed. So an
-    observation costs one product with V, O(n * pool), where an evaluation from scratch costs
-    O(n^3 + n^2 * pool).
+    and V = L^-1 k(observations, pool). So an observation costs one product with V, O(n * pool),
+    where an evaluation from scratch costs O(n^3 + n^2 * pool).
 
     Args:
         kernel: The covariance.
