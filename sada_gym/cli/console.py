@@ -30,15 +30,9 @@ def option(
     minimum: int | None = None,
     shown: str | bool = True,
 ) -> Any:
-    """Declare an option of a command.
+    """Declare an option of a command: `...` is the default of a required one.
 
-    Args:
-        default: Its default; `...` where the option is required.
-        text: Its help.
-        names: Its names; without any it is named as the parameter.
-        metavar: What the help calls its value.
-        minimum: The smallest number that it takes.
-        shown: What the help says of its default; True shows the value.
+    Without `names` it is named as the parameter. The help shows the default, or `shown` instead.
     """
     return typer.Option(
         default, *names, help=text, metavar=metavar, min=minimum, show_default=shown
