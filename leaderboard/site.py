@@ -47,7 +47,7 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
     Raises:
         UserError: If an entry cannot be read, or `out` holds something else.
     """
-    _refuse_other_folder(out)
+    _check_own_folder(out)
     board = make_board(read_entries(entries))
     files = dict(site_files(board, Pictures(pictures, out)))
 
@@ -244,7 +244,7 @@ def table_script() -> Iterator[tuple[str, bytes]]:
     yield "static/datatables.LICENSE.txt", files["LICENSE"].read_text(encoding="utf-8").encode()
 
 
-def _refuse_other_folder(out: Path) -> None:
+def _check_own_folder(out: Path) -> None:
     with file_errors("read", out):
         if out.exists() and (not out.is_dir() or any(out.iterdir())) and not (out / MARK).is_file():
             raise UserError(

@@ -20,12 +20,12 @@ from sada_gym.experiment.folder import (
     RESULT_FILE,
     SAMPLES_FILE,
     STORE_FILE,
+    check_free,
     claim_folder,
     read_finished,
-    refuse_taken,
     write_samples,
 )
-from sada_gym.experiment.names import refuse_misspelt
+from sada_gym.experiment.names import check_spelling
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.pictures import draw_missing
 from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSettings
@@ -117,9 +117,9 @@ def attack(
     if samples is not None:
         check_integer("samples", samples, 1, MAX_QUERIES)
     # before anything heavy is imported
-    refuse_misspelt(environment, adversary, env_kwargs or {})
+    check_spelling(environment, adversary, env_kwargs or {})
     with file_errors("make the folder", folder):
-        refuse_taken(folder, resume=resume)
+        check_free(folder, resume=resume)
     with (
         _progress(progress, on_progress) as report_progress,
         OpenTarget.of(

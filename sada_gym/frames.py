@@ -54,7 +54,7 @@ class LegendEntry(NamedTuple):
     mark: Mark = "note"
 
 
-def checked_frame(given: Any, source: str) -> Frame:
+def validate_frame(given: Any, source: str) -> Frame:
     """Give what an application drew, if it is a frame.
 
     Args:

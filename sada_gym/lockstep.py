@@ -139,7 +139,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
 
     def __init__(self, lockstep: Lockstep[Observed], render_mode: str | None = None) -> None:
         self._lockstep = lockstep
-        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = _validate_render_mode(render_mode, self.metadata["render_modes"])
         self.action_space = lockstep.action_space
         self.observation_space = lockstep.observation_space
 
@@ -204,7 +204,7 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
         self._lockstep = lockstep
         self.num_envs = lockstep.count
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
-        self.render_mode = _checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = _validate_render_mode(render_mode, self.metadata["render_modes"])
         self.single_action_space = lockstep.action_space
         self.single_observation_space = lockstep.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -284,7 +284,7 @@ def _row(batch: Any, i: int) -> Any:
     return {key: value[i] for key, value in batch.items()} if isinstance(batch, dict) else batch[i]
 
 
-def _checked_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
+def _validate_render_mode(render_mode: str | None, known: Sequence[str]) -> str | None:
     if render_mode is not None and not (isinstance(render_mode, str) and render_mode in known):
         raise UserError(f"Expected render_mode None or among {known}, got {render_mode!r}.")
     return render_mode

@@ -52,7 +52,7 @@ def find_missing(entries: Path, plan: Plan) -> Missing:
         UserError: If an entry that the plan names is of another adversary.
     """
     for label, metadata in plan.metadata.items():
-        _refuse_other_entry(entries / metadata.name, plan.suite.adversaries[label])
+        _check_same_entry(entries / metadata.name, plan.suite.adversaries[label])
     files_read: dict[GroupFiles, dict[str, EntryResult]] = {}
     runs: list[RunSettings] = []
     lacking, outdated = set[tuple[Path, str]](), set[tuple[Path, str]]()
@@ -101,7 +101,7 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
     files.write((results | {result.place: result}).values())
 
 
-def _refuse_other_entry(folder: Path, adversary: AdversarySpec) -> None:
+def _check_same_entry(folder: Path, adversary: AdversarySpec) -> None:
     """Refuse to add results to an entry of another adversary."""
     if not (folder / METADATA_FILE).exists():
         return

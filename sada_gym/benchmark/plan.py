@@ -119,7 +119,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     # the longest first, and a whole seed before the next one
     ordered = sorted(groups, key=lambda group: (-len(group.runs), group.seed))
     plan = Plan(suite, tuple(ordered), metadata, tuple(notes))
-    _refuse_misplaced(plan)
+    _check_places(plan)
     return plan
 
 
@@ -137,7 +137,7 @@ def _at_seed(run: RunSettings, seed: int) -> RunSettings:
     return run.model_copy(update=changes)
 
 
-def _refuse_misplaced(plan: Plan) -> None:
+def _check_places(plan: Plan) -> None:
     """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
     known: dict[tuple[str, str, int], RunSettings] = {}
     for run in plan.runs:

@@ -8,7 +8,7 @@ from typing import Any
 
 from sada_gym import agents
 from sada_gym.benchmark.suite import ADVERSARIES, CONTROLS, Table
-from sada_gym.experiment.differences import refuse_other
+from sada_gym.experiment.differences import check_same_record
 from sada_gym.experiment.packages import in_order
 from sada_gym.experiment.target import Target
 from sada_gym.files import Strict
@@ -127,7 +127,7 @@ def _add_target(targets: dict[tuple[str, str], Target], target: Target) -> None:
         UserError: If another version of it is known.
     """
     known = targets.setdefault((target.track, target.agent), target)
-    refuse_other(
+    check_same_record(
         f"results of one version of {target.track} and of its agent",
         known.model_dump(),
         target.model_dump(),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sada_gym.cli.console import (
+    check_no_stray_words,
     cores,
     env_kwargs_option,
     err,
@@ -17,13 +18,12 @@ from sada_gym.cli.console import (
     key_values,
     option,
     out,
-    refuse_stray,
     say,
     show_resume_hint,
     workers_option,
 )
 from sada_gym.errors import UserError
-from sada_gym.experiment.names import default_note, refuse_misspelt
+from sada_gym.experiment.names import check_spelling, default_note
 from sada_gym.ids import names_file
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def attack(
     track = Path(env_id).stem if names_file(env_id) else env_id
     folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
     with errors_as_sentences():
-        refuse_stray(context.args, "--set a=1 --set b=2")
+        check_no_stray_words(context.args, "--set a=1 --set b=2")
         keywords = key_values(env_kwargs or [], "--env-kwargs")
         if agent is not None:
             if "agent" in keywords:
@@ -81,7 +81,7 @@ def attack(
         options = key_values(set_ or [], "--set")
         if preset is not None and "preset" in options:
             raise UserError("Expected the preset once, got it by --preset and --set.")
-        refuse_misspelt(env_id, adversary, keywords)
+        check_spelling(env_id, adversary, keywords)
         if (note := default_note(env_id, keywords)) is not None:
             say(note, console=err)
         if resume and (folder / "result.json").exists():

@@ -12,13 +12,13 @@ from rich.table import Table
 
 from sada_gym.benchmark.suite import SUITES, choose, find_suite
 from sada_gym.cli.console import (
+    check_no_stray_words,
     cores,
     errors_as_sentences,
     executor_option,
     make_table,
     option,
     out,
-    refuse_stray,
     say,
     show_resume_hint,
     workers_option,
@@ -89,7 +89,7 @@ def benchmark(
     """
     folder = out_folder or Path("runs") / f"benchmark-{suite}"
     with errors_as_sentences():
-        refuse_stray(context.args, "--track A --track B")
+        check_no_stray_words(context.args, "--track A --track B")
         if plan and report:
             raise UserError("Expected --plan or --report, got both. Leave one out.")
         from sada_gym.benchmark.run import plan_benchmark, report_benchmark, run_benchmark

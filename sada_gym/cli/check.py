@@ -6,12 +6,12 @@ import typer
 from rich.markup import escape
 
 from sada_gym.cli.console import (
+    check_no_stray_words,
     env_kwargs_option,
     errors_as_sentences,
     key_values,
     make_table,
     out,
-    refuse_stray,
 )
 from sada_gym.errors import UserError
 
@@ -30,7 +30,7 @@ def check(
     and one of each class that needs no arguments. Exit code 1 where a check fails.
     """
     with errors_as_sentences():
-        refuse_stray(context.args, "--env-kwargs a=1 --env-kwargs b=2")
+        check_no_stray_words(context.args, "--env-kwargs a=1 --env-kwargs b=2")
         from sada_gym.testing.check import check_environment, check_file
 
         if subject.endswith(".py"):

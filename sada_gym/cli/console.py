@@ -106,7 +106,7 @@ def show_resume_hint(kept: str, *more: str) -> None:
     err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
 
 
-def refuse_stray(words: Sequence[str], example: str) -> None:
+def check_no_stray_words(words: Sequence[str], example: str) -> None:
     """Refuse words that belong to no option, such as the second of `--set a=1 b=2`."""
     if words:
         raise UserError(

@@ -19,7 +19,7 @@ from sada_gym.clips.shots import (
 )
 from sada_gym.errors import UserError
 from sada_gym.files import shown
-from sada_gym.frames import Frame, checked_frame
+from sada_gym.frames import Frame, validate_frame
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 
@@ -67,11 +67,11 @@ def replayed_clip(application: Application, mu: Mu, seed: int, seconds: float) -
     if len(frames) == 1:
         path = path_to(mu, seconds)
         scores = application.evaluate(path, [seed] * len(path)).score
-        frames = [checked_frame(application.render(row, seed), f"{name}.render") for row in path]
+        frames = [validate_frame(application.render(row, seed), f"{name}.render") for row in path]
         notes, fps = [f"Q = {score:.2f}" for score in scores], float(MORPH_FPS)
     else:
         kept, fps, remark = pace(len(frames), application.render_fps, seconds)
-        frames = [checked_frame(frames[i], f"{name}.replay") for i in kept]
+        frames = [validate_frame(frames[i], f"{name}.replay") for i in kept]
         notes = [f"{i / application.render_fps:.1f} s{remark}" for i in kept]
     pictures = [Image.fromarray(frame) for frame in frames]
     return Clip([Shot(pictures, fps, notes, describe_world(application, mu), ending)], score)

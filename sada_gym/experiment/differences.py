@@ -19,7 +19,7 @@ def differences(old: Mapping[str, object], new: Mapping[str, object]) -> list[st
     return changes
 
 
-def refuse_other(
+def check_same_record(
     expected: str,
     old: Mapping[str, object],
     new: Mapping[str, object],

@@ -13,7 +13,7 @@ import numpy as np
 from sada_gym.errors import FileError, StoreError, UserError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import Evaluations, evaluation_seeds
-from sada_gym.experiment.differences import refuse_other
+from sada_gym.experiment.differences import check_same_record
 from sada_gym.experiment.record import RunReport, RunSettings
 from sada_gym.files import read_arrays, read_model, write_file, write_model
 
@@ -78,7 +78,7 @@ class RunFolder:
                 made.rmdir()
 
 
-def refuse_taken(folder: Path, *, resume: bool) -> None:
+def check_free(folder: Path, *, resume: bool) -> None:
     """Refuse a folder that an attack cannot have, whatever its settings are.
 
     Raises:
@@ -109,10 +109,10 @@ def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFol
         ValueError: If it holds another run, or the same one and `resume` is not set. Nothing is
             changed then.
     """
-    refuse_taken(folder, resume=resume)
+    check_free(folder, resume=resume)
     path = folder / SETTINGS_FILE
     if path.exists():
-        refuse_other(
+        check_same_record(
             f"the settings that the run in {folder} was started with",
             read_model(path, RunSettings).model_dump(mode="json"),
             settings.model_dump(mode="json"),

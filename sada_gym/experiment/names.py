@@ -14,7 +14,7 @@ IDEAL = "ideal"
 """The name of the control that knows the answer."""
 
 
-def refuse_misspelt(environment: object, adversary: object, env_kwargs: Mapping[str, Any]) -> None:
+def check_spelling(environment: object, adversary: object, env_kwargs: Mapping[str, Any]) -> None:
     """Refuse an unknown id, adversary or agent.
 
     What is given as an object is left to later checks, and so are a TOML file and `module:Class`.

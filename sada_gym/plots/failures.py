@@ -12,7 +12,7 @@ from PIL import Image
 
 from sada_gym.application import Application, isolated_rng
 from sada_gym.evaluations import Evaluations
-from sada_gym.frames import Frame, LegendEntry, Mark, checked_frame
+from sada_gym.frames import Frame, LegendEntry, Mark, validate_frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_choice import Failure, choose_failures
 from sada_gym.plots.failure_sheet import FrameGroup, columns_for, failure_sheet
@@ -49,7 +49,7 @@ def draw_failures(
         try:
             drawn = application.render_batch(samples.mu[rows], samples.seed[rows].tolist())
             for frame, _ in zip(drawn, rows, strict=True):
-                yield checked_frame(frame, source)
+                yield validate_frame(frame, source)
         except NotImplementedError as error:
             raise NotDrawnError(f". {error}") from error
         except Exception as error:  # drawing is a user's code, too, and must not cost the result

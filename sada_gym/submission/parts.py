@@ -68,7 +68,7 @@ class Parts:
                 a seed that is there already.
         """
         if self.by_place:
-            refuse_other_adversary(part, self.first.experiment.adversary, self.first.source)
+            check_same_adversary(part, self.first.experiment.adversary, self.first.source)
         known = self.by_place.setdefault(part.result.place, [])
         for other in known:
             changes = differences(other.experiment.model_dump(), part.experiment.model_dump())
@@ -210,7 +210,7 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
     )
 
 
-def refuse_other_adversary(part: Part, known: AdversarySpec, source: str) -> None:
+def check_same_adversary(part: Part, known: AdversarySpec, source: str) -> None:
     """Refuse a part of another adversary, preset or options.
 
     Raises:

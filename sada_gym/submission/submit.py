@@ -38,7 +38,7 @@ from sada_gym.submission.current import (
     current_target,
     default_agent,
 )
-from sada_gym.submission.parts import Part, Parts, check_budget, read_run, refuse_other_adversary
+from sada_gym.submission.parts import Part, Parts, check_budget, check_same_adversary, read_run
 
 ENTRIES = Path("leaderboard/entries")
 """Where the repository keeps the entries."""
@@ -304,7 +304,7 @@ class _Place:
         kept = []
         for place, result in read_entry(folder).results.items():
             if place not in places:
-                refuse_other_adversary(self.first, result.claimed.experiment.adversary, str(folder))
+                check_same_adversary(self.first, result.claimed.experiment.adversary, str(folder))
                 kept.append(result)
             elif not replace:
                 raise UserError(

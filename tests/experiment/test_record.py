@@ -6,7 +6,7 @@ import pytest
 
 from sada_gym.errors import FileError
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.record import differences, read_samples, refuse_other, write_samples
+from sada_gym.experiment.record import check_same_record, differences, read_samples, write_samples
 
 
 def test_samples_are_read_as_written(tmp_path):
@@ -64,8 +64,8 @@ def test_a_missing_file_is_a_sentence(tmp_path):
 def test_differences_go_down_to_single_entries():
     old = {"a": {"b": 1, "c": 2}, "d": (1,), "e": None}
     assert differences(old, old) == []
-    refuse_other("nothing else", old, old)
+    check_same_record("nothing else", old, old)
     new = {"a": {"b": 1, "c": 3}, "d": (1,), "f": 4}
     assert differences(old, new) == ["a.c was 2 and is 3", "f was None and is 4"]
     with pytest.raises(ValueError, match=r"Expected this, got others: a.c was .* is 4. Mend it."):
-        refuse_other("this", old, new, "Mend it.")
+        check_same_record("this", old, new, "Mend it.")

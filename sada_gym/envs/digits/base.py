@@ -52,8 +52,8 @@ class ClassifierApplication(Application):
         self._classifier = ClassifierAgent(self.agent, tile)
         self._own_images = images is not None or labels is not None
         self.images = validate_images(images, labels) if self._own_images else test_images()
-        self.image = None if image is None else self._checked_image(image)
-        self.digit = None if digit is None else self._checked_digit(digit)
+        self.image = None if image is None else self._validate_image(image)
+        self.digit = None if digit is None else self._validate_digit(digit)
         self.indices = self._attackable()
 
     @property
@@ -79,14 +79,14 @@ class ClassifierApplication(Application):
         parts = [agent, self.images.sha256 if self._own_images else ""]
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
 
-    def _checked_image(self, image: Any) -> int:
+    def _validate_image(self, image: Any) -> int:
         if not _is_whole(image) or not 0 <= image < len(self.images):
             raise UserError(
                 f"Expected image to be an index from 0 to {len(self.images) - 1}, got {image!r}."
             )
         return int(image)
 
-    def _checked_digit(self, digit: Any) -> int:
+    def _validate_digit(self, digit: Any) -> int:
         known = np.unique(self.images.labels).tolist()
         if not _is_whole(digit) or digit not in known:
             raise UserError(

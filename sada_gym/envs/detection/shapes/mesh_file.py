@@ -49,7 +49,7 @@ def _read(file: Path) -> trimesh.Trimesh:
     suffix = file.suffix.lower()
     content = _as_utf8(file.read_bytes(), suffix)
     if suffix == ".obj":
-        _refuse_vertex_zero(content)
+        _check_vertices(content)
     scene = trimesh.load_scene(
         BytesIO(content), file_type=suffix[1:], process=False, skip_materials=True
     )
@@ -81,7 +81,7 @@ def joined_faces(meshes: Sequence[trimesh.Trimesh]) -> npt.NDArray[np.int64]:
     )
 
 
-def _refuse_vertex_zero(content: bytes) -> None:
+def _check_vertices(content: bytes) -> None:
     # trimesh would take the vertex 0 for the last one
     is_face = continued = False
     for number, line in enumerate(content.splitlines(), 1):
