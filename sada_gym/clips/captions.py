@@ -1,4 +1,4 @@
-"""Puts the words below a video's pictures: one width, one style, for all applications."""
+"""Puts words below a video's pictures and marks into them: one style for all applications."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from sada_gym.frames import Colour, Frame
 
 WIDTH = 480
 """The width of a video in pixels."""
-TALLEST = 400
+MAX_HEIGHT = 400
 """Pictures are not drawn higher than this."""
+INSET = 124
+"""The side of a map in a picture's corner."""
 HOLD_S = 1.5
 """The time for which an ending stands."""
 
@@ -29,7 +31,7 @@ _MARK = 7
 
 
 def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
-    """Give each frame of a shot with its time in seconds; the last one tells the ending.
+    """Yield each frame of a shot with its time in seconds; the last one tells the ending.
 
     Args:
         shot: The shot.
@@ -47,33 +49,34 @@ def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
 
 
 def fit(picture: Image.Image) -> Image.Image:
-    """Give a picture of the video's width: scaled, and on a dark ground where it is too high."""
-    scale = min(WIDTH / picture.width, TALLEST / picture.height)
+    """Return a picture of the video's width: scaled, and on a dark ground where it is too high."""
+    scale = min(WIDTH / picture.width, MAX_HEIGHT / picture.height)
     # the pixels of small pictures, such as those of games, stay sharp
     way = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS
     size = max(1, round(picture.width * scale)), max(1, round(picture.height * scale))
-    scaled = picture if size == picture.size else picture.resize(size, way)
     ground = Image.new("RGB", (WIDTH, size[1]), INK)
-    ground.paste(scaled, ((WIDTH - size[0]) // 2, 0))
+    ground.paste(picture.resize(size, way), ((WIDTH - size[0]) // 2, 0))
     return ground
 
 
-def mark(draw: ImageDraw.ImageDraw, x: float, y: float, size: float, *, failed: bool) -> None:
-    """Draw a cross, or a tick, in white around a place."""
-    width = max(2, round(size / 2.5))
-    if failed:
-        for up in (-size, size):
-            draw.line([(x - size, y - up), (x + size, y + up)], fill=PAPER, width=width)
-    else:
-        corners = [(x - size, y), (x - size / 3, y + size * 0.8), (x + size, y - size)]
-        draw.line(corners, fill=PAPER, width=width, joint="curve")
+def add_inset(picture: Image.Image, drawn: Image.Image, way: Image.Resampling) -> None:
+    """Put a map, drawn larger, into a picture's upper right corner, with a white frame."""
+    small = drawn.resize((INSET, INSET), way)
+    ImageDraw.Draw(small).rectangle((0, 0, INSET - 1, INSET - 1), outline=PAPER, width=2)
+    picture.paste(small, (WIDTH - INSET - 8, 8))
 
 
 def cross(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
     """Mark a place where something failed: an orange cross with a white rim."""
     for colour, width in ((PAPER, round(size)), (FAILED, round(size / 2))):
-        for up in (-size, size):
-            draw.line([(x - size, y - up), (x + size, y + up)], fill=colour, width=max(2, width))
+        _cross(draw, x, y, size, colour, width)
+
+
+def _cross(
+    draw: ImageDraw.ImageDraw, x: float, y: float, size: float, colour: Colour, width: int
+) -> None:
+    for up in (-size, size):
+        draw.line([(x - size, y - up), (x + size, y + up)], fill=colour, width=max(2, width))
 
 
 def ring(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float) -> None:
@@ -93,7 +96,12 @@ def _bar(note: str, world: str) -> Image.Image:
 def _ending_bar(shot: Shot, last_line: str, colour: Colour) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), colour)
     draw = ImageDraw.Draw(bar)
-    mark(draw, _LEFT + _MARK, _FIRST, _MARK, failed=shot.ending.failed)
+    x, y, width = _LEFT + _MARK, _FIRST, round(_MARK / 2.5)
+    if shot.ending.failed:
+        _cross(draw, x, y, _MARK, PAPER, width)
+    else:
+        tick = [(x - _MARK, y), (x - _MARK / 3, y + _MARK * 0.8), (x + _MARK, y - _MARK)]
+        draw.line(tick, fill=PAPER, width=width, joint="curve")
     _write(draw, _LEFT + 3 * _MARK, _FIRST, shot.ending.text, 17, PAPER, bold=True)
     _write(draw, _LEFT, _SECOND, last_line, 12, PAPER)
     return bar
@@ -112,12 +120,12 @@ def _write(
     """Write a line, smaller where it is too long, and cut where it is far too long."""
     room = WIDTH - left - _LEFT
     line = "".join(letter if letter.isprintable() else " " for letter in text)
-    least = size - 4
-    while size > least and draw.textlength(line, font(size, bold=bold)) > room:
-        size -= 1
-    chosen = font(size, bold=bold)
-    if draw.textlength(line, chosen) > room:
-        while line and draw.textlength(f"{line}…", chosen) > room:
+    faces = (font(size - less, bold=bold) for less in range(5))
+    for face in faces:
+        if draw.textlength(line, face) <= room:
+            break
+    else:
+        while line and draw.textlength(f"{line}…", face) > room:
             line = line[:-1]
         line = f"{line.rstrip()}…"
-    draw.text((left, middle), line, fill=colour, font=chosen, anchor="lm")
+    draw.text((left, middle), line, fill=colour, font=face, anchor="lm")

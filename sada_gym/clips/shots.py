@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -23,7 +23,13 @@ MAX_FPS = 20
 SHORTEST_S = 2.0
 """A shorter episode is shown in slow motion."""
 
-_T = TypeVar("_T")
+
+class _Scored(Protocol):
+    @property
+    def score(self) -> float: ...
+
+
+_EpisodeT = TypeVar("_EpisodeT", bound=_Scored)
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,26 @@ def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], 
     """
     chosen = (list(failures) or [0])[: max(1, int(seconds // MIN_SHARE_S))]
     return chosen, seconds / len(chosen)
+
+
+def clip_failures(
+    episodes: Sequence[_EpisodeT],
+    failed: Callable[[_EpisodeT], bool],
+    seconds: float,
+    make_shot: Callable[[_EpisodeT, int, float], Shot],
+) -> Clip:
+    """Cut a sample's episodes to a clip of those that failed.
+
+    Args:
+        episodes: The episodes.
+        failed: Whether an episode failed.
+        seconds: The seconds of the sample.
+        make_shot: Makes the shot of an episode, from its number and the seconds that it gets.
+    """
+    failures = [i for i, episode in enumerate(episodes) if failed(episode)]
+    chosen, each_s = share_time(failures, seconds)
+    shots = [make_shot(episodes[i], i, each_s) for i in chosen]
+    return Clip(shots, float(np.mean([episode.score for episode in episodes])))
 
 
 def describe_world(application: Application, mu: Mu, count: int = 3) -> str:

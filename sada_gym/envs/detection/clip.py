@@ -14,7 +14,7 @@ from sada_gym.clips.shots import MORPH_FPS, Clip, Shot, ShotEnding, path_to
 from sada_gym.drawing import dashed_box, font
 from sada_gym.envs.detection.frame import FLOOR
 from sada_gym.evaluations import fools
-from sada_gym.frames import ORANGE, SKY, Colour, rgb
+from sada_gym.frames import ORANGE, SKY, rgb
 from sada_gym.parameters import Mu
 
 if TYPE_CHECKING:
@@ -34,41 +34,35 @@ def clip(application: DetectionApplication, mu: Mu, seed: int, seconds: float) -
 
     The pictures are finer than what the detector gets, where the renderer can draw any size.
     """
-    way = path_to(mu, seconds)
-    outcomes = application.evaluate(way, [seed] * len(way))
+    path = path_to(mu, seconds)
+    outcomes = application.evaluate(path, [seed] * len(path))
     wanted, threshold = application.object_class, application.fooling_threshold
-    names = application.class_names
-    pictures, notes = [], []
+    scale = SIDE * _FINER / application.image_size
+    pictures, answers = [], []
     for i, (view, info) in enumerate(
-        zip(_views(application, way, seed), outcomes.infos, strict=True)
+        zip(_views(application, path, seed), outcomes.infos, strict=True)
     ):
-        right, wrong = _best(info["detections"], application.label)
+        best = _best(info["detections"], application.label)
+        label = best and application.class_names.get(best["label"], f"label {best['label']}")
+        answers.append(f"{label}, {best['score']:.2f}" if best else f"nothing: no {wanted}")
+        if best is not None:
+            name = application.class_names.get(best["label"], "?")
+            _box(view, scale, best, f"{name} {best['score']:.2f}", application.label)
         picture = Image.new("RGB", (WIDTH, SIDE), INK)
-        scale = SIDE * _FINER / application.image_size
-        picture.paste(_boxed(view, scale, right, wrong, names), (0, 0))
-        chart = _chart(outcomes.score[: i + 1], len(way), threshold, wanted)
-        picture.paste(chart, (SIDE, 0))
+        picture.paste(view.resize((SIDE, SIDE), Image.Resampling.BOX), (0, 0))
+        picture.paste(_chart(outcomes.score[: i + 1], len(path), threshold, wanted), (SIDE, 0))
         pictures.append(picture)
-        notes.append(f"the detector says {_said(right, wrong, names, wanted)}")
-    last = outcomes.infos[-1]
-    said = _said(*_best(last["detections"], application.label), names, wanted)
-    fooled = bool(last["fooled"])
-    text = f"the detector says {said}" if fooled else f"still found: {said}"
-    if fooled and said.startswith(f"{wanted},"):
-        text = f"only {last['score']:.2f} sure of the {wanted}"
-    world = _world(application, mu)
-    ending = ShotEnding(text, fooled)
-    return Clip([Shot(pictures, MORPH_FPS, notes, world, ending)], float(last["score"]))
-
-
-def _world(application: DetectionApplication, mu: Mu) -> str:
-    """Say where the camera and the light stand in the attacked world."""
+    score, fooled = float(outcomes.score[-1]), bool(outcomes.fooled[-1])
+    text = f"the detector says {answers[-1]}" if fooled else f"still found: {answers[-1]}"
+    if fooled and answers[-1].startswith(f"{wanted},"):
+        text = f"only {score:.2f} sure of the {wanted}"
     distance, azimuth, pitch, _, light, *_ = application.parameters.physical(mu).tolist()
-    side = "right" if azimuth < 0 else "left"
-    return (
-        f"camera {abs(azimuth):.0f}° round to the {side}, {pitch:.0f}° up, {distance:.1f} away; "
-        f"light {light:.0f}° up"
+    world = (
+        f"camera {abs(azimuth):.0f}° round to the {'right' if azimuth < 0 else 'left'}, "
+        f"{pitch:.0f}° up, {distance:.1f} away; light {light:.0f}° up"
     )
+    notes = [f"the detector says {answer}" for answer in answers]
+    return Clip([Shot(pictures, MORPH_FPS, notes, world, ShotEnding(text, fooled))], score)
 
 
 def _views(application: DetectionApplication, way: Mu, seed: int) -> list[Image.Image]:
@@ -80,55 +74,24 @@ def _views(application: DetectionApplication, way: Mu, seed: int) -> list[Image.
     return [view.resize((side, side), Image.Resampling.BICUBIC) for view in seen]
 
 
-def _best(detections: Sequence[Detection], label: int) -> tuple[Detection | None, Detection | None]:
-    """Return the best detection of the class, and the best of others, as far as they are clear."""
+def _best(detections: Sequence[Detection], label: int) -> Detection | None:
+    """Return the clearest of the best detection of the class and the best of others."""
     clear = [detection for detection in detections if detection["score"] >= FLOOR]
-    right = next((detection for detection in clear if detection["label"] == label), None)
-    return right, next((detection for detection in clear if detection["label"] != label), None)
+    right = [detection for detection in clear if detection["label"] == label][:1]
+    wrong = [detection for detection in clear if detection["label"] != label][:1]
+    return max(right + wrong, key=lambda detection: float(detection["score"]), default=None)
 
 
-def _confidence(detection: Detection) -> float:
-    return float(detection["score"])
-
-
-def _said(
-    right: Detection | None, wrong: Detection | None, names: Mapping[int, str], wanted: str
-) -> str:
-    clear = [detection for detection in (right, wrong) if detection is not None]
-    if not clear:
-        return f"nothing: no {wanted}"
-    best = max(clear, key=_confidence)
-    return f"{names.get(best['label'], 'label ' + str(best['label']))}, {best['score']:.2f}"
-
-
-def _boxed(
-    view: Image.Image,
-    scale: float,
-    right: Detection | None,
-    wrong: Detection | None,
-    names: Mapping[int, str],
-) -> Image.Image:
-    """Draw the box of the class (blue) or of what the detector takes it for (orange, dashed)."""
-    draw = ImageDraw.Draw(view)
-    clear = [detection for detection in (right, wrong) if detection is not None]
-    if clear:
-        best = max(clear, key=_confidence)
-        colour, dash, gap = (_WRONG, 19, 11) if best is wrong else (_SEEN, 1, 0)
-        box = np.clip(scale * np.array(best["box"]), 3, view.width - 4).tolist()
-        if box[0] < box[2] and box[1] < box[3]:
-            dashed_box(draw, box, colour, 6, dash, gap)
-            text = f"{names.get(best['label'], '?')} {best['score']:.2f}"
-            _tag(draw, box, text, colour, view.width)
-    return view.resize((SIDE, SIDE), Image.Resampling.BOX)
-
-
-def _tag(
-    draw: ImageDraw.ImageDraw, box: Sequence[float], text: str, colour: Colour, side: int
-) -> None:
-    """Write what a box is taken for, above it or, at the picture's edge, in it."""
-    letters = font(13 * _FINER, bold=True)
+def _box(view: Image.Image, scale: float, best: Detection, text: str, label: int) -> None:
+    """Draw a box: blue for the class, else orange and dashed; and above it or in it the text."""
+    colour, dash, gap = (_SEEN, 1, 0) if best["label"] == label else (_WRONG, 19, 11)
+    box = np.clip(scale * np.array(best["box"]), 3, view.width - 4).tolist()
+    if not (box[0] < box[2] and box[1] < box[3]):
+        return
+    draw, letters = ImageDraw.Draw(view), font(13 * _FINER, bold=True)
+    dashed_box(draw, box, colour, 6, dash, gap)
     width, height = draw.textlength(text, letters) + 12, 17 * _FINER
-    x = min(max(box[0], 0), side - width)
+    x = min(max(box[0], 0), view.width - width)
     y = box[1] - height if box[1] >= height else box[1]
     draw.rectangle((x, y, x + width, y + height), fill=colour)
     draw.text((x + 6, y + height / 2), text, fill=INK, font=letters, anchor="lm")

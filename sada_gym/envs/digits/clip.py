@@ -18,21 +18,19 @@ MANY = 30
 
 def clip(application: ClassifierApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the classifier's answer changes on the way from mu = 0."""
-    way = path_to(mu, seconds)
-    outcomes = application.evaluate(way, [seed] * len(way))
-    pictures = [Image.fromarray(application.render(row, seed)) for row in way]
+    path = path_to(mu, seconds)
+    infos = application.evaluate(path, [seed] * len(path)).infos
+    pictures = [Image.fromarray(application.render(row, seed)) for row in path]
     notes = [
         f"a {info['label']}, seen as {_a(info['predicted'])}  ·  Q = {info['score']:.2f}"
-        for info in outcomes.infos
+        for info in infos
     ]
-    last = outcomes.infos[-1]
-    wrong = last["predicted"] != last["label"]
-    said = f"takes the {last['label']} for {_a(last['predicted'])}"
-    text = said if wrong else f"sees that it is {_a(last['label'])}"
-    ending = ShotEnding(text, last["fooled"])
+    label, predicted = infos[-1]["label"], infos[-1]["predicted"]
+    right, wrong = f"sees that it is {_a(label)}", f"takes the {label} for {_a(predicted)}"
+    ending = ShotEnding(right if predicted == label else wrong, infos[-1]["fooled"])
     many = len(application.parameters) > MANY
     world = "noise on every pixel" if many else describe_world(application, mu)
-    return Clip([Shot(pictures, MORPH_FPS, notes, world, ending)], last["score"])
+    return Clip([Shot(pictures, MORPH_FPS, notes, world, ending)], infos[-1]["score"])
 
 
 def _a(number: int) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from sada_gym.clips.captions import FAILED, INK, PAPER, WIDTH, cross
-from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
+from sada_gym.clips.captions import FAILED, INK, INSET, PAPER, WIDTH, add_inset, cross
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, steps_before
 from sada_gym.envs.driving.camera.pinhole import Lens, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
 from sada_gym.envs.driving.frame import town_plan  # the whole town from above
@@ -28,10 +28,14 @@ if TYPE_CHECKING:
 ROWS = 270
 _BETWEEN = 2
 """Pictures for each step of the driver; the places between two steps are interpolated."""
-_INSET, _SPAN_M, _FINER = 124, 62.0, 3
+_SPAN_M, _FINER = 62.0, 3
 _WAY, _DRIVEN = rgb(YELLOW), rgb(SKY)
-_TOLD = {"follow": "follow the road", "left": "turn left", "right": "turn right"}
-_TOLD["straight"] = "straight on"
+_COMMANDS = {
+    "follow": "follow the road",
+    "left": "turn left",
+    "right": "turn right",
+    "straight": "straight on",
+}
 
 Array = npt.NDArray[np.float64]
 
@@ -39,10 +43,11 @@ Array = npt.NDArray[np.float64]
 def clip(application: DrivingApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the drives that failed ended."""
     rollouts = application.rollouts(mu, seed)
-    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
-    chosen, each_s = share_time(failed, seconds)
-    made = [_shot(rollouts[i], f"route {i + 1} of {len(rollouts)}", each_s) for i in chosen]
-    return Clip(made, float(np.mean([rollout.score for rollout in rollouts])))
+
+    def shot(rollout: Rollout[DrivingStart], i: int, seconds: float) -> Shot:
+        return _shot(rollout, f"route {i + 1} of {len(rollouts)}", seconds)
+
+    return clip_failures(rollouts, lambda rollout: rollout.score < 1, seconds, shot)
 
 
 def _shot(rollout: Rollout[DrivingStart], name: str, seconds: float) -> Shot:
@@ -57,24 +62,23 @@ def _shot(rollout: Rollout[DrivingStart], name: str, seconds: float) -> Shot:
         driven = np.vstack([states[: int(moment) + 1, :2], place[None, :2]])
         picture = Image.fromarray(view)
         over = i == len(places) - 1 and ending != DrivingEnd.ARRIVED
-        inset = _map(rollout.start, place, driven, failed=over)
-        picture.paste(inset, (WIDTH - inset.width - 8, 8))
+        street_map = _map(rollout.start, place, driven, failed=over)
+        add_inset(picture, street_map, Image.Resampling.BOX)
         pictures.append(picture)
-        told = _TOLD[COMMANDS[int(rollout["command"][int(moment)])]]
-        notes.append(
-            f"{name}  ·  {moment / POLICY_HZ:.1f} s  ·  {3.6 * place[3]:.0f} km/h  ·  told: {told}"
-        )
+        command = _COMMANDS[COMMANDS[int(rollout["command"][int(moment)])]]
+        time_s, speed_km_h = moment / POLICY_HZ, 3.6 * place[3]
+        notes.append(f"{name}  ·  {time_s:.1f} s  ·  {speed_km_h:.0f} km/h  ·  told: {command}")
     mount = rollout.start.mount
     world = (
         f"{_weather(rollout.start.weather)}; camera {mount.height_m:.2f} m high, pitch "
         f"{number(mount.pitch_deg)}°"
     )
-    told_end = _ending(ending, last / POLICY_HZ, _side(rollout))
-    return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, told_end)
+    shot_ending = _ending(ending, last / POLICY_HZ, _side(rollout))
+    return Shot(pictures, POLICY_HZ * _BETWEEN, notes, world, shot_ending)
 
 
 def _side(rollout: Rollout[DrivingStart]) -> str:
-    """Say on which side of its route the car is at the end; y points to the right of x."""
+    # y points to the right of x
     route, place = rollout.start.route, rollout["states"][-1, :2]
     off = place - route.points
     nearest = int((off**2).sum(axis=1).argmin())
@@ -93,7 +97,6 @@ def _ending(ending: DrivingEnd, after_s: float, side: str) -> ShotEnding:
 
 
 def _weather(index: int) -> str:
-    """Write a weather's name as words, such as `hard rain noon`."""
     return "".join(f" {c.lower()}" if c.isupper() else c for c in NAMES[index]).strip()
 
 
@@ -103,18 +106,18 @@ def _views(start: DrivingStart, places: Array, moments: Array) -> npt.NDArray[np
     poses = np.column_stack([places[:, :3], np.full(count, start.mount.height_m)])
     keys = np.round(moments * _BETWEEN).astype(np.uint64) + np.uint64(start.seed * (1 << 20))
     rays = lens.rays(start.mount.pitch_deg)[None]
-    of, weathers = np.zeros(count, np.int64), np.full(count, start.weather, np.int64)
-    return camera(LAYOUT).draw(lens, rays, of, poses, weathers, keys)
+    mounts, weathers = np.zeros(count, np.int64), np.full(count, start.weather, np.int64)
+    return camera(LAYOUT).draw(lens, rays, mounts, poses, weathers, keys)
 
 
 def _map(start: DrivingStart, place: Array, driven: Array, *, failed: bool) -> Image.Image:
     """Draw the streets around the car from above, its route, and the way that it drove."""
-    side = _INSET * _FINER
+    side = INSET * _FINER
     chart = _town()
     half = _SPAN_M / 2 / chart.pixel_m
     ((x, y),) = chart.pixels(place[None, :2])
     box = (x - half, y - half, x + half, y + half)
-    picture = chart.picture.transform(
+    picture: Image.Image = chart.picture.transform(
         (side, side), Image.Transform.EXTENT, box, Image.Resampling.BICUBIC, fillcolor=(60, 80, 50)
     )
     draw, unit = ImageDraw.Draw(picture), side / _SPAN_M
@@ -136,9 +139,7 @@ def _map(start: DrivingStart, place: Array, driven: Array, *, failed: bool) -> I
     )
     if failed:
         cross(draw, side / 2, side / 2, 2.4 * unit)
-    small: Image.Image = picture.resize((_INSET, _INSET), Image.Resampling.BOX)
-    ImageDraw.Draw(small).rectangle((0, 0, _INSET - 1, _INSET - 1), outline=PAPER, width=2)
-    return small
+    return picture
 
 
 @cache

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from PIL import ImageDraw
 
 from sada_gym.clips.captions import ring
-from sada_gym.clips.shots import Clip, Shot, ShotEnding, describe_world, share_time, steps_before
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, describe_world, steps_before
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.frame import WIDTH, snapshot
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
@@ -28,11 +28,12 @@ Array = npt.NDArray[np.float64]
 def clip(application: RobotApplication, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show how the trips that failed ended."""
     rollouts = application.rollouts(mu, seed)
-    failed = [i for i, rollout in enumerate(rollouts) if rollout.score < 1]
-    chosen, each_s = share_time(failed, seconds)
     world = describe_world(application, mu)
-    made = [_shot(rollouts[i], f"trip {i + 1} of {len(rollouts)}", world, each_s) for i in chosen]
-    return Clip(made, float(np.mean([rollout.score for rollout in rollouts])))
+
+    def shot(rollout: Rollout[RobotStart], i: int, seconds: float) -> Shot:
+        return _shot(rollout, f"trip {i + 1} of {len(rollouts)}", world, seconds)
+
+    return clip_failures(rollouts, lambda rollout: rollout.score < 1, seconds, shot)
 
 
 def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -> Shot:

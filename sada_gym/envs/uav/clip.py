@@ -10,7 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
-from sada_gym.clips.captions import DONE, FAILED, INK, PAPER, WIDTH, cross, ring
+from sada_gym.clips.captions import DONE, FAILED, INK, INSET, PAPER, WIDTH, add_inset, cross, ring
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
 from sada_gym.drawing import font
 from sada_gym.envs.episodes.rollout import Rollout
@@ -35,9 +35,11 @@ _BEHIND_M, _ABOVE_M, _DOWN_DEG = 1.5, 0.5, 12.0
 _LAG = 4
 """The camera turns like the mean of so many decisions."""
 _ROTOR_M = 0.075
-_INSET, _FINER, _MARGIN_M = 124, 3, 4.0
+_FINER, _MARGIN_M = 3, 4.0
 _FIELD, _LINE, _AHEAD, _FLOWN = (226, 236, 214), (190, 203, 174), (107, 114, 128), rgb(SKY)
 _FINE = 4
+_ARROW = ((0.0, 26), (np.deg2rad(140), 20), (np.deg2rad(220), 20))
+"""The drone on the map: the angles and the distances of a triangle's corners."""
 
 Array = npt.NDArray[np.float64]
 
@@ -48,20 +50,20 @@ def clip(application: UAVApplication, mu: Mu, seed: int, seconds: float) -> Clip
     endings = rollout["endings"]
     missed = [int(gate) for gate in np.flatnonzero(endings[-1] > GateOutcome.PASSED)]
     moved = application.parameters.physical(mu).reshape(-1, 2)
-    most_m = float(np.hypot(*moved.T).max())
-    world = f"the track's {len(moved)} anchor points are moved by up to {most_m:.1f} m"
+    farthest_m = float(np.hypot(*moved.T).max())
+    world = f"the track's {len(moved)} anchor points are moved by up to {farthest_m:.1f} m"
     if not missed:
         steps = _steps(0, len(endings) - 1, seconds)
         return Clip([_shot(rollout, steps, None, world)], rollout.score)
     ends = [int((endings[:, gate] > GateOutcome.PASSED).argmax()) for gate in missed]
     chosen, each_s = share_time(range(len(missed)), seconds)
-    made = []
+    shots = []
     for k in chosen:
         # a drone that missed a gate was set back in the same decision
         begins = ends[k - 1] if k else 0
         steps = _steps(begins, ends[k] - 1, each_s)
-        made.append(_shot(rollout, steps, missed[k], world))
-    return Clip(made, rollout.score)
+        shots.append(_shot(rollout, steps, missed[k], world))
+    return Clip(shots, rollout.score)
 
 
 def _steps(first: int, last: int, seconds: float) -> range:
@@ -80,9 +82,9 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
         states.append(np.concatenate([at, states[-1][3:]]))
         times.append(float(rollout["time_s"][end]))
         endings.append(rollout["endings"][end])
-    eyes, of = _eyes(states), camera(ROWS, WIDTH)
+    eyes, lens = _eyes(states), camera(ROWS, WIDTH)
     gates, count = rollout.start.gates, len(states)
-    views = of.draw(np.repeat(gates[None], count, 0), eyes, [rollout.start.seed] * count)
+    views = lens.draw(np.repeat(gates[None], count, 0), eyes, [rollout.start.seed] * count)
     pictures, notes = [], []
     for i, (view, state) in enumerate(zip(views, states, strict=True)):
         last = i == count - 1
@@ -90,16 +92,16 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
         coming = np.flatnonzero(endings[i] == GateOutcome.AHEAD)
         ahead = int(coming[0]) if len(coming) and not last else missed
         ahead = len(gates) - 1 if ahead is None else ahead
-        _number(picture, of, eyes[i], gates[ahead], ahead + 1)
-        _drone(picture, of, eyes[i], state)
+        _number(picture, lens, eyes[i], gates[ahead], ahead + 1)
+        _drone(picture, lens, eyes[i], state)
         if last and at is not None:
-            for x, y in of.project(eyes[i], at[None]).tolist():
+            for x, y in lens.project(eyes[i], at[None]).tolist():
                 ring(ImageDraw.Draw(picture), x, y, 30)
         until = steps[min(i, len(steps) - 1)] + 1
         ways = [way[:, :2] for way in flown_ways(rollout, until)]
         ways[-1] = np.vstack([ways[-1], state[None, :2]])
-        inset = _map(rollout.start, endings[i], ways, state, hit=at if last else None)
-        picture.paste(inset, (WIDTH - inset.width - 8, 8))
+        track_map = _map(rollout.start, endings[i], ways, state, hit=at if last else None)
+        add_inset(picture, track_map, Image.Resampling.LANCZOS)
         pictures.append(picture)
         speed = float(np.linalg.norm(state[7:10]))
         notes.append(
@@ -132,7 +134,7 @@ def _ending(
 
 
 def _eyes(states: Sequence[Array]) -> Array:
-    """Give the poses (n, 7) of a level camera that follows the drone."""
+    """Return the poses (n, 7) of a level camera that follows the drone."""
     headings = np.unwrap([float(heading_of(*state[3:7])) for state in states])
     padded = np.concatenate([np.full(_LAG - 1, headings[0]), headings])
     smooth = np.convolve(padded, np.full(_LAG, 1 / _LAG), mode="valid")
@@ -144,9 +146,8 @@ def _eyes(states: Sequence[Array]) -> Array:
     return np.concatenate([eyes, turned], axis=1)
 
 
-def _number(picture: Image.Image, of: DroneCamera, eye: Array, gate: Array, number: int) -> None:
-    """Write a gate's number above it."""
-    ((x, y),) = of.project(eye, np.array([[gate[0], gate[1], TOP_M + 0.35]]))
+def _number(picture: Image.Image, lens: DroneCamera, eye: Array, gate: Array, number: int) -> None:
+    ((x, y),) = lens.project(eye, np.array([[gate[0], gate[1], TOP_M + 0.35]]))
     away = float(np.linalg.norm(gate[:2] - eye[:2]))
     size = float(np.clip(150 / max(away, 1.0), 13, 30))
     if 0 <= x < WIDTH:  # NaN where the gate is behind the camera
@@ -163,17 +164,17 @@ def _number(picture: Image.Image, of: DroneCamera, eye: Array, gate: Array, numb
         )
 
 
-def _drone(picture: Image.Image, of: DroneCamera, eye: Array, state: Array) -> None:
+def _drone(picture: Image.Image, lens: DroneCamera, eye: Array, state: Array) -> None:
     """Draw the drone: a body, four arms, and rotors, of which the front ones are light."""
     turn = Rotation.from_quat(state[3:7])
 
     def seen(points: Array) -> list[tuple[float, float]]:
-        places = of.project(eye, state[:3] + turn.apply(points))
+        places = lens.project(eye, state[:3] + turn.apply(points))
         return [(float(x), float(y)) for x, y in _FINE * (places - corner)]
 
     reach = 2 * (ARM_X_M + _ROTOR_M)
     around = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * reach
-    places = of.project(eye, state[:3] + around)
+    places = lens.project(eye, state[:3] + around)
     if not np.isfinite(places).all():
         return
     corner = np.floor(places.min(axis=0)).astype(int)
@@ -207,7 +208,7 @@ def _map(
     hit: Array | None,
 ) -> Image.Image:
     """Draw the track from above: gates ahead, passed (blue) and missed (orange), and the drone."""
-    side = _INSET * _FINER
+    side = INSET * _FINER
     track = line(start.anchors)
     points = np.vstack([start.gates[:, :2], track])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
@@ -233,10 +234,4 @@ def _map(
     if hit is not None:
         ((x, y),) = pixels(hit[None, :2])
         cross(draw, x, y, 17)
-    small = picture.resize((_INSET, _INSET), Image.Resampling.LANCZOS)
-    ImageDraw.Draw(small).rectangle((0, 0, _INSET - 1, _INSET - 1), outline=PAPER, width=2)
-    return small
-
-
-_ARROW = ((0.0, 26), (np.deg2rad(140), 20), (np.deg2rad(220), 20))
-"""The drone on the map: the angles and the distances of a triangle's corners."""
+    return picture

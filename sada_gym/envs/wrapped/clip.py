@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from PIL import Image
 
-from sada_gym.clips.shots import Clip, Shot, ShotEnding, describe_world, pace, share_time
+from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, describe_world, pace
+from sada_gym.envs.episodes.rollout import Rollout
+from sada_gym.envs.wrapped.episodes import EpisodeStart
 from sada_gym.evaluations import fools
 from sada_gym.parameters import Mu, number
 
@@ -21,14 +22,11 @@ def clip(application: GymnasiumApplication, mu: Mu, seed: int, seconds: float) -
         application.render(mu, seed)  # says why
     rollouts = application.rollouts(mu, seed)
     threshold = application.fooling_threshold
-    failed = [i for i, rollout in enumerate(rollouts) if fools(rollout.score, threshold)]
-    chosen, each_s = share_time(failed, seconds)
     world = describe_world(application, mu)
-    made = []
-    for i in chosen:
-        rollout = rollouts[i]
+
+    def shot(rollout: Rollout[EpisodeStart], i: int, seconds: float) -> Shot:
         last = len(rollout["frame"]) - 1
-        steps, fps, remark = pace(last + 1, application.render_fps, each_s)
+        steps, fps, remark = pace(last + 1, application.render_fps, seconds)
         name = f"episode {i + 1} of {len(rollouts)}  ·  " if len(rollouts) > 1 else ""
         notes = [
             f"{name}step {step}  ·  return {number(float(rollout['return'][step]))}{remark}"
@@ -37,5 +35,6 @@ def clip(application: GymnasiumApplication, mu: Mu, seed: int, seconds: float) -
         text = f"return {number(float(rollout['return'][-1]))} after {last} steps"
         ending = ShotEnding(text, fools(rollout.score, threshold))
         pictures = [Image.fromarray(rollout["frame"][step]) for step in steps]
-        made.append(Shot(pictures, fps, notes, world, ending))
-    return Clip(made, float(np.mean([rollout.score for rollout in rollouts])))
+        return Shot(pictures, fps, notes, world, ending)
+
+    return clip_failures(rollouts, lambda rollout: fools(rollout.score, threshold), seconds, shot)
