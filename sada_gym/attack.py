@@ -11,7 +11,7 @@ from typing import Any
 
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
-from sada_gym.errors import check_integer
+from sada_gym.errors import check_integer, check_keywords
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec, name_and_class
@@ -112,6 +112,7 @@ def attack(
         TypeError, ValueError: If an argument is bad, or `out` holds another run.
     """
     folder = as_path(out, "the folder for the results")
+    check_keywords("env_kwargs", {} if env_kwargs is None else env_kwargs)
     check_integer("budget", budget, 0, MAX_QUERIES)
     check_integer("seed", seed, 0)
     if samples is not None:
@@ -129,7 +130,7 @@ def attack(
         count = opened.sample_size if samples is None else samples
         check_integer("samples", count, 1, MAX_QUERIES)
         name, kind = name_and_class(adversary)
-        spec = AdversarySpec(name=name, preset=preset, options=dict(options or {}))
+        spec = AdversarySpec.of(name, preset, options)
         solver = spec.make(opened.dimension, seed=seed, ideal_set=opened.ideal_set, kind=kind)
         settings = RunSettings(
             experiment=Experiment(

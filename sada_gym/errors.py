@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 class UserError(ValueError):
@@ -70,6 +70,12 @@ def check_integer(name: str, value: object, minimum: int, maximum: int | None = 
         raise UserError(f"Expected {name} of at least {minimum}, got {number}.")
     if maximum is not None and number > maximum:
         raise UserError(f"Expected {name} of at most {maximum:,}, got {number:,}.")
+
+
+def check_keywords(name: str, value: object) -> None:
+    """Raise `UserTypeError` for anything but a mapping whose keys are texts."""
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise UserTypeError(f"Expected {name} by name, such as {{'steps': 10}}, got {value!r}.")
 
 
 def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> None:

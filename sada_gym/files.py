@@ -142,15 +142,26 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
         with file_errors("write the folder", path):
             raise
     with file_errors("write the folder", path):
+        old = _place_beside(path, "old")
         if path.is_symlink() or path.is_file():
             path.unlink()
         elif path.exists():
-            shutil.rmtree(path)
+            path.rename(old)
         beside.rename(path)
+        shutil.rmtree(old, ignore_errors=True)
 
 
-def _place_beside(path: Path) -> Path:
-    beside = path.with_name(f".{path.name}.tmp")
+def restore_folder(path: Path) -> None:
+    """Put a folder back that `write_folder` had moved away when its process was killed."""
+    old = path.with_name(f".{path.name}.old")
+    if old.is_dir() and not old.is_symlink() and not path.exists() and not path.is_symlink():
+        with file_errors("restore the folder", path):
+            old.rename(path)
+
+
+def _place_beside(path: Path, ending: str = "tmp") -> Path:
+    """Name a temporary place beside another, and clear what a killed run left there."""
+    beside = path.with_name(f".{path.name}.{ending}")
     if beside.is_dir() and not beside.is_symlink():
         shutil.rmtree(beside)
     else:

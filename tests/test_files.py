@@ -10,11 +10,12 @@ import pytest
 
 from sada_gym import files
 from sada_gym.errors import FileError
-from sada_gym.experiment.record import read_samples
+from sada_gym.experiment.folder import read_samples
 from sada_gym.files import (
     Strict,
     read_arrays,
     read_model,
+    restore_folder,
     write_file,
     write_folder,
     write_model,
@@ -65,6 +66,30 @@ def test_what_a_killed_run_left_is_replaced(tmp_path):
     write_folder(tmp_path / "b", lambda folder: (folder / "whole").touch())
     assert [path.name for path in (tmp_path / "b").iterdir()] == ["whole"]
     assert {path.name for path in tmp_path.iterdir()} == {"a", "b"}
+
+
+def test_a_folder_is_never_lost(tmp_path, monkeypatch):
+    folder = tmp_path / "b"
+    write_folder(folder, lambda beside: (beside / "old").touch())
+    real, moves = Path.rename, []
+
+    def rename(path, target):
+        moves.append(path.name)
+        if len(moves) == 2:
+            raise KeyboardInterrupt  # as if killed between the two moves
+        return real(path, target)
+
+    monkeypatch.setattr(Path, "rename", rename)
+    with pytest.raises(KeyboardInterrupt):
+        write_folder(folder, lambda beside: (beside / "new").touch())
+    assert moves == ["b", ".b.tmp"]
+    assert not folder.exists()
+    restore_folder(folder)
+    assert [path.name for path in folder.iterdir()] == ["old"]
+    restore_folder(folder)  # with nothing to do
+    write_folder(folder, lambda beside: (beside / "new").touch())
+    assert [path.name for path in folder.iterdir()] == ["new"]
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]
 
 
 @NEEDS_POSIX

@@ -59,7 +59,7 @@ def find_missing(entries: Path, plan: Plan) -> Missing:
     for run in plan.runs:
         files = GroupFiles(entries / plan.metadata[run.label].name, run.experiment.group)
         if files not in files_read:
-            files_read[files] = files.read() if files.claims.exists() else {}
+            files_read[files] = files.read()
         place = run.experiment.place
         known = files_read[files].get(place)
         if known is None or known.claimed.experiment == run.experiment.at(None):
@@ -92,7 +92,7 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
         write_metadata(folder, metadata)
     settings = done.result.settings
     files = GroupFiles(folder, settings.experiment.group)
-    results = files.read() if files.claims.exists() else {}
+    results = files.read()
     experiment = settings.experiment.at(None)
     result = results.get(experiment.place)
     if result is None or result.claimed.experiment != experiment:

@@ -7,8 +7,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
 from sada_gym.benchmark.metadata import metadata_of
@@ -19,7 +17,6 @@ from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment, RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
-from sada_gym.files import first_error
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER
 from sada_gym.parameters import Mu
@@ -141,13 +138,7 @@ def _check_places(plan: Plan) -> None:
     """Refuse runs that no entry can hold, and two that would be the same seed of one result."""
     known: dict[tuple[str, str, int], RunSettings] = {}
     for run in plan.runs:
-        try:
-            Result.make(run.experiment, ())
-        except ValidationError as error:
-            raise UserError(
-                f"Expected a run that an entry can describe, got {run} ({first_error(error)}). "
-                "Give the track, the agent and the rule shorter names."
-            ) from error
+        Result.make(run.experiment, ())  # refuses names that no entry can hold
         # some file systems do not tell capitals from small letters
         place = run.experiment.place.lower()
         if len(place) > _MAX_PLACE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,10 +65,10 @@ def submit(
     request. An existing entry of that name receives the new results.
     """
     with errors_as_sentences():
-        from sada_gym.submission.submit import credit
+        from sada_gym.submission.submit import make_metadata
         from sada_gym.submission.submit import submit as submit_runs
 
-        credits = credit(
+        metadata = make_metadata(
             name=name,
             authors=authors,
             licence=licence,
@@ -96,20 +97,20 @@ def submit(
                     f"Expected {' and '.join(missing)} beside --samples, got none. Say where the "
                     "samples belong, and what they cost."
                 )
-            entry = _submit_samples(samples, credits, own, rule, workers, where)
+            entry = _submit_samples(samples, metadata, own, rule, workers, where)
         else:
             given = [key for key, value in own.items() if value is not None]
             if given:
                 raise UserError(
                     f"Expected {given[0]} only with --samples, got it without. A run knows its own."
                 )
-            entry = submit_runs(runs or [], credits, rule=rule, **where)
+            entry = submit_runs(runs or [], metadata, rule=rule, **where)
     _show(entry)
 
 
 def _submit_samples(
     samples: list[Path],
-    credits: Any,
+    metadata: Any,
     own: dict[str, Any],
     rule: str | None,
     workers: int,
@@ -117,10 +118,10 @@ def _submit_samples(
 ) -> Entry:
     from sada_gym.progress import AttackProgress
     from sada_gym.submission.current import PAPER_BUDGETS, current_target, default_agent
-    from sada_gym.submission.submit import parse_options, submit_samples
+    from sada_gym.submission.submit import submit_samples
 
     track, agent = own["--track"], own["--agent"]
-    chosen = parse_options(own["--options"] or "{}")
+    options = _parse_options(own["--options"] or "{}")
     target = current_target(track, default_agent(track) if agent is None else agent)
     each = f"{len(samples)} x {target.sample_size:,} samples"
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
@@ -128,17 +129,29 @@ def _submit_samples(
     with AttackProgress(out) as progress:
         return submit_samples(
             samples,
-            credits,
+            metadata,
             track=track,
             agent=agent,
             adversary=own["--adversary"],
             queries=own["--queries"],
-            options=chosen,
+            options=options,
             rule=rule or PAPER_BUDGETS,
             workers=workers,
             on_progress=progress,
             **where,
         )
+
+
+def _parse_options(text: str) -> dict[str, Any]:
+    try:
+        options = json.loads(text)
+    except (ValueError, RecursionError):
+        options = None
+    if not isinstance(options, dict):
+        raise UserError(
+            f'Expected options that are a JSON object, such as {{"trials": 1000}}, got {text!r}.'
+        )
+    return options
 
 
 def _show(entry: Entry) -> None:

@@ -11,7 +11,7 @@ from typing_extensions import Self
 
 from sada_gym import adversaries
 from sada_gym.adversaries.base import Adversary
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, check_keywords
 from sada_gym.experiment.ideal import IDEAL, Ideal
 from sada_gym.files import Strict
 from sada_gym.parameters import Mu
@@ -32,6 +32,23 @@ class AdversarySpec(Strict):
     preset: str | None = None
     options: dict[str, Any] = Field(default_factory=dict)
     resolved: dict[str, Any] | None = None
+
+    @classmethod
+    def of(
+        cls, name: str, preset: str | None = None, options: Mapping[str, Any] | None = None
+    ) -> Self:
+        """Describe the adversary that a user names, with a preset and other options.
+
+        Raises:
+            TypeError: If the name or the preset is no text, or the options have no names.
+        """
+        if not isinstance(name, str):
+            raise UserTypeError(f"Expected an adversary's name, got {name!r}.")
+        if preset is not None and not isinstance(preset, str):
+            raise UserTypeError(f"Expected a preset's name or None, got {preset!r}.")
+        options = {} if options is None else options
+        check_keywords("options", options)
+        return cls(name=name, preset=preset, options=dict(options))
 
     @property
     def label(self) -> str:

@@ -6,12 +6,13 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 from typing_extensions import Self
 
+from sada_gym.errors import UserError
 from sada_gym.experiment.measure import Measures, Search
 from sada_gym.experiment.record import Experiment, RunFailure, RunReport, slug
-from sada_gym.files import OneLine, Strict
+from sada_gym.files import OneLine, Strict, first_error
 from sada_gym.results.samples import Samples, samples_sha256
 
 FORMAT = 2
@@ -65,7 +66,7 @@ class EntryMetadata(Strict):
         command: How the results are made; empty takes the command of the first run.
     """
 
-    format: int = FORMAT
+    format: int = Field(default=FORMAT, ge=FORMAT, le=FORMAT)
     name: EntryName
     title: ShortLine = ""
     authors: tuple[ShortLine, ...] = Field(max_length=50)
@@ -131,10 +132,21 @@ class Result(Strict):
 
     @classmethod
     def make(cls, experiment: Experiment, seeds: Iterable[SeedResult]) -> Self:
-        """Make the result of an experiment, whatever its seed is; seeds may come in any order."""
+        """Make the result of an experiment, whatever its seed is; seeds may come in any order.
+
+        Raises:
+            UserError: If a name is too long or not printable.
+        """
         experiment = experiment.at(None)
         ordered = sorted(seeds, key=lambda claims: claims.seed)
-        return cls(experiment=experiment, sha256=experiment.sha256, seeds=tuple(ordered))
+        try:
+            return cls(experiment=experiment, sha256=experiment.sha256, seeds=tuple(ordered))
+        except ValidationError as error:
+            reason = first_error(error).removeprefix("the file: Value error, ")
+            raise UserError(
+                f"Expected an experiment that an entry can describe, but {reason}. Give the "
+                "track, the agent, the adversary and the rule shorter names."
+            ) from error
 
     @model_validator(mode="after")
     def _check_experiment(self) -> Self:

@@ -29,26 +29,26 @@ SIGNIFICANCE = 1e-5
 EQUAL = 1e-4
 """Samples count as equal where they differ by at most this in every dimension of [-1, 1]^d."""
 
-LEAST_SHARE = 0.1
-"""The least share of samples that equal others of the result, to be worth a flag."""
+MINIMUM_SHARE = 0.1
+"""The minimum share of samples that equal others of the result, to be worth a flag."""
 
-LEAST_SHARE_OF_OTHERS = 0.5
+MINIMUM_SHARE_OF_OTHERS = 0.5
 """The same for samples of another entry. Adversaries of one seed share uniform points: `random`
 draws 22 to 27 % of the samples of `archive` on the ten digits."""
 
 NEAR_RANK = 0.4
 """Samples may be copied where their mean rank, see `nearness`, is below this."""
 
-LEAST_POINTS = 10
-"""The least number of distinct nearest points whose mean rank means something."""
+MINIMUM_POINTS = 10
+"""The minimum number of distinct nearest points whose mean rank means something."""
 
-LEAST_EXACT = 2
+MINIMUM_EXACT = 2
 """So many samples that are a reference point to the last bit are copies; chance makes none."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeedEvidence:
-    """What is known of one seed of a result.
+    """The samples of one seed of a result, and the same mu on fresh seeds.
 
     Attributes:
         claimed: What the entry claims.
@@ -69,7 +69,7 @@ class SeedEvidence:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is known of a result.
+    """All that flags are found by.
 
     Attributes:
         experiment: What the result is of.
@@ -86,18 +86,18 @@ class Evidence:
     @property
     def mu(self) -> Mu:
         """The samples of all seeds, (n, d)."""
-        return np.concatenate([one.samples.mu for one in self.seeds])
+        return np.concatenate([seed.samples.mu for seed in self.seeds])
 
     @property
     def claimed(self) -> npt.NDArray[np.bool_]:
         """Which samples fool as claimed, (n,)."""
-        samples = Evaluations.joined([one.samples for one in self.seeds])
+        samples = Evaluations.joined([seed.samples for seed in self.seeds])
         return samples.fooled(self.experiment.target.fooling_threshold)
 
     @property
     def verified(self) -> npt.NDArray[np.bool_]:
         """Which samples fool on fresh seeds, (n,)."""
-        samples = Evaluations.joined([one.again for one in self.seeds])
+        samples = Evaluations.joined([seed.again for seed in self.seeds])
         return samples.fooled(self.experiment.target.fooling_threshold)
 
 
@@ -106,21 +106,21 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
     if not evidence.seeds:
         return {}
     checks = {
-        "claim": claim,
-        "collapsed": collapsed,
-        "constant": constant,
-        "copied": copied,
-        "duplicates": duplicates,
-        "worse than random": worse_than_random,
+        "claim": lucky_claim_flag,
+        "collapsed": collapsed_flag,
+        "constant": constant_flag,
+        "copied": copied_flag,
+        "duplicates": duplicates_flag,
+        "worse than random": worse_than_random_flag,
     }
     if evidence.experiment.adversary.name == IDEAL:
         # to draw reference points is what this control is for, and it has no rank
-        checks = {"control": control, "claim": claim, "constant": constant}
-    found = {name: check(evidence) for name, check in checks.items()}
-    return {name: sentence for name, sentence in found.items() if sentence is not None}
+        checks = {"control": control_flag, "claim": lucky_claim_flag, "constant": constant_flag}
+    sentences = {name: check(evidence) for name, check in checks.items()}
+    return {name: sentence for name, sentence in sentences.items() if sentence is not None}
 
 
-def claim(evidence: Evidence) -> str | None:
+def lucky_claim_flag(evidence: Evidence) -> str | None:
     """Compare which samples fool as claimed and on fresh seeds, by the sign test on the same mu.
 
     Rows that agree say nothing. Among the others, an honest claim is the better one as often as
@@ -137,64 +137,64 @@ def claim(evidence: Evidence) -> str | None:
     )
 
 
-def constant(evidence: Evidence) -> str | None:
+def constant_flag(evidence: Evidence) -> str | None:
     """Find seeds whose claimed Q are one single value while those on fresh seeds are not.
 
     Where Q is often the same, such as 0, an honest claim may consist of it. Each row that differs
     on the fresh seed could as well have differed in the claim.
     """
-    for one in evidence.seeds:
-        values = np.unique(one.samples.score)
-        other = int((one.again.score != values[0]).sum())
-        if len(values) == 1 and len(one.samples) > 1 and 0.5**other < SIGNIFICANCE:
+    for seed in evidence.seeds:
+        values = np.unique(seed.samples.score)
+        other = int((seed.again.score != values[0]).sum())
+        if len(values) == 1 and len(seed.samples) > 1 and 0.5**other < SIGNIFICANCE:
             return (
-                f"all {len(one.samples):,} samples of seed {one.claimed.seed} have Q = "
+                f"all {len(seed.samples):,} samples of seed {seed.claimed.seed} have Q = "
                 f"{values[0]:.6g} as claimed, and {other:,} of them have another Q on fresh seeds"
             )
     return None
 
 
-def collapsed(evidence: Evidence) -> str | None:
+def collapsed_flag(evidence: Evidence) -> str | None:
     """Find seeds whose samples crowd around one point."""
-    told = [collapse_flag(one.samples.mu) for one in evidence.seeds]
-    found = [sentence for sentence in told if sentence is not None]
-    return f"on {len(found)} of {len(told)} seeds {found[0]}" if found else None
+    sentences = [collapse_flag(seed.samples.mu) for seed in evidence.seeds]
+    collapsed = [sentence for sentence in sentences if sentence is not None]
+    return f"on {len(collapsed)} of {len(sentences)} seeds {collapsed[0]}" if collapsed else None
 
 
-def control(evidence: Evidence) -> str | None:
+def control_flag(evidence: Evidence) -> str | None:
     """Say that the control `ideal` draws reference points."""
     assert evidence.experiment.adversary.name == IDEAL
     return "this control draws its samples from the reference points, so it has no rank"
 
 
-def copied(evidence: Evidence) -> str | None:
+def copied_flag(evidence: Evidence) -> str | None:
     """Find samples that are reference points, shaken or not, see `nearness`."""
     if evidence.reference is None:
         return None
-    found = nearness(evidence.mu, evidence.reference.mu)
-    share = found.exact / len(evidence.mu)
-    if found.exact >= LEAST_EXACT:
+    near = nearness(evidence.mu, evidence.reference.mu)
+    share = near.exact / len(evidence.mu)
+    if near.exact >= MINIMUM_EXACT:
         return (
             f"{_percent(share)} of the samples are points of the shipped reference set, to the "
             "last bit"
         )
-    if not is_near(found):
+    if not is_near(near):
         return None
     return (
-        f"the samples lie nearer to {found.points:,} points of the shipped reference set than "
+        f"the samples lie nearer to {near.points:,} points of the shipped reference set than "
         f"chance lets them: other sets that are made alike are farther from them "
-        f"{_percent(1.0 - found.mean_rank)} of the time, where 50 % are expected "
-        f"(p = {found.p:.0e})"
+        f"{_percent(1.0 - near.mean_rank)} of the time, where 50 % are expected "
+        f"(p = {near.p:.0e})"
     )
 
 
-def is_near(found: Nearness) -> bool:
-    """Say whether samples lie nearer to reference points than chance lets them."""
-    enough = found.points >= LEAST_POINTS
-    return enough and found.mean_rank < NEAR_RANK and found.p < SIGNIFICANCE
+def is_near(near: Nearness) -> bool:
+    """Return whether samples lie nearer to reference points than chance lets them."""
+    enough = near.points >= MINIMUM_POINTS
+    return enough and near.mean_rank < NEAR_RANK and near.p < SIGNIFICANCE
 
 
-def duplicates(evidence: Evidence) -> str | None:
+def duplicates_flag(evidence: Evidence) -> str | None:
     """Find samples that equal others of the result, or of another entry."""
     from scipy.spatial import cKDTree
 
@@ -203,19 +203,19 @@ def duplicates(evidence: Evidence) -> str | None:
     # the nearest is the sample itself
     nearest = tree.query(mu, k=2, p=np.inf)[0][:, 1]
     share = float((nearest <= EQUAL).mean())
-    if share >= LEAST_SHARE:
+    if share >= MINIMUM_SHARE:
         return f"{_percent(share)} of the samples equal another sample of this result"
     for name, others in evidence.neighbours.items():
         if others.shape[1] != mu.shape[1]:
             continue
         distances = cKDTree(others.astype(np.float64)).query(mu, p=np.inf)[0]
         share = float((distances <= EQUAL).mean())
-        if share >= LEAST_SHARE_OF_OTHERS:
+        if share >= MINIMUM_SHARE_OF_OTHERS:
             return f"{_percent(share)} of the samples equal samples of the entry {name}"
     return None
 
 
-def worse_than_random(evidence: Evidence) -> str | None:
+def worse_than_random_flag(evidence: Evidence) -> str | None:
     """Compare the AFR on fresh seeds with that of uniform samples."""
     verified = evidence.verified
     fooled, count = int(verified.sum()), len(verified)
@@ -223,7 +223,7 @@ def worse_than_random(evidence: Evidence) -> str | None:
         rate = evidence.reference.uniform_rate
         p = binomtest(fooled, count, rate, alternative="less").pvalue
     else:
-        samples = Evaluations.joined([one.uniform for one in evidence.seeds if one.uniform])
+        samples = Evaluations.joined([seed.uniform for seed in evidence.seeds if seed.uniform])
         uniform = int(samples.fooled(evidence.experiment.target.fooling_threshold).sum())
         rate = uniform / len(samples)
         table = [[fooled, count - fooled], [uniform, len(samples) - uniform]]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,7 +19,14 @@ from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment, RunSettings
 from sada_gym.experiment.run import OnProgress, Run, ignore_progress
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.files import as_path, file_errors, first_error, read_array, write_folder
+from sada_gym.files import (
+    as_path,
+    file_errors,
+    first_error,
+    read_array,
+    restore_folder,
+    write_folder,
+)
 from sada_gym.parameters import Mu, validate_mu
 from sada_gym.results.entry import (
     METADATA_FILE,
@@ -31,14 +37,20 @@ from sada_gym.results.entry import (
     write_results,
 )
 from sada_gym.results.models import MAX_SEEDS, EntryMetadata, Result, SeedResult
-from sada_gym.submission.checks import check_entry, check_metadata
+from sada_gym.submission.checks import check_entry, check_files, check_metadata
 from sada_gym.submission.current import (
     PAPER_BUDGETS,
     current_experiment,
     current_target,
     default_agent,
 )
-from sada_gym.submission.parts import Part, Parts, check_budget, check_same_adversary, read_run
+from sada_gym.submission.fragments import (
+    ResultFragment,
+    check_budget,
+    check_same_adversary,
+    join_fragments,
+    read_fragments,
+)
 
 ENTRIES = Path("leaderboard/entries")
 """Where the repository keeps the entries."""
@@ -47,7 +59,7 @@ MAX_ARRAY_BYTES = 2**26
 """The most bytes of a file of samples."""
 
 
-def credit(**fields: Any) -> EntryMetadata:
+def make_metadata(**fields: Any) -> EntryMetadata:
     """Say who submits an entry, and what it is called.
 
     Args:
@@ -56,7 +68,7 @@ def credit(**fields: Any) -> EntryMetadata:
     Raises:
         UserError: If one of them does not fit.
     """
-    fields["authors"] = tuple(_several(fields.get("authors", ()), "authors"))
+    fields["authors"] = tuple(_as_list(fields.get("authors", ()), "authors"))
     try:
         return EntryMetadata(**fields)
     except ValidationError as error:
@@ -67,7 +79,7 @@ def credit(**fields: Any) -> EntryMetadata:
 
 def submit(
     runs: Iterable[str | Path],
-    credits: EntryMetadata,
+    metadata: EntryMetadata,
     *,
     rule: str | None = None,
     out: str | Path = ENTRIES,
@@ -78,27 +90,28 @@ def submit(
     Args:
         runs: Folders that `attack` wrote, of several seeds and tracks, or entries' folders, such as
             a benchmark makes. All are of one adversary with one preset and one set of options.
-        credits: Who submits it, and what it is called.
+        metadata: Who submits it, and what it is called: see `make_metadata`.
         rule: The rule for the budget. None takes `paper-budgets` for runs, and all of an entry.
-        out: The folder of the entries. Results join an entry of that name that is there.
-        replace: Whether to replace results that the entry has already.
+        out: The folder of the entries. The results join an existing entry of that name.
+        replace: Whether to replace results that the entry already has.
 
     Raises:
         UserError: If a run cannot take part, or the entry does not pass `check_entry`. Nothing is
             changed then.
     """
-    parts = Parts()
-    for run in _several(runs, "runs"):
-        for part in read_run(as_path(run, "a run"), rule):
-            parts.add(part)
-    if not parts.by_place:
+    fragments = [
+        fragment
+        for run in _as_list(runs, "runs")
+        for fragment in read_fragments(as_path(run, "a run"), rule)
+    ]
+    if not fragments:
         raise UserError("Expected the folder of at least one run, got none. Name one.")
-    return _put(parts, _Place.find(parts.first, credits, out), replace)
+    return _Draft.make(fragments[0], metadata, out, replace).put(fragments)
 
 
 def submit_samples(
     samples: Iterable[npt.ArrayLike | str | Path],
-    credits: EntryMetadata,
+    metadata: EntryMetadata,
     *,
     track: str,
     adversary: str,
@@ -118,7 +131,7 @@ def submit_samples(
 
     Args:
         samples: For each seed 0, 1, ... the M samples, (M, d) in [-1, 1], or an NPY file of them.
-        credits: Who submits it, and what it is called.
+        metadata: Who submits it, and what it is called: see `make_metadata`.
         track: The environment's id.
         adversary: What its authors call the adversary.
         queries: The number of training queries that each seed spent.
@@ -126,76 +139,62 @@ def submit_samples(
         options: The adversary's options, for readers.
         rule: The rule for the budget.
         workers: 1 evaluates in this process, more evaluate in as many others.
-        out: The folder of the entries. Results join an entry of that name that is there.
-        replace: Whether to replace results that the entry has already.
+        out: The folder of the entries. The results join an existing entry of that name.
+        replace: Whether to replace results that the entry already has.
         on_progress: Called as evaluations are done.
 
     Raises:
         UserError: If an argument is bad, or the entry does not pass `check_entry`. Nothing is
             changed then.
     """
-    given = _several(samples, "samples")
+    given = _as_list(samples, "samples")
     if not 1 <= len(given) <= MAX_SEEDS:
         raise UserError(
             f"Expected the samples of 1 to {MAX_SEEDS} seeds, got {len(given)} arrays. Give one "
             "array for each seed."
         )
     check_integer("queries", queries, 0)
-    if agent is None:
-        agent = default_agent(track)
-    spec = AdversarySpec(name=adversary, options=json_compatible(options or {}))
+    for name, text in (("track", track), ("agent", agent or ""), ("rule", rule)):
+        if not isinstance(text, str):
+            raise UserTypeError(f"Expected the {name} to be a text, got {text!r}.")
+    agent = default_agent(track) if agent is None else agent
+    spec = AdversarySpec.of(adversary, options=options)
+    spec = spec.model_copy(update={"options": json_compatible(spec.options)})
     experiment = current_experiment(track, agent, rule, spec)
     check_budget(f"the samples on {track}", int(queries), experiment, "queries")
     dimension = current_target(track, agent).dimension
     arrays = [
         _validate_samples(array, seed, experiment, dimension) for seed, array in enumerate(given)
     ]
-    first = Part("the samples", EntryResult(Result.make(experiment, ()), {}))
-    place = _Place.find(first, credits, out)
-    place.keep([first.result.place], replace)  # what is wrong shows before hours of evaluation
-    parts = Parts()
+    first = ResultFragment("the samples", EntryResult(Result.make(experiment, ()), {}))
+    draft = _Draft.make(first, metadata, out, replace)
+    draft.read_kept([first.result])  # what is wrong shows before hours of evaluation
     with experiment.target.open(workers=workers) as target:
-        for seed, mu in enumerate(arrays):
-            parts.add(_evaluate(target, experiment.at(seed), mu, queries, on_progress))
-    return _put(parts, place, replace)
+        fragments = [
+            _evaluate(target, experiment.at(seed), mu, int(queries), on_progress)
+            for seed, mu in enumerate(arrays)
+        ]
+    return draft.put(fragments)
 
 
-def parse_options(text: str) -> dict[str, Any]:
-    """Read an adversary's options from JSON.
-
-    Raises:
-        UserError: If the text is no JSON object.
-    """
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise UserError(
-            f'Expected options that are a JSON object, such as {{"trials": 1000}}, got {text!r}.'
-        )
-    return found
+def _as_list(values: Any, what: str) -> list[Any]:
+    if isinstance(values, str | bytes | Path) or not isinstance(values, Iterable):
+        raise UserTypeError(f"Expected a list of {what}, got {values!r}. Put it into a list.")
+    return list(values)
 
 
-def _several(given: Any, what: str) -> list[Any]:
-    if isinstance(given, str | Path) or not isinstance(given, Iterable):
-        raise UserTypeError(f"Expected a list of {what}, got {given!r}. Put it into a list.")
-    return list(given)
-
-
-def _validate_samples(given: Any, seed: int, experiment: Experiment, dimension: int) -> Mu:
-    """Read and check the samples of a seed."""
+def _validate_samples(samples: Any, seed: int, experiment: Experiment, dimension: int) -> Mu:
+    """Read the samples of a seed where they are a file, and check them."""
     source, track = f"the samples of seed {seed}", experiment.target.track
     count = experiment.protocol.samples
-    if isinstance(given, str | Path):
-        source = str(given)
-        given = read_array(Path(given), MAX_ARRAY_BYTES)
+    if isinstance(samples, str | Path):
+        source, samples = str(samples), read_array(Path(samples), MAX_ARRAY_BYTES)
     expected = (
         f"Expected {source} to be an array of shape ({count}, {dimension}), the M samples of d "
         f"parameters of {track}"
     )
     try:
-        mu = validate_mu(given, dimension)
+        mu = validate_mu(samples, dimension)
     except UserError as error:
         raise UserError(f"{expected}: {error}") from error
     if len(mu) != count:
@@ -203,10 +202,10 @@ def _validate_samples(given: Any, seed: int, experiment: Experiment, dimension: 
     return mu
 
 
-class _Given(Adversary):
+class _ReadySamples(Adversary):
     """Draws the samples that a user brought."""
 
-    name: ClassVar[str] = "given"
+    name: ClassVar[str] = "ready-samples"
     packages = ()
 
     def __init__(self, mu: Mu) -> None:
@@ -214,90 +213,82 @@ class _Given(Adversary):
         self._mu = mu
 
     def train(self, oracle: Query) -> None:
-        """Learn nothing."""
+        """Do nothing."""
 
     def sample(self, n: int) -> Mu:
-        """Give the samples, (n, d)."""
+        """Return the samples, (n, d)."""
         return self._mu[:n]
 
     def save(self, folder: Path) -> None:
-        """Do not save it."""
+        """Refuse; it is never saved."""
         raise NotImplementedError
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Do not load it."""
+        """Refuse; it is never saved."""
         raise NotImplementedError
 
 
 def _evaluate(
     target: OpenTarget, experiment: Experiment, mu: Mu, queries: int, on_progress: OnProgress
-) -> Part:
+) -> ResultFragment:
     """Evaluate and measure samples as a run does."""
     settings = RunSettings(
         experiment=experiment,
         label=experiment.adversary.name,
-        packages=packages(target.application, _Given),
+        packages=packages(target.application, _ReadySamples),
     )
     run = Run(
         settings,
-        _Given(mu),
+        _ReadySamples(mu),
         target.evaluator,
         fooling_set=target.fooling_set,
         ideal_set=target.ideal_set,
         on_progress=on_progress,
     )
     run.test()
-    # what was asked in training is not known
-    claims = SeedResult.of(run.measure()).model_copy(
-        update={"queries": int(queries), "search": None}
-    )
+    # the training queries are not known
+    claims = SeedResult.of(run.measure()).model_copy(update={"queries": queries, "search": None})
     result = EntryResult(Result.make(experiment, [claims]), {claims.seed: run.samples})
-    return Part(f"the samples of seed {claims.seed}", result)
+    return ResultFragment(f"the samples of seed {claims.seed}", result)
 
 
 @dataclass(frozen=True)
-class _Place:
-    """Where an entry goes, and what it says of itself.
+class _Draft:
+    """An entry that is to be written.
 
     Attributes:
-        metadata: What it says of itself.
         folder: Its folder.
-        first: One of its parts.
+        metadata: What it says of itself.
+        first: One of its fragments.
+        replace: Whether its results may replace those of the same place.
     """
 
-    metadata: EntryMetadata
     folder: Path
-    first: Part
+    metadata: EntryMetadata
+    first: ResultFragment
+    replace: bool
 
     @classmethod
-    def find(cls, first: Part, credits: EntryMetadata, out: str | Path) -> Self:
-        """Find the place of an entry.
-
-        Raises:
-            UserError: If the credits do not fit.
-        """
-        metadata = credits.model_copy(
+    def make(
+        cls, first: ResultFragment, metadata: EntryMetadata, out: str | Path, replace: bool
+    ) -> Self:
+        if not isinstance(metadata, EntryMetadata):
+            raise UserTypeError(f"Expected metadata of make_metadata, got {metadata!r}.")
+        metadata = metadata.model_copy(
             update={
-                "title": credits.title or credits.name,
-                "command": credits.command or first.command,
+                "title": metadata.title or metadata.name,
+                "command": metadata.command or first.command,
             }
         )
         folder = as_path(out, "the entries") / metadata.name
         check_metadata(metadata, folder / METADATA_FILE, submission=True)
-        return cls(metadata, folder, first)
+        return cls(folder, metadata, first, replace)
 
-    def keep(self, places: Collection[str], replace: bool) -> list[EntryResult]:
-        """Read the results that stay of an entry that is there.
-
-        Args:
-            places: The places of the new results.
-            replace: Whether they may replace results that are there.
-
-        Raises:
-            UserError: If it is of another adversary, or has one of the results already.
-        """
-        folder = self.folder
+    def read_kept(self, new: Collection[EntryResult]) -> list[EntryResult]:
+        """Read what stays of an entry that new results join."""
+        folder, places = self.folder, {result.place for result in new}
+        restore_folder(folder)
         if not folder.exists() and not folder.is_symlink():
             return []
         check_entry(folder, submission=False)
@@ -306,35 +297,34 @@ class _Place:
             if place not in places:
                 check_same_adversary(self.first, result.claimed.experiment.adversary, str(folder))
                 kept.append(result)
-            elif not replace:
+            elif not self.replace:
                 raise UserError(
-                    f"Expected a new result, got {place}, which {folder} has already. Replace "
+                    f"Expected a new result, got {place}, which {folder} already has. Replace "
                     "it by --replace, or give the entry another --name."
                 )
         return kept
 
+    def put(self, fragments: Sequence[ResultFragment]) -> Entry:
+        """Write the new results elsewhere, check them, and put them in place with what stays."""
+        new = join_fragments(fragments)
+        kept = self.read_kept(new)
+        with tempfile.TemporaryDirectory() as name:
+            made = Path(name) / self.metadata.name
+            with file_errors("make the folder", made):
+                made.mkdir()
+            try:
+                self._fill(made, new)
+                check_entry(made)
+                self._fill(made, [*kept, *new])
+                check_files(made, submission=False)  # of the limits, which hold for all of them
+            except UserError as error:
+                # the user knows the place of the entry alone
+                raise UserError(str(error).replace(str(made), str(self.folder))) from error
+        with file_errors("make the folder", self.folder.parent):
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+        write_folder(self.folder, lambda beside: self._fill(beside, [*kept, *new]))
+        return read_entry(self.folder)
 
-def _put(parts: Parts, place: _Place, replace: bool) -> Entry:
-    """Write an entry beside its place, check it, and put it there together with what is there."""
-    kept = place.keep(list(parts.by_place), replace)
-    new = list(parts.results())
-    with tempfile.TemporaryDirectory() as name:
-        made = Path(name) / place.metadata.name
-        with file_errors("make the folder", made):
-            made.mkdir()
-        write_metadata(made, place.metadata)
-        write_results(made, new)
-        try:
-            check_entry(made)
-        except UserError as error:
-            # of the place that the user knows
-            raise UserError(str(error).replace(str(made), str(place.folder))) from error
-
-    def fill(beside: Path) -> None:
-        write_metadata(beside, place.metadata)
-        write_results(beside, [*kept, *new])
-
-    with file_errors("make the folder", place.folder.parent):
-        place.folder.parent.mkdir(parents=True, exist_ok=True)
-    write_folder(place.folder, fill)
-    return read_entry(place.folder)
+    def _fill(self, folder: Path, results: Iterable[EntryResult]) -> None:
+        write_metadata(folder, self.metadata)
+        write_results(folder, results)

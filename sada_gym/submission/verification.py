@@ -26,7 +26,7 @@ from sada_gym.experiment.measure import feasible_rate, measure
 from sada_gym.experiment.record import Experiment, place_of
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.parameters import Mu
-from sada_gym.results.entry import SAMPLES, Entry, EntryResult, GroupFiles, read_entry
+from sada_gym.results.entry import SAMPLES, Entry, GroupFiles, read_entry
 from sada_gym.results.models import SeedResult, Verified, VerifiedSeed
 from sada_gym.results.samples import read_samples
 from sada_gym.submission.checks import check_entry, find_outdated
@@ -91,72 +91,64 @@ def verify(
             "Expected a nonce, got none. Choose a text that nobody could know before the entries "
             "were submitted."
         )
-    entries, refused = _read_entries(folders)
-    yield from refused
-    with Verifier(workers=workers) as verifier:
-        for entry, place in _by_target(entries):
-            finding = functools.partial(Finding, entry.metadata.name, place)
-            result = entry.results[place]
-            known = result.verified
-            chosen = known.nonce if nonce is None and known is not None else nonce
-            outdated = find_outdated(result.claimed.experiment)
-            if outdated:
-                yield finding("outdated", outdated)
-                continue
-            if chosen is None:
-                yield finding("differs", "nothing of these samples is verified")
-                continue
-            if known is not None and not again and not check and (missing or known.nonce == chosen):
-                yield finding("unchanged", verified=known)
-                continue
-            # what was verified under another name is checked under that name
-            salt = known.salt if check and known is not None else None
-            try:
-                new = verifier.verify(entry, place, chosen, salt=salt, against=against)
-                if not check:
-                    GroupFiles(entry.folder, result.group).add_verified(place, new)
-            except UserError as error:
-                yield finding("refused", str(error))
-                continue
-            if not check:
-                yield finding("verified", verified=new)
-            elif known == new:
-                yield finding("unchanged", verified=new)
-            else:
-                reason = "the file holds something else than the verifier finds"
-                yield finding("differs", reason, new)
-
-
-def _read_entries(folders: Iterable[Path]) -> tuple[list[Entry], list[Finding]]:
-    entries, refused = [], []
+    entries = []
     for folder in folders:
         try:
             check_entry(folder, submission=False)
             entries.append(read_entry(folder))
         except UserError as error:
-            refused.append(Finding(folder.absolute().name, "", "refused", str(error)))
-    return entries, refused
+            yield Finding(folder.absolute().name, "", "refused", str(error))
+    with Verifier(workers=workers, against=against) as verifier:
+        for entry, place in _by_target(entries):
+            finding = functools.partial(Finding, entry.metadata.name, place)
+            result = entry.results[place]
+            old = result.verified
+            chosen = old.nonce if nonce is None and old is not None else nonce
+            outdated = find_outdated(result.claimed.experiment)
+            if outdated:
+                yield finding("outdated", outdated)
+            elif chosen is None:
+                yield finding("differs", "nothing of these samples is verified")
+            elif old and not again and not check and (missing or old.nonce == chosen):
+                yield finding("unchanged", verified=old)
+            else:
+                # what was verified under another name is checked under that name
+                salt = old.salt if check and old else None
+                try:
+                    new = verifier.verify(entry, place, chosen, salt=salt)
+                    if not check:
+                        GroupFiles(entry.folder, result.group).add_verified(place, new)
+                except UserError as error:
+                    yield finding("refused", str(error))
+                    continue
+                if not check:
+                    yield finding("verified", verified=new)
+                elif old == new:
+                    yield finding("unchanged", verified=new)
+                else:
+                    reason = "the file does not hold what the verifier finds"
+                    yield finding("differs", reason, new)
 
 
 def _by_target(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
     """List all results so that those of one track and agent follow each other."""
-    listed = [(entry, place) for entry in entries for place in entry.results]
 
     def key(listed: tuple[Entry, str]) -> tuple[str, str]:
-        target = listed[0].results[listed[1]].claimed.experiment.target
+        entry, place = listed
+        target = entry.results[place].claimed.experiment.target
         return target.track, target.agent
 
-    return sorted(listed, key=key)
+    return sorted(((entry, place) for entry in entries for place in entry.results), key=key)
 
 
-def fresh_seeds(salt: tuple[str, str], nonce: str, run: int, count: int) -> list[int]:
-    """Return the evaluation seeds of a run's samples: a hash of the salt, the nonce and the run.
+def fresh_seeds(salt: tuple[str, str], nonce: str, seed: int, count: int) -> list[int]:
+    """Return the evaluation seeds of a seed's samples: a hash of the salt, the nonce and the seed.
 
     They belong to the stream `test`, as the claimed ones do. Seeds of one stream have their lowest
     bits in common: should a world depend on these, seeds of another stream would not be
     exchangeable with the claimed ones.
     """
-    texts = (json.dumps([*salt, nonce, run, row]) for row in range(count))
+    texts = (json.dumps([*salt, nonce, seed, row]) for row in range(count))
     return [seed_of(hashlib.sha256(t.encode()).digest()[:4], "test") for t in texts]
 
 
@@ -165,10 +157,12 @@ class Verifier:
 
     Args:
         workers: The number of processes that evaluate.
+        against: The folder of the entries whose samples are compared; None takes the neighbours of
+            each entry.
     """
 
-    def __init__(self, *, workers: int = 1) -> None:
-        self._workers = workers
+    def __init__(self, *, workers: int = 1, against: Path | None = None) -> None:
+        self._workers, self._against = workers, against
         self._opened: OpenTarget | None = None
 
     def __enter__(self) -> Self:
@@ -186,13 +180,7 @@ class Verifier:
             opened.close()
 
     def verify(
-        self,
-        entry: Entry,
-        place: str,
-        nonce: str,
-        *,
-        salt: tuple[str, str] | None = None,
-        against: Path | None = None,
+        self, entry: Entry, place: str, nonce: str, *, salt: tuple[str, str] | None = None
     ) -> Verified:
         """Score the samples of a result again, each once, and measure them.
 
@@ -201,8 +189,6 @@ class Verifier:
             place: The place of the result in the entry.
             nonce: What makes the evaluation seeds fresh.
             salt: The names that go into them; None takes those of the entry and of the result.
-            against: The folder of the entries whose samples are compared; None takes the entry's
-                neighbours.
 
         Raises:
             UserError: If the track or its reference set cannot be opened.
@@ -212,24 +198,23 @@ class Verifier:
         salt = salt or (entry.metadata.name, result.claimed.sha256)
         target = self._open(experiment.target)
         seeds = tuple(
-            _seed_evidence(target, claims, result, fresh, [*salt, nonce])
+            _seed_evidence(target, claims, result.samples[claims.seed], salt, nonce)
             for claims in result.claimed.seeds
             if claims.measures is not None
-            for fresh in [fresh_seeds(salt, nonce, claims.seed, experiment.protocol.samples)]
         )
-        neighbours = _neighbours(entry, experiment, against)
+        folder = entry.folder.absolute().parent if self._against is None else self._against
+        neighbours = _neighbours(folder, entry.metadata.name, experiment)
         evidence = Evidence(experiment, seeds, target.reference, neighbours)
         return Verified.make(
             result.claimed,
             result.samples,
             salt,
             nonce,
-            (VerifiedSeed(seed=found.claimed.seed, measures=found.measures) for found in seeds),
+            (VerifiedSeed(seed=seed.claimed.seed, measures=seed.measures) for seed in seeds),
             find_flags(evidence),
         )
 
     def _open(self, target: Target) -> OpenTarget:
-        """Open a target, unless it is open."""
         if self._opened is None or self._opened.target != target:
             self.close()
             self._opened = target.open(workers=self._workers)
@@ -237,17 +222,18 @@ class Verifier:
 
 
 def _seed_evidence(
-    target: OpenTarget, claimed: SeedResult, result: EntryResult, fresh: list[int], text: list[str]
+    target: OpenTarget, claimed: SeedResult, samples: Evaluations, salt: tuple[str, str], nonce: str
 ) -> SeedEvidence:
     """Score and measure the samples of one seed on fresh evaluation seeds."""
-    samples, threshold = result.samples[claimed.seed], target.target.fooling_threshold
+    threshold = target.target.fooling_threshold
+    fresh = fresh_seeds(salt, nonce, claimed.seed, len(samples))
     again = _score(target.evaluator, samples.mu, fresh)
     ideal = uniform = None
     if target.ideal_set is not None:
         drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.ideal_set)
         ideal = _score(target.evaluator, drawn.sample(len(samples)), fresh)
     if target.reference is None:
-        mu = _uniform(json.dumps([*text, claimed.seed]), samples.mu.shape)
+        mu = _uniform(json.dumps([*salt, nonce, claimed.seed]), samples.mu.shape)
         uniform = _score(target.evaluator, mu, fresh)
     feasible = feasible_worlds(target.application, again.mu, fresh)
     measures = measure(
@@ -273,25 +259,26 @@ def _uniform(text: str, shape: tuple[int, ...]) -> Mu:
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
-def _neighbours(entry: Entry, experiment: Experiment, against: Path | None) -> dict[str, Mu]:
+def _neighbours(folder: Path, name: str, experiment: Experiment) -> dict[str, Mu]:
     """Read the samples that other entries have on a track and agent; broken ones are left out."""
-    folder = entry.folder.absolute().parent if against is None else against
     target = experiment.target
     prefix = f"{place_of(target.track, target.agent, '')}."
-    neighbours: dict[str, list[Mu]] = {}
+    neighbours = {}
     for path in sorted(folder.glob(f"*/{experiment.group}{SAMPLES}")):
-        name = path.parent.name
-        if name == entry.metadata.name or name.startswith("."):
+        other = path.parent.name
+        if other == name or other.startswith("."):
             continue
         try:
-            samples = read_samples(path)
+            places = read_samples(path)
         except UserError:
             continue
-        neighbours.setdefault(name, []).extend(
-            part.mu
-            for place, seeds in samples.items()
+        arrays = [
+            rows.mu
+            for place, samples in places.items()
             if place.startswith(prefix)
-            for part in seeds.values()
-            if np.isfinite(part.mu).all()
-        )
-    return {name: np.concatenate(parts) for name, parts in neighbours.items() if parts}
+            for rows in samples.values()
+            if np.isfinite(rows.mu).all()
+        ]
+        if arrays:
+            neighbours[other] = np.concatenate(arrays)
+    return neighbours

@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluation.key import ApplicationKey
@@ -265,7 +264,7 @@ def test_names_are_plain(name):
 
 
 def test_results_have_short_names():
-    with pytest.raises(ValidationError, match="expected the agent in one line of at most 200"):
+    with pytest.raises(UserError, match="but expected the agent in one line of at most 200"):
         Result.make(make_experiment(agent="x" * 201), ())
 
 

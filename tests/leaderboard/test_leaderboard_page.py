@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sada_gym.submission.entry import read_entry
 
 from sada_gym.cli import app
+from sada_gym.results.entry import read_entry
 from sada_gym.submission.checks import check_entry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ class Study:
 def optuna(monkeypatch):
     """Optuna itself where it is installed, else random search behind the same names.
 
-    Gives the range of the AFR to expect.
+    Yields the range of the AFR to expect.
     """
     if importlib.util.find_spec("optuna") is not None:
         yield 0.6, 1.0

@@ -222,8 +222,9 @@ def change_json(entry: Path, rng: Rng) -> None:
 def mend_claims(path: Path, content: Any, *, rename: bool = True) -> None:
     """Write claims with the hashes, the order and the files' names that fit, as far as they go."""
     results = content.get("results") if isinstance(content, dict) else None
+    results = results if isinstance(results, list) else []
     places, group = {}, ""
-    for result in results if isinstance(results, list) else ():
+    for result in results:
         try:
             experiment = result["experiment"]
             canonical = json.dumps(experiment, sort_keys=True, separators=(",", ":"))
@@ -234,7 +235,7 @@ def mend_claims(path: Path, content: Any, *, rename: bool = True) -> None:
             group = slug(target["application"]["name"])
         except (KeyError, TypeError, AttributeError, ValueError, IndexError):
             continue
-    if len(places) == len(results or ()) > 1:
+    if len(places) == len(results) > 1:
         results.sort(key=lambda result: places[id(result)])
     samples = path.with_suffix(".npz")
     if rename and 0 < len(group) < 150 and samples.exists():

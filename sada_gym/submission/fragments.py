@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from sada_gym import agents
 from sada_gym.cards import find_card
@@ -16,7 +18,7 @@ from sada_gym.experiment.differences import differences
 from sada_gym.experiment.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
 from sada_gym.experiment.record import Experiment, RunReport, RunSettings
 from sada_gym.experiment.target import Target
-from sada_gym.files import read_model
+from sada_gym.files import first_error, read_model, shown
 from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
 from sada_gym.results.models import MAX_SEEDS, Result, SeedResult
 from sada_gym.submission.checks import check_entry
@@ -30,7 +32,7 @@ from sada_gym.submission.current import (
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ResultFragment:
     """Some seeds of one result.
 
     Attributes:
@@ -49,63 +51,55 @@ class Part:
         return self.result.claimed.experiment
 
 
-@dataclass(eq=False)
-class Parts:
-    """The results of one adversary, put together from parts."""
+def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
+    """Join the fragments of each result.
 
-    by_place: dict[str, list[Part]] = field(default_factory=dict)
+    Raises:
+        UserError: If they are of several adversaries, or of several experiments in one place, or a
+            seed stands twice, or a result has too many seeds.
+    """
+    by_place: dict[str, list[ResultFragment]] = {}
+    for fragment in fragments:
+        first = fragments[0]
+        check_same_adversary(fragment, first.experiment.adversary, first.source)
+        others = by_place.setdefault(fragment.result.place, [])
+        _check_fits(fragment, others)
+        others.append(fragment)
+    return [_join(place, parts) for place, parts in by_place.items()]
 
-    @property
-    def first(self) -> Part:
-        """The first part."""
-        return next(iter(self.by_place.values()))[0]
 
-    def add(self, part: Part) -> None:
-        """Add a part.
-
-        Raises:
-            UserError: If it is of another adversary, or of another result in the same place, or has
-                a seed that is there already.
-        """
-        if self.by_place:
-            check_same_adversary(part, self.first.experiment.adversary, self.first.source)
-        known = self.by_place.setdefault(part.result.place, [])
-        for other in known:
-            changes = differences(other.experiment.model_dump(), part.experiment.model_dump())
-            if changes:
-                raise UserError(
-                    f"Expected {part.source} to differ from {other.source} in its seed alone, got "
-                    f"other settings: {'; '.join(changes)}. Submit them as two entries."
-                )
-            seeds, others = (
-                {claims.seed for claims in each.result.claimed.seeds} for each in (part, other)
+def _check_fits(fragment: ResultFragment, others: Sequence[ResultFragment]) -> None:
+    """Check that a fragment adds other seeds of the same experiment."""
+    seeds = {claims.seed for claims in fragment.result.claimed.seeds}
+    for other in others:
+        if fragment.experiment != other.experiment:
+            changes = differences(other.experiment.model_dump(), fragment.experiment.model_dump())
+            raise UserError(
+                f"Expected {fragment.source} to differ from {other.source} in its seed alone, got "
+                f"other settings: {shown('; '.join(changes))}. Submit them as two entries."
             )
-            if seeds & others:
-                raise UserError(
-                    f"Expected each seed of {part.result.place} once, got {min(seeds & others)} in "
-                    f"both {other.source} and {part.source}. Name one of them, or attack with "
-                    "another --seed."
-                )
-        known.append(part)
-
-    def results(self) -> Iterator[EntryResult]:
-        """Join the parts of each result.
-
-        Raises:
-            UserError: If a result has too many seeds.
-        """
-        for place, parts in self.by_place.items():
-            seeds = [claims for part in parts for claims in part.result.claimed.seeds]
-            if len(seeds) > MAX_SEEDS:
-                raise UserError(
-                    f"Expected at most {MAX_SEEDS} seeds of {place}, got {len(seeds)}. Submit the "
-                    "first ones."
-                )
-            samples = {seed: held for part in parts for seed, held in part.result.samples.items()}
-            yield EntryResult(Result.make(parts[0].experiment, seeds), samples)
+        common = seeds & {claims.seed for claims in other.result.claimed.seeds}
+        if common:
+            raise UserError(
+                f"Expected each seed of {fragment.result.place} once, got {min(common)} in both "
+                f"{other.source} and {fragment.source}. Name one of them, or attack with another "
+                "--seed."
+            )
 
 
-def read_run(folder: Path, rule: str | None) -> list[Part]:
+def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:
+    seeds = [claims for fragment in fragments for claims in fragment.result.claimed.seeds]
+    if len(seeds) > MAX_SEEDS:
+        raise UserError(
+            f"Expected at most {MAX_SEEDS} seeds of {place}, got {len(seeds)}. Submit the first "
+            "ones."
+        )
+    samples = {s: rows for part in fragments for s, rows in part.result.samples.items()}
+    claimed = Result.make(fragments[0].experiment, seeds)
+    return EntryResult(claimed, dict(sorted(samples.items())))
+
+
+def read_fragments(folder: Path, rule: str | None) -> list[ResultFragment]:
     """Read the folder of an attack, or of an entry.
 
     Args:
@@ -130,45 +124,53 @@ def read_run(folder: Path, rule: str | None) -> list[Part]:
     )
 
 
-def _read_entry(folder: Path, rule: str | None) -> list[Part]:
+def _read_entry(folder: Path, rule: str | None) -> list[ResultFragment]:
     check_entry(folder, submission=False)
     entry = read_entry(folder)
-    parts = [
-        Part(f"{folder}: {place}", result, entry.metadata.command)
+    fragments = [
+        ResultFragment(f"{folder}: {place}", result, entry.metadata.command)
         for place, result in entry.results.items()
         if rule in (None, result.claimed.experiment.protocol.rule)
     ]
-    if not parts:
+    if not fragments:
         raise UserError(
             f"Expected results by the rule {rule} in {folder}, got others. Leave --rule out to "
             "take all of them."
         )
-    return parts
+    return fragments
 
 
-def _read_attack(folder: Path, rule: str) -> Part:
+def _read_attack(folder: Path, rule: str) -> ResultFragment:
     report = read_model(folder / RESULT_FILE, RunReport)
     samples, run = read_samples(folder / SAMPLES_FILE), report.settings.experiment
     track = _board_track(folder, run.target)
     current = current_experiment(track, run.target.agent, rule, run.adversary)
-    # the budget is checked apart
-    target = run.target.model_copy(update={"track": track})
-    protocol = current.protocol.model_copy(update={"samples": run.protocol.samples})
-    made = Experiment(target=target, adversary=run.adversary, protocol=protocol)
-    changes = differences(made.model_dump(), current.model_dump())
+    # the budget is checked apart, and the run may bear a general id
+    attacked = run.model_copy(
+        update={
+            "target": run.target.model_copy(update={"track": track}),
+            "protocol": current.protocol.model_copy(update={"samples": run.protocol.samples}),
+        }
+    )
+    changes = differences(attacked.at(None).model_dump(), current.model_dump())
     if changes:
         raise UserError(
             f"Expected the run in {folder} to be of {track} as the leaderboard has it today, but: "
-            f"{'; '.join(changes)}. Attack again with these settings."
+            f"{shown('; '.join(changes))}. Attack again with these settings."
         )
     check_budget(f"the run in {folder}", run.protocol.budget, current, "--budget")
-    claims = SeedResult.of(report)
+    try:
+        claims = SeedResult.of(report)
+    except ValidationError as error:
+        raise UserError(
+            f"Expected a run that an entry can describe in {folder}, but {first_error(error)}."
+        ) from error
     result = EntryResult(Result.make(current, [claims]), {claims.seed: samples})
-    return Part(str(folder), result, _command(report.settings, track))
+    return ResultFragment(str(folder), result, _command(report.settings, track))
 
 
 def _board_track(folder: Path, target: Target) -> str:
-    """Find the track that a run was made on, which may have been named by a general id."""
+    """Find a run's track, which may have been named by a general id."""
     if target.track in board_tracks():
         return target.track
     card = find_card(target.application.name)
@@ -190,11 +192,7 @@ def _board_track(folder: Path, target: Target) -> str:
 
 
 def check_budget(what: str, budget: int, experiment: Experiment, option: str) -> None:
-    """Refuse a budget above that of an experiment, and say what the rules allow.
-
-    Raises:
-        UserError: If it is above.
-    """
+    """Raise a UserError if a budget is above an experiment's; it says what the rules allow."""
     target, adversary, protocol = experiment.target, experiment.adversary, experiment.protocol
     if budget <= protocol.budget:
         return
@@ -210,25 +208,24 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
     )
 
 
-def check_same_adversary(part: Part, known: AdversarySpec, source: str) -> None:
-    """Refuse a part of another adversary, preset or options.
-
-    Raises:
-        UserError: If one of them differs.
-    """
-    adversary = part.experiment.adversary
-    for name in ("name", "preset", "options"):
-        expected, got = getattr(known, name), getattr(adversary, name)
+def check_same_adversary(fragment: ResultFragment, other: AdversarySpec, source: str) -> None:
+    """Raise a UserError if a fragment has another adversary, preset or options than `source`."""
+    adversary = fragment.experiment.adversary
+    for name, expected, got in (
+        ("adversary", other.name, adversary.name),
+        ("preset", other.preset, adversary.preset),
+        ("options", other.options, adversary.options),
+    ):
         if expected != got:
             raise UserError(
                 "Expected all results of an entry to be of one adversary with one set of options, "
-                f"got the {name} {got!r} in {part.source} beside {expected!r} in {source}. Submit "
-                "them as two entries."
+                f"got the {name} {shown(repr(got))} in {fragment.source} beside "
+                f"{shown(repr(expected))} in {source}. Submit them as two entries."
             )
 
 
 def _command(settings: RunSettings, track: str) -> str:
-    """Write the command that made a run, without its folder; empty for a class without a name."""
+    """Write the command that made a run, without --out; empty for a class without a name."""
     experiment = settings.experiment
     adversary = experiment.adversary
     words = ["sada-gym", "attack", track, "--adversary", adversary.name]
@@ -239,5 +236,5 @@ def _command(settings: RunSettings, track: str) -> str:
     words += ["--agent", experiment.target.agent] if experiment.target.agent else []
     words += ["--budget", str(experiment.protocol.budget), "--seed", str(settings.seed)]
     command = shlex.join(words)
-    known = adversary.is_ours or ":" in adversary.name
-    return command if known and len(command) <= 1_000 else ""
+    is_named = adversary.is_ours or ":" in adversary.name
+    return command if is_named and len(command) <= 1_000 else ""
