@@ -24,14 +24,9 @@ TIERS: tuple[Tier, ...] = ("verified", "claimed")
 
 @dataclass(frozen=True)
 class Ranking:
-    """One comparison in one tier.
+    """One comparison in one tier: the rows, and the tables over all tracks and on each of them.
 
     Attributes:
-        tier: The tier.
-        rows: The entries' figures over all tracks.
-        whole: The table over all tracks.
-        by_track: The attack fooling rate on each track.
-        coverage_by_track: The coverage over the ideal's on each track; None where none is known.
         open: Whether the page unfolds it: it has entries that no higher tier has.
     """
 
@@ -45,13 +40,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All entries that attacked one agent under one rule for the budget.
-
-    Attributes:
-        table: The table, which says what is compared.
-        agent: The agent's name; empty where there is only one and it has none.
-        rankings: The tiers that have results.
-    """
+    """All entries that attacked one agent under one rule for the budget, by tier."""
 
     table: Table
     agent: str
@@ -79,7 +68,7 @@ class GroupBoard(GroupResults):
 
     @property
     def outdated_sheet(self) -> Sheet | None:
-        """The table of outdated results; None where there are none."""
+        """The table of outdated results; None without any."""
         return outdated_sheet(self.group.name, self.outdated) if self.outdated else None
 
     @cached_property
@@ -107,13 +96,7 @@ class GroupBoard(GroupResults):
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """The whole board.
-
-    Attributes:
-        entries: All entries, by name.
-        groups: The groups that have a page.
-        elsewhere: Outdated results on tracks that are no longer there.
-    """
+    """The whole board; `elsewhere` are outdated results on tracks that are no longer there."""
 
     entries: tuple[Entry, ...]
     groups: tuple[GroupBoard, ...]

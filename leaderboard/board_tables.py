@@ -67,14 +67,7 @@ _BY_TRACK = {
 
 @dataclass(frozen=True)
 class RankingLine:
-    """A line of a ranking, before it is laid out.
-
-    Attributes:
-        kind: What it is.
-        name: The first cell.
-        cells: Its cells over all tracks, less the first one.
-        rates: Its AFR and its coverage over the ideal's on each track, by the columns' keys.
-    """
+    """A line of a ranking, before it is laid out: its cells, and its rates on each track."""
 
     kind: Kind
     name: Cell

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,22 +11,22 @@ from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
 from leaderboard.pictures import Picture, Pictures
 from sada_gym.experiment.adversary import AdversarySpec
-from sada_gym.experiment.record import slug
+from sada_gym.experiment.record import place_of, slug
+from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, EntryResult
-from sada_gym.results.models import EntryMetadata, Tier
+from sada_gym.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
 from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Cell, Column, Line, Sheet, number_cell, rate_cell, text_cell
+from sada_gym.results.sheet import Column, Line, Sheet, text_cell
 
 _COLUMNS = (
-    Column("track", "Track", numeric=False),
-    Column("tier", "Tier", numeric=False),
+    Column("track", "track", numeric=False),
+    Column("tier", "tier", numeric=False),
     Column("afr_verified", "AFR verified, %", "By us on fresh seeds, with its 95 % interval."),
     Column("afr_claimed", "AFR claimed, %", "The submitter's own figure."),
     Column("seeds", "AFR of each seed, %", "In the order of the seeds.", numeric=False),
-    Column("relative_verified", "Coverage / ideal verified, %"),
-    Column("relative_claimed", "Coverage / ideal claimed, %"),
-    Column("queries", "Queries", "Training queries a run; this is the submitter's word."),
-    Column("mu_std", "μ_std"),
+    Column("relative_verified", "coverage / ideal verified, %"),
+    Column("relative_claimed", "coverage / ideal claimed, %"),
+    *row_columns("queries", "mu_std"),
 )
 
 
@@ -50,14 +50,7 @@ class Flag:
 
 @dataclass(frozen=True)
 class Section:
-    """An entry's results in one comparison.
-
-    Attributes:
-        title: What is compared.
-        href: The comparison on its group's page.
-        sheet: The figures of each track.
-        pictures: Where its samples lie, and worlds that fool the agent.
-    """
+    """An entry's results in one comparison, to which `href` leads."""
 
     title: str
     href: str
@@ -67,18 +60,7 @@ class Section:
 
 @dataclass(frozen=True)
 class EntryPage:
-    """The page of an entry.
-
-    Attributes:
-        about: Who made it.
-        tiers: The tiers that its results have.
-        options: Its options, as indented JSON.
-        links: Its links by what they lead to; only those to web pages.
-        sections: Its results.
-        flags: What a reader must know.
-        outdated: The table of its outdated results; None where it has none.
-        failures: The runs that ended with an error.
-    """
+    """The page of an entry; `links` holds those to web pages alone."""
 
     metadata: EntryMetadata
     adversary: AdversarySpec | None
@@ -126,91 +108,88 @@ def _options(options: Mapping[str, Any]) -> str:
 
 
 def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[Section]:
-    own = next((one for one in board.entries if one.metadata.name == entry.metadata.name), None)
-    if own is None:
-        return
-    for comparison in board.comparisons:
+    name = entry.metadata.name
+    own = next((other for other in board.entries if other.metadata.name == name), None)
+    for comparison in board.comparisons if own else ():
+        assert own is not None
         table, agent = comparison.table, comparison.agent
         rows = {
             tier: {
                 row.track: row
                 for track in board.group.tracks
                 for row in board.results[tier].rows_of(table.name, agent, track)
-                if row.entry == entry.metadata.name
+                if row.entry == name
             }
             for tier in TIERS
         }
-        held = {
-            attacked.target.track: result
-            for result in own.results.values()
-            for attacked in [result.claimed.experiment]
-            if (attacked.target.agent, attacked.protocol.rule) == (agent, table.name)
+        places = {track: place_of(track, agent, table.name) for track in board.group.tracks}
+        results = {
+            track: own.results[place] for track, place in places.items() if place in own.results
         }
-        results = {track: held[track] for track in board.group.tracks if track in held}
-        if not rows["claimed"]:
-            continue
-        name = f"entries/{entry.metadata.name}.{slug(board.group.name)}.{comparison.anchor}"
-        against = f" · {agent}" if agent else ""
-        yield Section(
-            f"{board.group.title} · {table.title}{against}",
-            f"{board.group.name}.html#{comparison.anchor}",
-            Sheet(name, "By track", _COLUMNS, tuple(_lines(results, rows))),
-            pictures.of(board.group, agent, results),
-        )
+        if rows["claimed"]:
+            against = f" · {agent}" if agent else ""
+            yield Section(
+                f"{board.group.title} · {table.title}{against}",
+                f"{board.group.name}.html#{comparison.anchor}",
+                Sheet(
+                    f"entries/{name}.{slug(board.group.name)}.{comparison.anchor}",
+                    "By track",
+                    _COLUMNS,
+                    tuple(_lines(results, rows)),
+                ),
+                pictures.of(board.group, agent, results),
+            )
 
 
 def _lines(
     results: Mapping[str, EntryResult], rows: Mapping[Tier, Mapping[str | None, Row]]
 ) -> Iterator[Line]:
     for track, result in results.items():
-        verified, claimed = (rows[tier].get(track) for tier in TIERS)
-        seeds: Sequence[float | None] = (
-            [one.measures.afr for one in result.verified.seeds]
-            if result.verified is not None
-            else [one.measures.afr if one.measures else None for one in result.claimed.seeds]
-        )
-        texts = ["failed" if rate is None else f"{100 * rate:.1f}" for rate in seeds]
-        shown = verified or claimed
+        seeds: Sequence[VerifiedSeed | SeedResult] = (result.verified or result.claimed).seeds
+        texts = [f"{100 * one.measures.afr:.1f}" if one.measures else "failed" for one in seeds]
         cells = {
             "track": text_cell(track),
             "tier": text_cell(result.tier),
-            "afr_verified": rate_cell(verified.afr if verified else None),
-            "afr_claimed": rate_cell(claimed.afr if claimed else None),
             "seeds": text_cell(", ".join(texts)),
-            "relative_verified": rate_cell(verified.relative_coverage if verified else None),
-            "relative_claimed": rate_cell(claimed.relative_coverage if claimed else None),
-            "queries": number_cell(shown.queries) if shown else Cell(),
-            "mu_std": number_cell(shown.mu_std, 3) if shown else Cell(),
         }
+        for tier in ("claimed", "verified"):
+            if row := rows[tier].get(track):
+                of_row = row_cells(row, ("afr", "relative_coverage", "queries", "mu_std"))
+                cells[f"afr_{tier}"] = of_row.pop("afr")
+                cells[f"relative_{tier}"] = of_row.pop("relative_coverage")
+                cells |= of_row
         yield Line("ranked", cells)
 
 
 def _flags(entry: Entry) -> Iterator[Flag]:
-    found: dict[str, dict[str, tuple[str, ...]]] = {}
-
-    def add(name: str, text: str, where: str) -> None:
-        texts = found.setdefault(name, {})
-        texts[text] = (*texts.get(text, ()), where)
-
-    for result in entry.results.values():
-        if result.verified is not None:
-            for name, text in result.verified.flags.items():
-                add(name, text, _where(result))
-        for seed in result.claimed.seeds:
-            for text in seed.flags:
-                add("", text, f"{_where(result)}, seed {seed.seed}")
-    for name in sorted(found, key=lambda name: (name == "", name)):
-        yield Flag(name, found[name])
+    """List the verifier's flags by name, then what the submitter's own runs say."""
+    said = [
+        (name, text, _where(result))
+        for result in entry.results.values()
+        if result.verified is not None
+        for name, text in result.verified.flags.items()
+    ]
+    said += [("", text, place) for place, seed in _seeds(entry) for text in seed.flags]
+    for name in sorted({name for name, _, _ in said}, key=lambda name: (name == "", name)):
+        yield Flag(name, _places((text, place) for other, text, place in said if other == name))
 
 
 def _failures(entry: Entry) -> Flag:
-    texts: dict[str, tuple[str, ...]] = {}
+    return Flag("", _places((seed.error, place) for place, seed in _seeds(entry) if seed.error))
+
+
+def _seeds(entry: Entry) -> Iterator[tuple[str, SeedResult]]:
     for result in entry.results.values():
         for seed in result.claimed.seeds:
-            if seed.error is not None:
-                where = f"{_where(result)}, seed {seed.seed}"
-                texts[seed.error] = (*texts.get(seed.error, ()), where)
-    return Flag("", texts)
+            yield f"{_where(result)}, seed {seed.seed}", seed
+
+
+def _places(said: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
+    """Put together the places that each text is said of."""
+    places: dict[str, tuple[str, ...]] = {}
+    for text, place in said:
+        places[text] = (*places.get(text, ()), place)
+    return places
 
 
 def _where(result: EntryResult) -> str:

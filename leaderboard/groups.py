@@ -14,14 +14,9 @@ from sada_gym.results.models import Tier
 
 @dataclass(frozen=True)
 class TrackGroup:
-    """The tracks of one application.
+    """The tracks of one application: a page of the board, called `name`.
 
     Attributes:
-        name: The name of its page.
-        title: Its title.
-        summary: A sentence on it.
-        application: The application's name.
-        tracks: The ids of its tracks.
         agents: The agents that are shipped for it, the default first, each with its summary.
         nominal: How well each of them does in nominal worlds.
     """
@@ -44,7 +39,7 @@ class TrackGroup:
         return cls(name, card.title, card.summary, card.name, tracks, agents, nominal)
 
     def short(self, track: str) -> str:
-        """Give what tells a track from the others of its group."""
+        """Return what tells a track from the others of its group."""
         return track.removeprefix(f"{self.application}-").rsplit("-v", 1)[0]
 
 
@@ -55,13 +50,7 @@ def track_of(result: EntryResult) -> str:
 
 @dataclass(frozen=True, eq=False)
 class OutdatedResult:
-    """A result that no longer compares with others.
-
-    Attributes:
-        entry: Its entry.
-        result: The result.
-        reason: What differs from today's.
-    """
+    """A result of an entry that no longer compares with others: what differs from today's."""
 
     entry: Entry
     result: EntryResult
@@ -73,10 +62,8 @@ class GroupResults:
     """What the entries hold on the tracks of one group.
 
     Attributes:
-        group: The group.
         entries: The entries with those of their results that are of this group and today's.
         results: What the results sum up to, by tier.
-        outdated: The results that are outdated.
     """
 
     group: TrackGroup

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -107,27 +106,19 @@ def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
         yield group.outdated_sheet
 
 
-@dataclass(frozen=True)
-class Leader:
-    """Who shares the first rank of a comparison, each with its F1, AFR and coverage."""
-
-    tier: str
-    title: str
-    names: tuple[str, ...]
-
-
-def leaders(group: GroupBoard) -> Iterator[Leader]:
-    """Give the first ranks of each comparison in the highest tier that ranks anything."""
+def leaders(group: GroupBoard) -> Iterator[tuple[str, list[str]]]:
+    """Return who has rank 1 in each comparison, in the highest tier that ranks anything."""
     for comparison in group.comparisons:
         for ranking in comparison.rankings:
             first = [row for row in ranking.rows if row.is_first]
-            first.sort(key=lambda row: -row.deciding.value if row.deciding else 0.0)
             if first:
-                title = " · ".join(filter(None, (comparison.table.title, comparison.agent)))
-                names = [_with_figures(row) for row in first[:_NAMED]]
-                if len(first) > _NAMED:
-                    names.append(f"and {len(first) - _NAMED} more")
-                yield Leader(ranking.tier, title, tuple(names))
+                first.sort(key=lambda row: -row.deciding.value if row.deciding else 0.0)
+                parts = (f"{ranking.tier}, {comparison.table.title}", comparison.agent)
+                more = [f"and {len(first) - _NAMED} more"] if len(first) > _NAMED else []
+                yield (
+                    " · ".join(filter(None, parts)),
+                    [*(_with_figures(row) for row in first[:_NAMED]), *more],
+                )
                 break
 
 
@@ -140,14 +131,11 @@ def _with_figures(row: Row) -> str:
 _NAMED = 3  # leaders on a card
 
 _ENTRIES = (
-    Column("entry", "Entry", numeric=False),
-    Column("authors", "Authors", numeric=False),
-    Column("adversary", "Adversary", numeric=False),
-    Column("groups", "Groups", numeric=False),
-    Column("verified", "Verified", "The number of results that we verified."),
-    Column("claimed", "Claimed", "The number of results that we have not verified."),
-    Column("outdated", "Outdated", "The number of results that no longer compare with others."),
-    Column("licence", "Licence", numeric=False),
+    *(Column(key, key, numeric=False) for key in ("entry", "authors", "adversary", "groups")),
+    Column("verified", "verified", "The number of results that we verified."),
+    Column("claimed", "claimed", "The number of results that we have not verified."),
+    Column("outdated", "outdated", "The number of results that no longer compare with others."),
+    Column("licence", "licence", numeric=False),
 )
 
 
@@ -156,24 +144,19 @@ def entries_sheet(board: Board) -> Sheet:
     lines = []
     for entry in board.entries:
         metadata, name = entry.metadata, entry.metadata.name
-        late = sum(one.entry.metadata.name == name for one in board.outdated)
-        tiers = [
-            result.tier
+        late = sum(result.entry.metadata.name == name for result in board.outdated)
+        current = {
+            group.group.title: own
             for group in board.groups
-            for one in group.entries
-            if one.metadata.name == name
-            for result in one.results.values()
-        ]
-        groups = [
-            group.group.title
-            for group in board.groups
-            if any(one.metadata.name == name for one in group.entries)
-        ]
+            for own in group.entries
+            if own.metadata.name == name
+        }
+        tiers = [result.tier for own in current.values() for result in own.results.values()]
         cells = {
             "entry": text_cell(metadata.title, href=f"entries/{name}.html"),
             "authors": text_cell(", ".join(metadata.authors)),
             "adversary": text_cell(entry.adversary.name if entry.adversary else ""),
-            "groups": text_cell(", ".join(groups)),
+            "groups": text_cell(", ".join(current)),
             "verified": number_cell(tiers.count("verified")),
             "claimed": number_cell(tiers.count("claimed")),
             "outdated": number_cell(late) if late else BLANK,
