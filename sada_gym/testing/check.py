@@ -125,7 +125,7 @@ def load_applications(path: str | Path) -> list[Application]:
     """
     module = import_file(path)
     members = list(vars(module).values())
-    found = list({id(m): m for m in members if isinstance(m, Application)}.values())
+    applications = list({id(m): m for m in members if isinstance(m, Application)}.values())
     for member in members:
         if (
             inspect.isclass(member)
@@ -133,22 +133,22 @@ def load_applications(path: str | Path) -> list[Application]:
             and member.__module__ == module.__name__
             and not inspect.isabstract(member)
             and hasattr(member, "name")
-            and not any(type(application) is member for application in found)
+            and not any(type(application) is member for application in applications)
         ):
             try:
-                found.append(member())
+                applications.append(member())
             except Exception as error:
                 raise UserError(
                     f"Expected {member.__name__} in {str(path)!r} to be made without arguments, "
                     f"got {type(error).__name__}: {error}. Add an instance at the file's top level "
                     "instead."
                 ) from error
-    if not found:
+    if not applications:
         raise UserError(
             f"Expected a subclass of sada_gym.Application with a `name` in {str(path)!r}, found "
             "none. Define one at the file's top level."
         )
-    return found
+    return applications
 
 
 def _run(name: str, check: Callable[[], str]) -> Check:

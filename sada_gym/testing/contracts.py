@@ -32,9 +32,7 @@ _SAFE_SUFFIXES = {".safetensors", ".json", ".npz", ".toml"}
 
 
 class RecordingOracle:
-    """The smallest oracle: a budget, a threshold, and Q.
-
-    It keeps every query, and fails the test if an adversary asks for more than its budget.
+    """The smallest oracle; it fails the test if an adversary asks for more than its budget.
 
     Args:
         application: The application that gives Q; each query's seed is its index.
@@ -60,7 +58,7 @@ class RecordingOracle:
         return self._application.fooling_threshold
 
     def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Score mu (n, d), and give (n,) float64."""
+        """Return the scores, (n,) float64, of mu (n, d)."""
         batch = validate_mu(mu, self.queries.shape[1])
         if len(batch) > self.remaining:
             pytest.fail(f"{len(batch)} queries were asked for, {self.remaining} were left")
@@ -118,7 +116,7 @@ class AdversaryContract:
 
     @pytest.fixture
     def trained(self, training: Training) -> tuple[Adversary, RecordingOracle]:
-        """Give a trained adversary and the oracle that it was trained on."""
+        """Return a trained adversary and the oracle that it was trained on."""
         return training.adversary, training.oracle
 
     @pytest.mark.parametrize("dimension", [1, 2, 16])
@@ -152,8 +150,8 @@ class AdversaryContract:
         assert (other.sample(100) != training.first_samples).any()
 
     def test_same_result_in_another_process(self, training: Training) -> None:
-        there = in_fresh_process(self._first_samples, home=type(self))
-        assert_array_equal(there, training.first_samples)
+        samples = in_fresh_process(self._first_samples, home=type(self))
+        assert_array_equal(samples, training.first_samples)
 
     def _first_samples(self) -> npt.NDArray[np.float32]:
         adversary, _ = self.train()
@@ -201,7 +199,7 @@ class AdversaryContract:
         def score(mu: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
             return boxes.evaluate(mu, range(len(mu))).score
 
-        found: list[tuple[str, FoolingRate, float]] = []
+        results: list[tuple[str, FoolingRate, float]] = []
         uniform = np.random.default_rng(1).uniform(-1.0, 1.0, (5_000, self.dimension))
         for scale in scales(score(uniform.astype(np.float32))):
             threshold = float(scale.map(boxes.fooling_threshold))
@@ -216,10 +214,10 @@ class AdversaryContract:
             mu = adversary.sample(250)
             afr = attack_fooling_rate(score(mu), boxes.fooling_threshold)
             fooled = fools(score(mu), boxes.fooling_threshold)
-            found.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
-        _, rates, coverages = zip(*found, strict=True)
-        assert max(rate.low for rate in rates) <= min(rate.high for rate in rates), found
-        assert max(coverages) - min(coverages) <= 0.1, found
+            results.append((scale.name, afr, fooling_coverage(mu, fooled, truth).coverage))
+        _, rates, coverages = zip(*results, strict=True)
+        assert max(rate.low for rate in rates) <= min(rate.high for rate in rates), results
+        assert max(coverages) - min(coverages) <= 0.1, results
 
     def test_sampling_before_training_is_refused(self) -> None:
         with pytest.raises(RuntimeError, match="train"):

@@ -69,9 +69,9 @@ def assert_same_in_another_process(application: Application, *, n: int = 70, see
         ValueError: If the application can't be pickled.
     """
     mu, seeds = draw_worlds(application, n, seed)
-    here = application.evaluate(mu, seeds)
-    there = in_fresh_process(application.evaluate, mu, seeds, home=type(application))
-    compare_outcomes(here, there, "in another process")
+    reference = application.evaluate(mu, seeds)
+    elsewhere = in_fresh_process(application.evaluate, mu, seeds, home=type(application))
+    compare_outcomes(reference, elsewhere, "in another process")
 
 
 def compare_outcomes(

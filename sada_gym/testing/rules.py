@@ -58,7 +58,7 @@ def check_outcomes(application: Application, *, n: int = 32) -> str:
     for i, info in enumerate(outcomes.infos):
         _require(
             info.keys() >= RESERVED_KEYS and info["score"] == outcomes.score[i],
-            f"Expected info with {sorted(RESERVED_KEYS)}, got {sorted(info)}. Leave `evaluate` be.",
+            f"Expected info with {sorted(RESERVED_KEYS)}, got {sorted(info)}. Do not override `evaluate`.",
         )
         _require(
             _shape_of(info) == first,
@@ -109,7 +109,9 @@ def check_bad_input(application: Application) -> str:
             application.evaluate(mu, seeds)
         except ValueError:
             continue
-        raise AssertionError(f"Expected a ValueError for {what}, got none. Leave `evaluate` be.")
+        raise AssertionError(
+            f"Expected a ValueError for {what}, got none. Do not override `evaluate`."
+        )
     return "Bad mu and seeds are refused."
 
 

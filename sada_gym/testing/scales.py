@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-_LEAST = 1e-9
+_SMALLEST = 1e-9
 
 
 class Scale(NamedTuple):
@@ -24,7 +24,7 @@ class Scale(NamedTuple):
 
 
 def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
-    """Give Q itself, Q^4, log Q and the rank of Q.
+    """Return Q itself, Q^4, log Q and the rank of Q.
 
     Args:
         scores: (n,) scores at uniform mu: a score's rank is the share of them that lie below it.
@@ -41,5 +41,5 @@ def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
 
 def _log(q: npt.ArrayLike) -> Any:
     """Map 0 to 0 and 1 to 1 by log(Q + 1e-9), since log 0 is infinite."""
-    low, high = np.log10(_LEAST), np.log10(1.0 + _LEAST)
-    return (np.log10(np.add(q, _LEAST)) - low) / (high - low)
+    low, high = np.log10(_SMALLEST), np.log10(1.0 + _SMALLEST)
+    return (np.log10(np.add(q, _SMALLEST)) - low) / (high - low)
