@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 
 class UserError(ValueError):
@@ -86,3 +87,21 @@ def check_known(what: str, given: Iterable[object], known: Sequence[str]) -> Non
             hint = f" Did you mean {' or '.join(close)}?" if close else ""
             listed = f"one of {', '.join(known)}" if known else "none"
             raise UserError(f"Expected the {what} to be {listed}; got {name!r}.{hint}")
+
+
+@contextmanager
+def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) -> Iterator[None]:
+    """Turn what a user's code or file raises in this block into a `UserError`.
+
+    Args:
+        expected: What was expected, such as `Expected the environment to be reset`.
+        mend: How to mend it, a sentence.
+        kind: The error's class. A `UserError` is raised as it is.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:  # a user's code may raise anything
+        message = f"{expected}, got {type(error).__name__}: {error}. {mend}"
+        raise kind(message.rstrip()) from error

@@ -40,23 +40,14 @@ class Agent(Protocol[EpisodesT, ActionsT]):
 
 
 def identity_of(agent: Agent[Any, Any], given: Any, agent_id: str | None) -> str | None:
-    """Return the name by which evaluation stores know an agent, see `identity`.
-
-    Args:
-        agent: The agent.
-        given: The object that a user passed, which the agent calls.
-        agent_id: The name that its owner gave it, if any.
-    """
+    """Return the name by which stores know an agent of the object `given`, see `identity`."""
     return identity(agent.fingerprint, given, agent_id, getattr(agent, "settings", None))
 
 
 def as_agent(given: Any, policy: Callable[[Any], Agent[Any, Any]], kinds: str) -> Agent[Any, Any]:
-    """Return the agent that an object means.
+    """Return an agent as it is, or the one that `policy` makes of a model with `predict`.
 
-    Args:
-        given: An agent as it is, or a model with `predict`.
-        policy: Makes an agent of a model.
-        kinds: What the application takes besides agents, for messages.
+    `kinds` says what the application takes besides agents, for messages.
 
     Raises:
         UserError: If the object is neither; and what `policy` raises.

@@ -31,13 +31,9 @@ _LIBRARIES = ("stable_baselines3", "sb3_contrib")
 
 @dataclass(frozen=True)
 class Interface:
-    """What an agent sees and does in a task.
+    """What an agent sees and does in a task; `task_id` is for messages.
 
-    Attributes:
-        task_id: The task's id, for messages.
-        observation_space: The space of its observations.
-        action_space: The space of its actions.
-        wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
+    `wrapped_by` holds Gymnasium's kinds of wrappers that are already at work in the task itself.
     """
 
     task_id: str
@@ -232,11 +228,7 @@ class Policy:
 
 
 def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
-    """Return the agent that an object means in some episodes: a model of their task, or an agent.
-
-    Args:
-        given: An SB3 model, or an `Agent` as it is.
-        episodes: The class of the episodes.
+    """Return an agent as it is, or that of an SB3 model of the task of some episodes, a class.
 
     Raises:
         UserError: If the object is neither, or the model's spaces are not the task's.

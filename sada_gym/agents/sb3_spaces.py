@@ -33,10 +33,7 @@ _NUMBER = re.compile(r"-?(?:inf|\d[\d.]*(?:e[+-]?\d+)?)")
 def network_space(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[Any]:
     """Return the observations of a network: an environment's, as SB3's wrappers change its space.
 
-    Args:
-        path: The file, for messages.
-        entry: The file's words for the space of its network.
-        space: The environment's space.
+    `entry` holds the file's words for the space of its network.
 
     Raises:
         UserError: If the environment's observations are others.

@@ -27,7 +27,7 @@ from torch.nn.modules import activation
 
 from sada_gym.agents.sb3_spaces import network_space, validate_action_space
 from sada_gym.determinism import generators_kept
-from sada_gym.errors import FileError, UserError
+from sada_gym.errors import FileError, UserError, explained
 from sada_gym.files import as_path, read_file
 
 MAX_MODEL_BYTES = 500 * 2**20
@@ -93,7 +93,10 @@ def load_sb3(
     algorithm = _algorithm(path, data, policy_class)
     with generators_kept():
         if allow_pickle:
-            return _unpickled(path, content, algorithm)
+            expected = f"Expected a {algorithm.__name__} model that can be unpickled in {path}"
+            mend = "Load it where it was saved, and pass the model."
+            with explained(expected, mend, FileError):
+                return algorithm.load(io.BytesIO(content), device="cpu")
         policies = algorithm.policy_aliases.values()
         known = {f"{kind.__module__}.{kind.__name__}": kind for kind in policies}
         if policy_class not in known:
@@ -110,16 +113,6 @@ def load_sb3(
             network_space(path, data.get("observation_space"), observation_space),
             validate_action_space(path, data.get("action_space"), action_space),
         )
-
-
-def _unpickled(path: Path, content: bytes, algorithm: type[Any]) -> Any:
-    try:
-        return algorithm.load(io.BytesIO(content), device="cpu")
-    except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
-        raise FileError(
-            f"Expected a {algorithm.__name__} model that can be unpickled in {path}, got "
-            f"{type(error).__name__}: {error}. Load it where it was saved, and pass the model."
-        ) from error
 
 
 def _rebuilt(

@@ -8,18 +8,14 @@ from typing import Any
 
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sada_gym.errors import FileError, UserError, UserTypeError
+from sada_gym.errors import FileError, UserError, UserTypeError, explained
 
 
 def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
-    """Return a `VecNormalize` as it is, or load its file.
-
-    Args:
-        given: The `VecNormalize`, or the path of the file that its `save` wrote.
-        allow_pickle: Whether to unpickle the file, which can run any code that it holds.
+    """Return a `VecNormalize` as it is, or load the file that its `save` wrote.
 
     Raises:
-        UserError: If it is neither, or the file may not be unpickled.
+        UserError: If it is neither, or the file, a pickle, may not be unpickled.
         FileError: If the file holds something else.
     """
     if isinstance(given, VecNormalize):
@@ -33,18 +29,11 @@ def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
             f"Expected allow_pickle=True with vec_normalize={str(given)!r}: the file is a pickle, "
             "which can run code when it is loaded. Pass allow_pickle=True if it is your own."
         )
-    try:
-        with Path(given).open("rb") as file:
-            loaded = pickle.load(file)
-    except Exception as error:  # whatever an unpickled file may raise
-        raise FileError(
-            f"Expected the file of a VecNormalize in {given}, got {type(error).__name__}: {error}."
-        ) from error
+    expected = f"Expected the file of a VecNormalize in {given}"
+    with explained(expected, kind=FileError), Path(given).open("rb") as file:
+        loaded = pickle.load(file)
     if not isinstance(loaded, VecNormalize):
-        raise FileError(
-            f"Expected the file of a VecNormalize in {given}, got a {type(loaded).__name__}. Write "
-            "it by VecNormalize.save."
-        )
+        raise FileError(f"{expected}, got a {type(loaded).__name__}. Write it by its save.")
     # what its file leaves out, without which it could not be sent to worker processes
     vars(loaded).update(venv=None, class_attributes={}, returns=None)
     return loaded

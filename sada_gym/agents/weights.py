@@ -20,14 +20,7 @@ _ARCHITECTURE = "architecture"
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """A file that should hold an agent's weights, for messages.
-
-    Attributes:
-        path: The safetensors file.
-        content: What it should hold, such as `the weights of a driver`.
-        kind: What such an agent is called, such as `driver`.
-        trained_by: The module that trains one.
-    """
+    """A file that should hold an agent's weights; `mend` says how to come by such a file."""
 
     path: Path
     content: str
@@ -46,13 +39,7 @@ class WeightsFile:
 def save_weights(
     module: nn.Module, path: Path, architecture: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a module's weights, each shared one once, and beside them what it is built like.
-
-    Args:
-        module: Its parameters and buffers are written.
-        path: The safetensors file.
-        architecture: JSON-compatible; stands as JSON in the file's header, if given.
-    """
+    """Write a module's weights, each shared one once, and how it is built as JSON in the header."""
     weights = {name: value.detach().contiguous() for name, value in _weights(module).items()}
     header = {_ARCHITECTURE: json.dumps(dict(architecture), sort_keys=True)} if architecture else {}
     save_file(weights, path, header or None)
@@ -61,12 +48,7 @@ def save_weights(
 def load_weights(
     module: nn.Module, file: WeightsFile, architecture: Mapping[str, Any] | None = None
 ) -> None:
-    """Read a module's weights from a file.
-
-    Args:
-        module: Receives them.
-        file: Where they are.
-        architecture: What the file's header must say; None where it says nothing.
+    """Read a module's weights from a file, whose header must say how the module is built, if given.
 
     Raises:
         FileError: If the file is no safetensors file, is of another architecture, lacks a weight,

@@ -124,12 +124,8 @@ def observation_transforms(
 ) -> list[Transform]:
     """Find what must be done to a task's observations before a model gets them.
 
-    Args:
-        model: The agent.
-        observation_space: The task's space.
-        task: The task's id, for messages.
-        normalisation: The `VecNormalize` of its training; None takes that which the model holds.
-        wrapped_by: Gymnasium's kinds of wrappers that are already at work in the task itself.
+    Without `normalisation`, the `VecNormalize` that the model holds counts. `wrapped_by` holds
+    Gymnasium's kinds of wrappers that are already at work in the task itself.
 
     Raises:
         ValueError: If the model was trained on other observations, or under a wrapper that is not
@@ -166,7 +162,6 @@ def observation_transforms(
 
 
 def _check_gymnasium_wrappers(env: VecEnv, wrapped_by: tuple[type[Any], ...]) -> None:
-    """Check that no wrapper of Gymnasium's changed observations or actions in training."""
     for kind in CHANGING_WRAPPERS:
         if kind not in wrapped_by and any(env.env_is_wrapped(kind)):
             raise _unknown_wrapper(f"gymnasium.{kind.__name__}")
@@ -271,7 +266,7 @@ def _normalised(
 
 
 def _alike(given: spaces.Space[Any], expected: spaces.Space[Any], normalised: set[str]) -> bool:
-    """Whether spaces are the same; `VecNormalize` writes its own bounds into the inner one."""
+    """Compare spaces; `VecNormalize` writes its own bounds into the inner one."""
     own, parts = keyed(given), keyed(expected)
     return set(own) == set(parts) and all(
         own[key].shape == part.shape

@@ -51,15 +51,10 @@ Pending = dict[Future[Scores | None], Chunk]
 class Dispatcher:
     """Hands chunks to an executor, a few for each worker, and collects their scores.
 
-    The first chunk starts our own processes. When one of them dies, all are replaced, and their
-    chunks are evaluated again. What they warn of is shown here, once. Other executors replace
-    their workers themselves, or give up.
-
-    Args:
-        task: What to evaluate.
-        workers: How many processes to start. For another executor: how many workers it has, if it
-            cannot say so itself.
-        executor: Another executor, which is left open; None for our own processes.
+    Without an executor the first chunk starts our own processes. When one of them dies, all are
+    replaced, and their chunks are evaluated again. What they warn of is shown here, once. Other
+    executors replace their workers themselves, or give up; they are left open. `workers` counts
+    our own processes, or those of an executor that cannot say how many it has.
     """
 
     def __init__(
@@ -82,11 +77,7 @@ class Dispatcher:
         return self._counted or self._default_workers
 
     def run(self, chunks: Iterable[Chunk], settle: Settle) -> None:
-        """Evaluate all chunks.
-
-        Args:
-            chunks: The chunks.
-            settle: A function that gets each chunk and its scores, in the order of their return.
+        """Evaluate all chunks; `settle` gets each with its scores, in the order of their return.
 
         Raises:
             WorkerError: If workers die again and again, or a cluster is gone. Scores that came back
@@ -196,11 +187,7 @@ class Dispatcher:
         return self._pool.executor
 
     def close(self, *, now: bool = False) -> None:
-        """Stop our own processes; calling it twice is fine.
-
-        Args:
-            now: Whether to drop the running chunks instead of waiting for them.
-        """
+        """Stop our own processes, `now` without waiting for running chunks; twice is fine."""
         if self._pool is not None:
             self._pool.close(now=now)
             self._pool = None

@@ -103,15 +103,7 @@ class Registered:
 
 
 def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-    """Evaluate one chunk.
-
-    Args:
-        scorer: The application or function.
-        mu: (n, d) float32, checked.
-        seeds: n evaluation seeds.
-
-    Returns:
-        (n,) float64, finite.
+    """Evaluate one chunk: mu (n, d) float32, valid, and n seeds give (n,) finite float64.
 
     Raises:
         ValueError: If a user's function returns anything else.

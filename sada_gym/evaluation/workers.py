@@ -54,10 +54,7 @@ WarningQueue = SimpleQueue[tuple[type[Warning], str]]
 class PortableScorer:
     """A scorer made portable: it can be sent to any process, and is loaded once in each.
 
-    Attributes:
-        payload: The pickled source: `Registered`, an application or a function; None where the
-            process was given it when it started.
-        key: The payload's digest.
+    Its payload is pickled; it is None where the process got it when it started, by its digest.
     """
 
     payload: bytes | None
@@ -118,15 +115,10 @@ def evaluate_if_loadable(
 ) -> npt.NDArray[np.float64] | None:
     """Evaluate one chunk in a process that may have received the task before.
 
-    So a large model crosses the network once for each process, not with every chunk.
-
-    Args:
-        task: The task. This process keeps its payload; a task without one must have come before.
-        mu: (n, d) float32, valid.
-        seeds: n evaluation seeds.
+    The process keeps the payload, so that a large model crosses the network once for each.
 
     Returns:
-        (n,) float64, or None if this process lacks the payload and must get it first.
+        (n,) float64, or None if the task has no payload and this process lacks it.
     """
     with _payloads_lock:
         if task.payload is not None and task.key not in _payloads:
@@ -140,11 +132,8 @@ class WorkerPool:
     """A process pool whose workers leave Ctrl-C to the parent and never outlive it.
 
     Each worker computes in one thread and watches a pipe that only the parent holds open: when
-    the parent closes it, or dies in whatever way, the worker exits at once.
-
-    Args:
-        workers: The number of processes, which start at once.
-        task: The task that they will evaluate, if any. It is sent once, not with every chunk.
+    the parent closes it, or dies in whatever way, the worker exits at once. All processes start at
+    once; the task that they will evaluate, if any, is sent once, not with every chunk.
     """
 
     def __init__(self, workers: int, task: PortableScorer | None = None) -> None:
@@ -177,11 +166,7 @@ class WorkerPool:
             yield self._warnings.get()
 
     def close(self, *, now: bool = False) -> None:
-        """Stop the workers; calling it twice is fine.
-
-        Args:
-            now: Whether to drop the running chunks instead of waiting for them.
-        """
+        """Stop the workers, `now` without waiting for running chunks; twice is fine."""
         # the pool first: one that finds its processes gone fails all futures that it holds, and
         # raises at those that its caller has cancelled
         self.executor.shutdown(wait=not now, cancel_futures=True)

@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 from sada_gym.application import Application
 from sada_gym.envs.adversary import AdversaryEnv
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, explained
 from sada_gym.evaluation.problems import make_application, make_env
 from sada_gym.ids import names_file
 from sada_gym.testing import rules
@@ -135,14 +135,9 @@ def load_applications(path: str | Path) -> list[Application]:
             and hasattr(member, "name")
             and not any(type(application) is member for application in applications)
         ):
-            try:
+            expected = f"Expected {member.__name__} in {str(path)!r} to be made without arguments"
+            with explained(expected, "Add an instance at the file's top level instead."):
                 applications.append(member())
-            except Exception as error:
-                raise UserError(
-                    f"Expected {member.__name__} in {str(path)!r} to be made without arguments, "
-                    f"got {type(error).__name__}: {error}. Add an instance at the file's top level "
-                    "instead."
-                ) from error
     if not applications:
         raise UserError(
             f"Expected a subclass of sada_gym.Application with a `name` in {str(path)!r}, found "

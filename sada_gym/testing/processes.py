@@ -25,9 +25,7 @@ _FILE = "_file_"
 def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     """Import a Python file by its path, with its folder on the module path as a script has it.
 
-    Args:
-        path: The file.
-        name: The module's name; by default one made of the path, the same in every process.
+    The module's name is made of the path by default, the same in every process.
 
     Raises:
         ValueError: If there is no such Python file, or running it raises.
@@ -58,11 +56,8 @@ def import_file(path: str | Path, name: str | None = None) -> ModuleType:
 def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) -> Result:
     """Call a function in a process that shares nothing with this one.
 
-    Args:
-        function: A function at the top level of an importable module, or a method.
-        *args: Its arguments, picklable.
-        home: The class that the arguments are of; the process imports its module first, from its
-            file where it is on no module path.
+    It must stand at the top level of an importable module, or be a method. The process first
+    imports the module of the class `home`, from its file where it is on no module path.
 
     Raises:
         ValueError: If the arguments can't be pickled.

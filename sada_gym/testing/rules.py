@@ -58,7 +58,8 @@ def check_outcomes(application: Application, *, n: int = 32) -> str:
     for i, info in enumerate(outcomes.infos):
         _require(
             info.keys() >= RESERVED_KEYS and info["score"] == outcomes.score[i],
-            f"Expected info with {sorted(RESERVED_KEYS)}, got {sorted(info)}. Do not override `evaluate`.",
+            f"Expected info with {sorted(RESERVED_KEYS)}, got {sorted(info)}. Do not override "
+            "`evaluate`.",
         )
         _require(
             _shape_of(info) == first,

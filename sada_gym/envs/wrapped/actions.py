@@ -12,15 +12,9 @@ from sada_gym.errors import UserError, UserTypeError
 
 
 def validate_action(action: Any, space: spaces.Space[Any], agent: str, where: str) -> Any:
-    """Return an agent's action in the form that its space has: of its type, within its bounds.
+    """Return an agent's action with its space's type: a Box action is clipped, others must fit.
 
-    Box actions outside the bounds are clipped; other actions must be in the space.
-
-    Args:
-        action: The action.
-        space: Its space.
-        agent: The agent's name, for messages.
-        where: The step and the episode, for messages.
+    `agent` and `where` (the step and the episode) are for messages.
 
     Raises:
         UserError: If it is of another shape, not finite, or no member of the space.

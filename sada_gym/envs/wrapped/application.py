@@ -33,7 +33,7 @@ from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumE
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, function_name, layers
 from sada_gym.envs.wrapped.function_agent import FunctionAgent
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
-from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, explained
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
@@ -427,9 +427,5 @@ def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> None:
             f"Expected a limit of steps, because {factory.name} has none of its own and its "
             "episodes might never end. Pass max_steps=1000, say."
         )
-    try:
+    with explained(f"Expected {factory.name} to be reset"):
         env.reset(seed=0)
-    except Exception as error:  # whatever an environment may raise
-        raise UserError(
-            f"Expected {factory.name} to be reset, got {type(error).__name__}: {error}."
-        ) from error

@@ -14,7 +14,7 @@ import numpy as np
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
 from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
-from sada_gym.errors import UserError, UserTypeError, check_known
+from sada_gym.errors import UserError, UserTypeError, check_known, explained
 from sada_gym.parameters import Parameter
 
 _NAMED_VALUES = 12
@@ -291,13 +291,8 @@ class Function(ParameterBinding):
 
     def _call(self, name: str, value: Any, env: Any) -> None:
         assert self.set is not None
-        try:
+        with explained(f"Expected the function of {name!r} to set {value!r}"):
             self.set(env, value)
-        except Exception as error:  # whatever a user's function may raise
-            raise UserError(
-                f"Expected the function of {name!r} to set {value!r}, got "
-                f"{type(error).__name__}: {error}."
-            ) from error
 
 
 def as_binding(name: str, given: Any, factory: EnvFactory) -> ParameterBinding:

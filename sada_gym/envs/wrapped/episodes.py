@@ -22,18 +22,12 @@ from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOptio
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, explained
 
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """How one episode begins.
-
-    Attributes:
-        values: What each binding sets, by the parameter's name.
-        seed: The evaluation's seed.
-        number: The episode's number within the evaluation.
-    """
+    """How one episode begins: what bindings set, the evaluation's seed, and its number in it."""
 
     values: Mapping[str, Any]
     seed: int
@@ -46,16 +40,7 @@ class EpisodeStart:
 
 @dataclass(frozen=True)
 class EpisodeSpec:
-    """What all episodes of an application share.
-
-    Attributes:
-        factory: Makes the environments.
-        bindings: What each parameter sets.
-        observation_space: The space of the observations.
-        action_space: The space of the actions.
-        score: Scores an episode.
-        agent: The agent's name, for messages.
-    """
+    """What all episodes of an application share; `agent` is its name, for messages."""
 
     factory: EnvFactory
     bindings: Mapping[str, ParameterBinding]
@@ -66,13 +51,7 @@ class EpisodeSpec:
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
-    """Episodes of one Gymnasium environment that go on in lockstep.
-
-    Args:
-        spec: What they share.
-        starts: How each episode begins.
-        pictures: Whether the environments render.
-    """
+    """Episodes of one Gymnasium environment that go on in lockstep; `pictures` lets them render."""
 
     def __init__(
         self, spec: EpisodeSpec, starts: Sequence[EpisodeStart], *, pictures: bool = False
@@ -142,14 +121,7 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
 class RunningEpisode:
     """One episode under way, in an environment of its own under its disturbances.
 
-    Attributes:
-        start: How it began.
-        env: Its environment.
-        observation: What the agent sees.
-        rewards: The rewards so far.
-        ended: Whether it has ended.
-        score: Its score, NaN as long as it goes on.
-        clipped: Whether the score was clipped.
+    Its `observation` is what the agent sees; `score` is NaN as long as it goes on.
     """
 
     def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
@@ -189,14 +161,11 @@ class RunningEpisode:
         name = self._spec.factory.name
         # SDL draws without a screen, and does not complain that there is none
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
-        try:
-            with environment_variables(headless):
-                frame: Any = self.env.render()
-        except Exception as error:  # whatever an environment may raise
-            raise UserError(
-                f"Expected {name} to draw a frame, got {type(error).__name__}: {error}. Mend its "
-                "render."
-            ) from error
+        with (
+            environment_variables(headless),
+            explained(f"Expected {name} to draw a frame", "Mend its render."),
+        ):
+            frame: Any = self.env.render()
         if not isinstance(frame, np.ndarray) or frame.ndim != 3 or frame.shape[2] != 3:
             raise NotImplementedError(
                 f"Expected frames of shape (height, width, 3) from {name}, got "
@@ -254,7 +223,6 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return self._recorded(observation, info), self.rewards[-1], terminated, truncated, info
 
     def episode(self, *, terminated: bool, truncated: bool) -> Episode:
-        """Return the record of the episode, which has ended."""
         return Episode(
             np.array(self.rewards),
             tuple(self._observations),

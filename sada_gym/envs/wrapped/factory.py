@@ -24,12 +24,9 @@ _NOT_PHYSICS = ("self", "render_mode")
 
 @dataclass(frozen=True)
 class EnvFactory:
-    """Makes environments.
+    """Makes environments: by an id, or by a function.
 
-    Attributes:
-        environment: The environment's id, `module:id`, or a function that makes one.
-        env_kwargs: The keywords that every environment gets.
-        max_steps: The limit of steps; None keeps the environment's own.
+    `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit.
 
     Raises:
         UserError: If there is no such environment, or it does not take the keywords.
@@ -95,11 +92,7 @@ class EnvFactory:
     def make(
         self, keywords: Mapping[str, Any], render_mode: str | None = None
     ) -> gym.Env[Any, Any]:
-        """Make a fresh environment.
-
-        Args:
-            keywords: The keywords of this one, besides `env_kwargs`.
-            render_mode: How it renders, if at all.
+        """Make a fresh environment, with keywords besides `env_kwargs`.
 
         Raises:
             UserError: If its constructor raises, or makes no environment.

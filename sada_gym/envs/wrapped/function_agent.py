@@ -18,11 +18,7 @@ class FunctionAgent:
     """Calls a function with one observation at a time.
 
     The function must remember nothing: episodes go on in lockstep, so that the next observation is
-    that of another episode.
-
-    Args:
-        function: Takes an observation and returns an action.
-        name: Its name, for messages.
+    that of another episode. Its name is for messages.
     """
 
     fingerprint = None

@@ -12,7 +12,7 @@ import numpy as np
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, explained
 
 _PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
 
@@ -49,13 +49,7 @@ def read(env: Any, path: str) -> Any:
 
 
 def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
-    """Set a value where it is not set yet.
-
-    Args:
-        env: The environment, unwrapped.
-        path: The path.
-        value: The value.
-        must_exist: Whether a path that leads nowhere is an error; else it is left alone.
+    """Set a value where it is not set yet; unless it must exist, a missing one is left alone.
 
     Raises:
         UserError: If the path leads nowhere, or cannot be set.
@@ -78,16 +72,12 @@ def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
         return
     if must_exist and current == value:
         return
-    try:
+    mend = "Name another attribute, or set it by Function(low, high, set=...)."
+    with explained(f"Expected {path!r} to be settable to {value!r}", mend):
         if isinstance(last, str):
             setattr(holder, last, value)
         else:
             holder[last] = value
-    except Exception as error:  # whatever a property may raise
-        raise UserError(
-            f"Expected {path!r} to be settable to {value!r}, got {type(error).__name__}: {error}. "
-            "Name another attribute, or set it by Function(low, high, set=...)."
-        ) from error
 
 
 def no_such_path(name: str, path: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> UserError:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import code_name, function_name
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, explained
 
 
 @dataclass(frozen=True)
@@ -142,13 +142,8 @@ class FunctionScore(Score):
     def __call__(self, episode: Episode) -> tuple[float, bool]:
         """Call the function, and check what it returns."""
         name = function_name(self.function)
-        try:
+        with explained(f"Expected a score from {name}", "Mend the function."):
             score: Any = self.function(episode)
-        except Exception as error:  # whatever a user's function may raise
-            raise UserError(
-                f"Expected a score from {name}, got {type(error).__name__}: {error}. Mend the "
-                "function."
-            ) from error
         if not _is_finite(score) and not isinstance(score, bool | np.bool_):
             raise UserTypeError(
                 f"Expected a number in [0, 1] from {name}, got {score!r}. Return a float."
