@@ -9,6 +9,13 @@ import numpy.typing as npt
 
 from sada_gym.errors import UserError, UserTypeError
 
+Bools = npt.NDArray[np.bool_]
+Bytes = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
+Floats32 = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.intp]
+Integers = npt.NDArray[np.int64]
+
 
 def check_unmasked(given: Any, what: str) -> None:
     """Raise `UserTypeError` for a masked array, or a list of rows with one among them.

@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.arrays import shaped
+from sada_gym.arrays import Bools, Floats, Indices, shaped
 from sada_gym.errors import UserError, check_integer
 from sada_gym.frames import Frame
 from sada_gym.resets import check_reset_options, reset_mask, spread_seeds, validate_seed
@@ -27,7 +27,6 @@ SAME_STEP: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
 _FIRST = np.zeros(1, np.intp)
 
 Observed = TypeVar("Observed")
-Indices = npt.NDArray[np.intp]
 
 
 class RenderModes(list[str]):
@@ -51,9 +50,9 @@ class Transition(NamedTuple):
         infos: n dictionaries.
     """
 
-    reward: npt.NDArray[np.float64]
-    terminated: npt.NDArray[np.bool_]
-    truncated: npt.NDArray[np.bool_]
+    reward: Floats
+    terminated: Bools
+    truncated: Bools
     infos: Sequence[dict[str, Any]]
 
 
@@ -246,9 +245,9 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
         self, actions: npt.NDArray[Any]
     ) -> tuple[
         Observed,
-        npt.NDArray[np.float64],
-        npt.NDArray[np.bool_],
-        npt.NDArray[np.bool_],
+        Floats,
+        Bools,
+        Bools,
         dict[str, Any],
     ]:
         """Take one action each, (num_envs, ...); where an episode ends, another begins."""

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
+from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import UserError, check_integer
-from sada_gym.lockstep import Indices, Lockstep, Transition
-
-Observation = npt.NDArray[np.float32]
+from sada_gym.lockstep import Lockstep, Transition
 
 MAX_HORIZON = 2**31 - 1
 """Proposals in one episode."""
@@ -28,7 +27,7 @@ def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box
     )
 
 
-class Proposals(Lockstep[Observation]):
+class Proposals(Lockstep[Floats32]):
     """Meta-episodes of n environments: an action is one mu, its reward is minus its score.
 
     Args:
@@ -47,7 +46,7 @@ class Proposals(Lockstep[Observation]):
         check_integer("horizon", horizon, 1, MAX_HORIZON)
         self.action_space, self.observation_space = proposal_spaces(dimension)
         # last mu, last score, share of the steps left
-        self._observation: Observation = np.zeros((count, dimension + 2), np.float32)
+        self._observation: Floats32 = np.zeros((count, dimension + 2), np.float32)
         self._horizon = horizon
         self._steps_left = np.zeros(count, np.int64)
 
@@ -64,7 +63,7 @@ class Proposals(Lockstep[Observation]):
         self._observation[i] = 0.0
         self._observation[i, -1] = 1.0
 
-    def observe(self, which: Indices) -> Observation:
+    def observe(self, which: Indices) -> Floats32:
         """Return (len(which), d + 2): last mu, last score, share of the steps left."""
         return self._observation[which]
 
@@ -86,5 +85,5 @@ class Proposals(Lockstep[Observation]):
     @abstractmethod
     def _score(
         self, mu: npt.NDArray[Any], generators: Sequence[np.random.Generator]
-    ) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Sequence[dict[str, Any]]]:
+    ) -> tuple[npt.NDArray[Any], Floats, Sequence[dict[str, Any]]]:
         """Return the mu that were scored, their scores, (n,), and their infos."""

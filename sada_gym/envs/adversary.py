@@ -11,15 +11,16 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from sada_gym.application import Application, check_declared, isolated_rng
+from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import UserError, UserTypeError, check_known
 from sada_gym.frames import Frame
 from sada_gym.lazy import load
-from sada_gym.lockstep import SAME_STEP, Indices, LockstepEnv, LockstepVectorEnv, RenderModes
-from sada_gym.proposals import Observation, Proposals
+from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, RenderModes
+from sada_gym.proposals import Proposals
 from sada_gym.seeds import SEED_BOUND, fold_seed
 
 
-class AdversaryEnv(LockstepEnv[Observation]):
+class AdversaryEnv(LockstepEnv[Floats32]):
     """One adversary proposing worlds to one frozen agent.
 
     ## Description
@@ -30,7 +31,7 @@ class AdversaryEnv(LockstepEnv[Observation]):
     `Box(-1, 1, (d,), float32)`: mu, the application's normalised semantic parameters. A float64
     action is rounded to float32 once; one outside the box is an error.
 
-    ## Observation Space
+    ## Floats32 Space
     `Box(-1, 1, (d + 2,), float32)`:
 
     | index | what | least | greatest |
@@ -95,7 +96,7 @@ class AdversaryEnv(LockstepEnv[Observation]):
             return self.application.replay(mu, seed)
 
 
-class AdversaryVectorEnv(LockstepVectorEnv[Observation]):
+class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
     """Many adversary environments in lockstep: one `Application.evaluate` a step.
 
     It equals `SyncVectorEnv` of `AdversaryEnv` with `AutoresetMode.SAME_STEP`, see
@@ -138,7 +139,7 @@ class _Evaluations(Proposals):
         super().__init__(len(application.parameters), horizon, count)
         self._application = application
         self._pending: list[int | None] = [None] * count
-        self._shown: list[tuple[npt.NDArray[np.float32], int] | None] = [None] * count
+        self._shown: list[tuple[Floats32, int] | None] = [None] * count
 
     def fold_seed(self, seed: int) -> int:
         return fold_seed(seed)
@@ -146,7 +147,6 @@ class _Evaluations(Proposals):
     def begin(
         self, i: int, seed: int | None, rng: np.random.Generator, *, autoreset: bool = False
     ) -> None:
-        """Begin an episode, whose first evaluation has this seed."""
         super().begin(i, seed, rng)
         seed = _draw_seed(rng) if seed is None else seed
         self._pending[i] = seed
@@ -155,7 +155,7 @@ class _Evaluations(Proposals):
 
     def _score(
         self, mu: npt.NDArray[Any], generators: Sequence[np.random.Generator]
-    ) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Sequence[dict[str, Any]]]:
+    ) -> tuple[npt.NDArray[Any], Floats, Sequence[dict[str, Any]]]:
         """Evaluate mu (n, d); a bad one leaves everything as it was."""
         batch = self._application.parameters.validate(mu)
         seeds = [
@@ -169,10 +169,9 @@ class _Evaluations(Proposals):
         return batch, outcomes.score, outcomes.infos
 
     def render(self, which: Indices) -> list[Frame]:
-        """Draw last evaluations, or after a reset the world at mu = 0."""
         return [self._draw(self._shown[i]) for i in which.tolist()]
 
-    def _draw(self, shown: tuple[npt.NDArray[np.float32], int] | None) -> Frame:
+    def _draw(self, shown: tuple[Floats32, int] | None) -> Frame:
         if shown is None:
             raise ResetNeeded("Expected reset() before render(): there is no world yet.")
         with isolated_rng(self._application):
@@ -185,7 +184,7 @@ class _Evaluations(Proposals):
 def _made(
     application: Application | type[Application] | str, keywords: Mapping[str, Any]
 ) -> Application:
-    """Give the application that an environment is built around, made where it is not yet."""
+    """Return the application that an environment is built around, made where it is not yet."""
     named = load(application) if isinstance(application, str) else application
     if isinstance(named, Application):
         if keywords:

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.errors import BudgetExhausted
 from sada_gym.lockstep import SAME_STEP, LockstepEnv, LockstepVectorEnv, Transition
-from sada_gym.proposals import Observation, Proposals
+from sada_gym.proposals import Proposals
 
 if TYPE_CHECKING:
     from sada_gym.evaluation.oracle import Oracle
 
 
-class OracleEnv(LockstepEnv[Observation]):
+class OracleEnv(LockstepEnv[Floats32]):
     """An oracle as an environment: the action is mu, the reward is -Q, a step costs one query.
 
     ## Description
@@ -37,7 +38,7 @@ class OracleEnv(LockstepEnv[Observation]):
     ## Action Space
     `Box(-1, 1, (d,), float32)`: mu.
 
-    ## Observation Space
+    ## Floats32 Space
     `Box(-1, 1, (d + 2,), float32)`, as in the adversary's environments: the last mu, the last score
     (clipped to the box), and the share of the episode's steps that is left. The first two are 0
     before the first step.
@@ -64,7 +65,7 @@ class OracleEnv(LockstepEnv[Observation]):
         super().__init__(_Queries(oracle, horizon, 1))
 
 
-class OracleVectorEnv(LockstepVectorEnv[Observation]):
+class OracleVectorEnv(LockstepVectorEnv[Floats32]):
     """Many `OracleEnv` in lockstep: a step is one call of the oracle and keeps its workers busy.
 
     Where fewer queries are left than there are environments, a step evaluates the first of its mu,
@@ -102,7 +103,7 @@ class _Queries(Proposals):
         self,
         mu: npt.NDArray[Any],
         generators: Sequence[np.random.Generator],  # noqa: ARG002
-    ) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Sequence[dict[str, Any]]]:
+    ) -> tuple[npt.NDArray[Any], Floats, Sequence[dict[str, Any]]]:
         """Query the oracle; where fewer queries are left, spend these on the first mu and raise."""
         left = self._oracle.remaining
         if left < len(mu):

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sada_gym.agents.contract import Agent
 from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored
+from sada_gym.arrays import Floats32
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
@@ -102,7 +103,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
         """The resolved keywords that a score depends on."""
         return {"task": self.task}
 
-    def camera_and_weather(self, mu: npt.NDArray[np.float32]) -> tuple[Mount, int]:
+    def camera_and_weather(self, mu: Floats32) -> tuple[Mount, int]:
         """Return the camera's mount, and the weather's index, of one mu, (3,)."""
         height, pitch, place = self.parameters.physical(mu).tolist()
         return Mount(height, pitch), min(int(place), len(NAMES) - 1)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
+from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, TownCamera
 from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, Route
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M
@@ -22,7 +23,7 @@ from sada_gym.envs.driving.world.vehicle import (
     drive,
     locate,
 )
-from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
+from sada_gym.envs.episodes.base import Episodes
 
 SIMULATION_HZ = 15
 POLICY_HZ = 5
@@ -129,17 +130,17 @@ class DrivingEpisodes(Episodes[DrivingStart]):
         self._limit[i] = int(np.ceil(route.time_limit_s * POLICY_HZ))
 
     def under_way(self) -> Indices:
-        """Give the drives that have not ended."""
+        """Return the drives that have not ended."""
         return np.flatnonzero(self.ending == DrivingEnd.UNDER_WAY)
 
     @property
-    def score(self) -> Array:
+    def score(self) -> Floats:
         """The scores, (n,): 1 where a car has arrived, else 0."""
-        score: Array = (self.ending == DrivingEnd.ARRIVED).astype(np.float64)
+        score: Floats = (self.ending == DrivingEnd.ARRIVED).astype(np.float64)
         return score
 
     def snapshot(self) -> Batch:
-        """Give states and the drivers' commands."""
+        """Return states and the drivers' commands."""
         everyone = np.arange(len(self))
         return {"states": self.states, "command": self.commands(everyone), "ending": self.ending}
 
@@ -148,12 +149,12 @@ class DrivingEpisodes(Episodes[DrivingStart]):
         return f"step {self.steps[i]} of the route {' '.join(self.starts[i].route.corners)}"
 
     def commands(self, which: Indices) -> npt.NDArray[np.int8]:
-        """Give the commands that the drivers get, indices into `COMMANDS`."""
+        """Return the commands that the drivers get, indices into `COMMANDS`."""
         commands: npt.NDArray[np.int8] = self._command[self._first[which] + self._at[which]]
         return commands
 
     def observe(self, which: Indices) -> Batch:
-        """Give the observations of some drivers, see `DrivingTaskEnv`."""
+        """Return the observations of some drivers, see `DrivingTaskEnv`."""
         speed = np.clip(self.states[which, 3:] / TOP_SPEED_M_S, 0.0, 1.0)
         return {
             "image": self.render(which),
@@ -161,7 +162,7 @@ class DrivingEpisodes(Episodes[DrivingStart]):
             "command": np.eye(len(COMMANDS), dtype=np.float32)[self.commands(which)],
         }
 
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw what some of the cameras see."""
         poses = np.column_stack([self.states[which, :3], self._height[which]])
         seeds = np.array([self.starts[i].seed for i in which], np.uint64)
@@ -204,7 +205,6 @@ class DrivingEpisodes(Episodes[DrivingStart]):
         self.ending[which] = ending
 
     def _pack(self) -> None:
-        """Lay the routes' points behind one another."""
         different = list({id(start.route): start.route for start in self.starts}.values())
         sizes = [len(route.points) for route in different]
         first = dict(zip(map(id, different), np.cumsum([0, *sizes[:-1]]), strict=True))
@@ -216,7 +216,6 @@ class DrivingEpisodes(Episodes[DrivingStart]):
         self._command = np.concatenate([route.command for route in different])
 
     def _aim(self) -> None:
-        """Work out the rays of each pitch that occurs."""
         pitches = [start.mount.pitch_deg for start in self.starts]
         different = sorted(set(pitches))
         self._rays = np.stack([self._lens.rays(pitch) for pitch in different])

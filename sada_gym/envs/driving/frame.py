@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
@@ -88,7 +88,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     return drawn
 
 
-def observation(start: DrivingStart, state: npt.NDArray[np.float64], step: int = 0) -> Frame:
+def observation(start: DrivingStart, state: Floats, step: int = 0) -> Frame:
     """Draw the camera's image, large, from a car's state (4,) after some steps."""
     pose = np.array([[*state[:3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
@@ -99,7 +99,7 @@ def observation(start: DrivingStart, state: npt.NDArray[np.float64], step: int =
 
 
 @lru_cache(maxsize=2)
-def _rays(pitch_deg: float) -> npt.NDArray[np.float32]:
+def _rays(pitch_deg: float) -> Floats32:
     return _LENS.rays(pitch_deg)
 
 
@@ -116,10 +116,6 @@ def _view(rollout: Rollout[DrivingStart], step: int) -> Frame:
 def _map(
     chart: _Chart, rollouts: Mapping[int, Rollout[DrivingStart]], until: int | None = None
 ) -> Image.Image:
-    """Draw the town with routes, the ways driven, and crosses where a drive failed.
-
-    Several routes have their numbers at both ends.
-    """
     picture = chart.picture.copy()
     draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
     of = font(4.6 * unit, bold=True)
@@ -174,17 +170,15 @@ class _Chart:
     """
 
     picture: Image.Image
-    corner: npt.NDArray[np.float64]
+    corner: Floats
     pixel_m: float
 
-    def pixels(self, points: npt.NDArray[np.float64]) -> list[tuple[float, float]]:
-        """Give the places in the picture of points (n, 2) of the world."""
+    def pixels(self, points: Floats) -> list[tuple[float, float]]:
         return [(float(x), float(y)) for x, y in (points - self.corner) / self.pixel_m]
 
 
 @cache
 def _chart(width: int) -> _Chart:
-    """Draw the benchmark's town without its outskirts."""
     whole = town_plan(camera(LAYOUT))
     texel = whole.pixel_m
     corners = np.array(list(town(LAYOUT).layout.corners.values()), float)

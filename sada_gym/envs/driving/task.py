@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bools, Floats
 from sada_gym.envs.driving.camera.pinhole import camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.start_distribution import StartDistribution
@@ -27,19 +28,17 @@ class DrivingTask(Task[DrivingEpisodes]):
     def _begin(self, starts: Sequence[DrivingStart]) -> DrivingEpisodes:
         return DrivingEpisodes(camera(self.distribution.layout), starts)
 
-    def _step(
-        self, episodes: DrivingEpisodes, actions: npt.NDArray[Any]
-    ) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: DrivingEpisodes, actions: npt.NDArray[Any]) -> Floats:
         before = episodes.progress_m.copy()
         episodes.step(np.arange(len(episodes)), actions)
         pace = np.clip((episodes.progress_m - before) * POLICY_HZ / CRUISE_M_S, -1.0, 1.0)
         off = np.minimum(np.abs(episodes.lateral_m) / (LANE_WIDTH_M / 2), 1.0)
         end = np.where(episodes.ending == DrivingEnd.ARRIVED, ARRIVAL_REWARD, 0.0)
         end = np.where(episodes.ending == DrivingEnd.LEFT_LANE, FAILURE_REWARD, end)
-        reward: npt.NDArray[np.float64] = pace * (1.0 - 0.5 * off) + end
+        reward: Floats = pace * (1.0 - 0.5 * off) + end
         return reward
 
-    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def ended(self) -> tuple[Bools, Bools]:
         """Say which drives are terminated, and which are truncated: out of time."""
         ending = self.episodes.ending
         truncated = ending == DrivingEnd.TOO_LATE

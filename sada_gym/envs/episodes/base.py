@@ -11,11 +11,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
+from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.errors import UserError
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
-Pictures = npt.NDArray[np.uint8]
 
 StartT = TypeVar("StartT")
 
@@ -58,19 +55,19 @@ class Episodes(ABC, Generic[StartT]):
 
     @abstractmethod
     def under_way(self) -> Indices:
-        """Give the episodes that have not ended."""
+        """Return the episodes that have not ended."""
 
     @property
     @abstractmethod
-    def score(self) -> Array:
+    def score(self) -> Floats:
         """The score Q of each episode so far, (n,)."""
 
     @abstractmethod
     def observe(self, which: Indices) -> Batch:
-        """Give the observations of some episodes, each key (len(which), ...)."""
+        """Return the observations of some episodes, each key (len(which), ...)."""
 
     @abstractmethod
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
 
     @abstractmethod
@@ -79,10 +76,10 @@ class Episodes(ABC, Generic[StartT]):
 
     @abstractmethod
     def snapshot(self) -> Batch:
-        """Give what a rollout keeps of the current step, each key (n, ...)."""
+        """Return what a rollout keeps of the current step, each key (n, ...)."""
 
-    def _checked(self, which: Indices, actions: npt.NDArray[Any]) -> Array:
-        """Give a copy of the actions in some episodes as float64.
+    def _checked(self, which: Indices, actions: npt.NDArray[Any]) -> Floats:
+        """Return a copy of the actions in some episodes as float64.
 
         Raises:
             UserError: If they are of another shape, or not finite where episodes take none such.

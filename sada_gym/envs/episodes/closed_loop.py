@@ -15,6 +15,7 @@ from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
 from sada_gym.application import Application
+from sada_gym.arrays import Floats
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT, Rollout, play, record
 from sada_gym.frames import Frame, LegendEntry
@@ -122,7 +123,7 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
 
     def privileged_score(
         self, mu: npt.ArrayLike, seeds: Sequence[int] | None = None
-    ) -> npt.NDArray[np.float64] | None:
+    ) -> Floats | None:
         """Score the privileged agent: what it cannot do can hardly be done.
 
         Args:

@@ -53,7 +53,7 @@ class Rollout(Generic[StartT]):
     score: float
 
     def __getitem__(self, key: str) -> npt.NDArray[Any]:
-        """Give one key of the snapshots."""
+        """Return one key of the snapshots."""
         return self.snapshots[key]
 
 

@@ -12,12 +12,12 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import shaped
+from sada_gym.arrays import Bools, Bytes, Floats, Indices, shaped
 from sada_gym.envs.checks import check_kind
-from sada_gym.envs.episodes.base import Episodes, Pictures
+from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT
 from sada_gym.errors import UserError
-from sada_gym.lockstep import Indices, Lockstep, LockstepEnv, LockstepVectorEnv, Transition
+from sada_gym.lockstep import Lockstep, LockstepEnv, LockstepVectorEnv, Transition
 
 
 class StartDistribution(Protocol):
@@ -118,7 +118,7 @@ class Task(Lockstep[Batch], Generic[EpisodesT]):
         """Return the observations of some episodes, each key (len(which), ...)."""
         return self.episodes.observe(which)
 
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
         return self.episodes.render(which)
 
@@ -133,16 +133,16 @@ class Task(Lockstep[Batch], Generic[EpisodesT]):
         """Begin all episodes."""
 
     @abstractmethod
-    def _step(self, episodes: EpisodesT, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: EpisodesT, actions: npt.NDArray[Any]) -> Floats:
         """Take a step in each episode, and give the rewards, (n,)."""
 
     @abstractmethod
-    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def ended(self) -> tuple[Bools, Bools]:
         """Say where an episode is terminated, and where it is truncated: (n,) each."""
 
     @abstractmethod
     def info(self, i: int) -> dict[str, Any]:
-        """Give the info of episode i."""
+        """Return the info of episode i."""
 
 
 class TaskEnv(LockstepEnv[Batch]):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from PIL import ImageDraw
 
+from sada_gym.arrays import Floats
 from sada_gym.clips.captions import ring
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, describe_world, steps_before
 from sada_gym.envs.episodes.rollout import Rollout
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 FASTER = 2
 """A trip is shown so many times faster: the robot drives at 0.6 m/s."""
-
-Array = npt.NDArray[np.float64]
 
 
 def clip(application: RobotApplication, mu: Mu, seed: int, seconds: float) -> Clip:
@@ -58,13 +56,12 @@ def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -
 
 
 def _hit(rollout: Rollout[RobotStart]) -> str:
-    """Name what is nearest to the robot at the end."""
     plan, (x, y, _) = rollout.start.plan, rollout["poses"][-1]
     barrels = plan.barrels[: rollout.start.conditions.barrels]
     carts = rollout["carts"][-1][: len(plan.lanes)]
     around = np.array([x, y])
 
-    def round_ones(circles: Array) -> float:
+    def round_ones(circles: Floats) -> float:
         away = np.hypot(*(circles[:, :2] - around).T) - circles[:, 2]
         return float(away.min(initial=np.inf))
 

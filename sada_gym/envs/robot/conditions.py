@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Floats32
 from sada_gym.envs.checks import bounded, check_bounds
 from sada_gym.parameters import Parameter, ParameterSpace
 
@@ -62,6 +60,6 @@ PARAMETERS = ParameterSpace(
 )
 
 
-def conditions(mu: npt.NDArray[np.float32]) -> Conditions:
+def conditions(mu: Floats32) -> Conditions:
     """Return the conditions of one mu, (10,)."""
     return Conditions(*PARAMETERS.physical(mu).tolist())

@@ -11,16 +11,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
+from sada_gym.arrays import Bytes, Floats, Indices
+from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.bodies import Bodies
 from sada_gym.envs.robot.world.carts import drive, places_of
-from sada_gym.envs.robot.world.floor_plan import (
-    BARRELS,
-    CART_RADIUS_M,
-    CARTS,
-    HALL_M,
-)
+from sada_gym.envs.robot.world.floor_plan import BARRELS, CART_RADIUS_M, CARTS, HALL_M
 from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.lidar import RAYS, SCANS, SECTORS, nearest, scan
 from sada_gym.envs.robot.world.robot import axle_to_mass, delayed_rims, velocities
@@ -128,13 +124,13 @@ class RobotEpisodes(Episodes[RobotStart]):
         self._scan(np.array([i]))
 
     def under_way(self) -> Indices:
-        """Give the trips that have not ended."""
+        """Return the trips that have not ended."""
         return np.flatnonzero(self.ending == RobotEnd.UNDER_WAY)
 
     @property
-    def score(self) -> Array:
+    def score(self) -> Floats:
         """The scores, (n,): 1 where a robot has arrived, else 0."""
-        score: Array = (self.ending == RobotEnd.ARRIVED).astype(np.float64)
+        score: Floats = (self.ending == RobotEnd.ARRIVED).astype(np.float64)
         return score
 
     def where(self, i: int) -> str:
@@ -143,7 +139,7 @@ class RobotEpisodes(Episodes[RobotStart]):
         return f"step {self.steps[i]} of trip {start.trip} on floor plan {start.plan.number}"
 
     def snapshot(self) -> Batch:
-        """Give poses, carts, what the robot believes to see, and endings."""
+        """Return poses, carts, what the robot believes to see, and endings."""
         return {
             "poses": self.poses,
             "carts": self.carts,
@@ -152,7 +148,7 @@ class RobotEpisodes(Episodes[RobotStart]):
         }
 
     def observe(self, which: Indices) -> Batch:
-        """Give the observations of some robots, see `RobotTaskEnv`."""
+        """Return the observations of some robots, see `RobotTaskEnv`."""
         state = np.empty((len(which), STATES), np.float32)
         for row, i in enumerate(which.tolist()):
             way = self.starts[i].plan.ways[self.starts[i].trip]
@@ -161,7 +157,7 @@ class RobotEpisodes(Episodes[RobotStart]):
             )
         return {"lidar": nearest(self.poses[which], self.points[which]), "state": state}
 
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw the floor plan around each robot, with what its lidar returned."""
         from sada_gym.envs.robot.frame import draw_frame
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.arrays import Floats
 from sada_gym.drawing import INK_RGB, beside, caption, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
@@ -46,7 +46,6 @@ LEGEND = (
 
 _PENNANT = ((0.0, 1.0), (0.6, 0.8), (0.0, 0.6))
 
-Array = npt.NDArray[np.float64]
 Rollouts = Sequence[Rollout[RobotStart]]
 
 
@@ -81,13 +80,12 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     return drawn
 
 
-def draw_frame(start: RobotStart, pose: Array, carts: Array, points: Array) -> Frame:
+def draw_frame(start: RobotStart, pose: Floats, carts: Floats, points: Floats) -> Frame:
     """Draw the hall, the robot at a pose (3,), and what it believes to see; see `RobotEpisodes`."""
     return np.asarray(_view(start, pose, carts, points))
 
 
 def _words(ending: int) -> str:
-    """Write how a trip ended, such as `too late`."""
     return RobotEnd(ending).name.lower().replace("_", " ")
 
 
@@ -98,9 +96,8 @@ def snapshot(rollout: Rollout[RobotStart], step: int) -> Image.Image:
 
 
 def _view(
-    start: RobotStart, pose: Array, carts: Array, points: Array, driven: Array | None = None
+    start: RobotStart, pose: Floats, carts: Floats, points: Floats, driven: Floats | None = None
 ) -> Image.Image:
-    """Draw the hall, the way, the robot at a pose (3,), and what it believes to see."""
     chart = _Chart(WIDTH, start)
     chart.line(start.plan.ways[start.trip], _WAY, 0.07)
     goal_x, goal_y = start.plan.ways[start.trip][-1]
@@ -117,7 +114,6 @@ def _view(
 
 
 def _overview(rollouts: Rollouts, first: int) -> Image.Image:
-    """Draw the trips of one floor plan, with their numbers, and crosses where they failed."""
     chart = _Chart(WIDTH // 2, rollouts[0].start)
     for rollout in rollouts:
         chart.line(rollout.start.plan.ways[rollout.start.trip], _WAY, 0.1)
@@ -138,7 +134,6 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
 
 
 def _conditions(of: Conditions) -> str:
-    """Write the conditions, in four lines."""
     ahead = "ahead" if of.payload_offset_m >= 0 else "behind"
     return (
         f"friction {of.floor_friction:.2f}, payload {of.payload_kg:.1f} kg, "
@@ -150,7 +145,6 @@ def _conditions(of: Conditions) -> str:
 
 
 def _left(amount: float, unit: str) -> str:
-    """Write an amount to the left, or to the right where it is negative."""
     return f"{abs(amount):.0f}{unit} to the {'left' if amount >= 0 else 'right'}"
 
 
@@ -197,27 +191,23 @@ class _Chart:
         width = round(0.04 * self._unit)
         self._draw.rectangle((left, top, right - 1, bottom - 1), fill, edge, width)
 
-    def line(self, points: Array, colour: tuple[int, ...], width_m: float) -> None:
-        """Draw a line through points (n, 2)."""
+    def line(self, points: Floats, colour: tuple[int, ...], width_m: float) -> None:
         pixels = [self._at(x, y) for x, y in points.tolist()]
         self._draw.line(pixels, colour, max(2, round(width_m * self._unit)), joint="curve")
 
     def disc(self, x: float, y: float, radius: float, colour: tuple[int, ...]) -> None:
-        """Draw a disc with a rim."""
         edge = INK_RGB if radius > 0.05 else None
         width = max(1, round(0.02 * self._unit))
         self._draw.circle(self._at(x, y), radius * self._unit, colour, edge, width)
 
-    def carts(self, places: Array) -> None:
-        """Draw carts: discs with a square load."""
+    def carts(self, places: Floats) -> None:
         for x, y in places:
             if x > 0.0:
                 self.disc(x, y, CART_RADIUS_M, _CART)
                 half = 0.5 * CART_RADIUS_M
                 self._box(x - half, y - half, x + half, y + half, (214, 226, 240), INK_RGB)
 
-    def robot(self, pose: Array) -> None:
-        """Draw the robot: a disc with wheels and an arrow ahead."""
+    def robot(self, pose: Floats) -> None:
         x, y, heading = pose
         ahead, left = (
             (math.cos(heading), math.sin(heading)),
@@ -232,7 +222,6 @@ class _Chart:
         self._draw.polygon(corners, (255, 255, 255))
 
     def cross(self, x: float, y: float) -> None:
-        """Draw a cross where a trip failed."""
         for side in (-1, 1):
             ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
             self.line(ends, (255, 255, 255), 0.15)
@@ -241,13 +230,11 @@ class _Chart:
             self.line(ends, _FAILED, 0.09)
 
     def flag(self, x: float, y: float, height: float) -> None:
-        """Draw a flag at a goal, which tells it from barrels without its colour."""
         self.line(np.array([[x, y], [x, y + height]]), INK_RGB, 0.05)
         tip = [self._at(x + dx * height, y + dy * height) for dx, dy in _PENNANT]
         self._draw.polygon(tip, (255, 255, 255), INK_RGB)
 
     def text(self, x: float, y: float, text: str) -> None:
-        """Write a number."""
         self._draw.text(
             self._at(x, y),
             text,
@@ -259,5 +246,4 @@ class _Chart:
         )
 
     def finished(self) -> Image.Image:
-        """Give the picture."""
         return self._picture.resize(self._size, Image.Resampling.BOX)

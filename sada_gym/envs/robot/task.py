@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bools, Floats
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.conditions import PARAMETERS
@@ -32,16 +33,16 @@ class RobotTask(Task[RobotEpisodes]):
     def _begin(self, starts: Sequence[RobotStart]) -> RobotEpisodes:
         return RobotEpisodes(starts)
 
-    def _step(self, episodes: RobotEpisodes, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: RobotEpisodes, actions: npt.NDArray[Any]) -> Floats:
         before = episodes.remaining_m.copy()
         episodes.step(np.arange(len(episodes)), actions)
         pace = np.clip((before - episodes.remaining_m) * POLICY_HZ / FORWARD_M_S, -1.0, 1.0)
         end = np.where(episodes.ending == RobotEnd.ARRIVED, ARRIVAL_REWARD, 0.0)
         end = np.where(episodes.ending == RobotEnd.COLLIDED, COLLISION_REWARD, end)
-        reward: npt.NDArray[np.float64] = pace - 0.1 + end
+        reward: Floats = pace - 0.1 + end
         return reward
 
-    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def ended(self) -> tuple[Bools, Bools]:
         """Say which trips are terminated, and which are truncated: out of time."""
         ending = self.episodes.ending
         truncated = ending == RobotEnd.TOO_LATE

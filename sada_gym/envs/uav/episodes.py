@@ -18,7 +18,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch
-from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
+from sada_gym.arrays import Bytes, Floats, Indices
+from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.world.drone import (
     GRAVITY_M_S2,
@@ -71,15 +72,15 @@ class RacingStart:
         anchors: (k, 2) the track's anchor points, for pictures.
     """
 
-    gates: Array
+    gates: Floats
     place: tuple[float, float, float, float]
     seed: int = 0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     first: int = 0
-    anchors: Array = field(default_factory=lambda: np.empty((0, 2)))
+    anchors: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
-    def state(self) -> Array:
+    def state(self) -> Floats:
         """The drone's first state, (13,)."""
         state = upright(self.place[:3], self.place[3])
         state[7:10] = self.velocity
@@ -126,9 +127,9 @@ class RacingEpisodes(Episodes[RacingStart]):
             self.begin(i, start)
 
     @property
-    def score(self) -> Array:
+    def score(self) -> Floats:
         """The share of gates passed, (n,)."""
-        share: Array = (self.endings == GateOutcome.PASSED).mean(axis=1)
+        share: Floats = (self.endings == GateOutcome.PASSED).mean(axis=1)
         return share
 
     def begin(self, i: int, start: RacingStart) -> None:
@@ -142,23 +143,23 @@ class RacingEpisodes(Episodes[RacingStart]):
         self.steps[i], self.time_s[i], self._since[i] = 0, 0.0, 0
         self.place(i, start.state)
 
-    def place(self, i: int, state: Array) -> None:
+    def place(self, i: int, state: Floats) -> None:
         """Set drone i to a state (13,), its rotors as if it hovered."""
         self.states[i] = state
         self._headings[i] = heading_of(*state[3:7])
         self._rotors[i] = MASS_KG * GRAVITY_M_S2 / 4
 
     def under_way(self) -> Indices:
-        """Give the races that are not over."""
+        """Return the races that are not over."""
         return np.flatnonzero(self.next_gate < self.gates.shape[1])
 
     def snapshot(self) -> Batch:
-        """Give states, what became of each gate and where, and the time flown."""
+        """Return states, what became of each gate and where, and the time flown."""
         names = ("states", "endings", "ended_at", "time_s")
         return {name: getattr(self, name) for name in names}
 
-    def waypoints(self, which: Indices, ahead: int = 0) -> Array:
-        """Give the true waypoints of some drones, (n, 4): see `guidance`.
+    def waypoints(self, which: Indices, ahead: int = 0) -> Floats:
+        """Return the true waypoints of some drones, (n, 4): see `guidance`.
 
         Args:
             which: (n,) indices of these drones.
@@ -168,14 +169,14 @@ class RacingEpisodes(Episodes[RacingStart]):
         return waypoints(self.gates[which, gate], self.states[which])
 
     def observe(self, which: Indices) -> Batch:
-        """Give the observations of some pilots, see `RacingTaskEnv`."""
+        """Return the observations of some pilots, see `RacingTaskEnv`."""
         ahead = [observed_gates(self.waypoints(which, number)) for number in range(GATES_AHEAD)]
         return {
             "gates": np.concatenate(ahead, axis=1),
             "motion": observed_motion(self.states[which]),
         }
 
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw what some of the drones' cameras see."""
         seeds = [self.starts[i].seed for i in which.tolist()]
         return camera().draw(self.gates[which], self.states[which], seeds)
@@ -209,7 +210,6 @@ class RacingEpisodes(Episodes[RacingStart]):
         self._set_back(which)
 
     def _set_back(self, which: Indices) -> None:
-        """Set drones that miss a gate back where they came from; the race goes on without it."""
         next_gate = np.minimum(self.next_gate[which], self.gates.shape[1] - 1)
         for i in which[self.endings[which, next_gate] > GateOutcome.PASSED].tolist():
             self.next_gate[i] += 1

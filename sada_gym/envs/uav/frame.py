@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.arrays import Floats
 from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
@@ -50,8 +51,6 @@ LEGEND = (
         "After a miss the drone is set back into the last gate that it passed."
     ),
 )
-
-Array = npt.NDArray[np.float64]
 
 
 def summary(rollouts: Sequence[Rollout[RacingStart]]) -> Frame:
@@ -112,8 +111,8 @@ def shown_step(rollout: Rollout[RacingStart]) -> tuple[int, str]:
     return step, f"seen: on the way to gate {gate + 1} ({how})"
 
 
-def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Array, ...]:
-    """Give the ways flown, each to the place where a gate was missed and the drone set back."""
+def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Floats, ...]:
+    """Return the ways flown, each to the place where a gate was missed and the drone set back."""
     missed = rollout["endings"][:until] > GateOutcome.PASSED
     cuts = np.flatnonzero(np.diff(missed.sum(axis=1))) + 1
     ways = np.split(rollout["states"][:until, :2], cuts)
@@ -124,7 +123,6 @@ def flown_ways(rollout: Rollout[RacingStart], until: int) -> tuple[Array, ...]:
 
 
 def _pair(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
-    """Draw what the camera sees at a step, beside the race up to another."""
     state, endings = rollout["states"][step], rollout["endings"][until - 1]
     plan = Plan(rollout.start.gates, line(rollout.start.anchors)).picture(
         endings,
@@ -139,7 +137,7 @@ def _track(rollout: Rollout[RacingStart]) -> str:
     return f"{len(rollout.start.anchors)} anchors"
 
 
-def observation(start: RacingStart, state: Array) -> Frame:
+def observation(start: RacingStart, state: Floats) -> Frame:
     """Draw what the drone's camera sees, large, from a state (13,)."""
     of = camera(VIEW_ROWS, VIEW_COLUMNS)
     frame: Frame
@@ -157,16 +155,16 @@ class Plan:
         size: The number of pixels of the picture's side.
     """
 
-    gates: Array
-    line: Array
+    gates: Floats
+    line: Floats
     size: int = VIEW_ROWS
 
     def picture(
         self,
         endings: npt.ArrayLike | None = None,
-        flown: tuple[Array, ...] = (),
-        drone: Array | None = None,
-        hits: Array | None = None,
+        flown: tuple[Floats, ...] = (),
+        drone: Floats | None = None,
+        hits: Floats | None = None,
     ) -> Image.Image:
         """Draw the track.
 
@@ -200,7 +198,7 @@ class Plan:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)
 
-    def _gate(self, draw: ImageDraw.ImageDraw, gate: Array, colour: Colour, code: int) -> None:
+    def _gate(self, draw: ImageDraw.ImageDraw, gate: Floats, colour: Colour, code: int) -> None:
         ahead = np.array([np.cos(gate[3]), np.sin(gate[3])])
         left = np.array([-ahead[1], ahead[0]]) * OUTER_WIDTH_M / 2
         ends = self._pixels(np.stack([gate[:2] + left, gate[:2] - left]))
@@ -211,7 +209,7 @@ class Plan:
         dashed(draw, ends, colour, width, dash, gap)
         draw.line(self._pixels(np.stack([gate[:2], gate[:2] + 1.2 * ahead])), fill=colour, width=4)
 
-    def _drone(self, draw: ImageDraw.ImageDraw, drone: Array) -> None:
+    def _drone(self, draw: ImageDraw.ImageDraw, drone: Floats) -> None:
         turned = drone[2] + np.deg2rad([0, 140, 220])
         size = np.array([1.6, 1.3, 1.3]) * 7 * _FINER
         (x, y) = self._pixels(drone[None, :2])[0]
@@ -221,8 +219,7 @@ class Plan:
         ]
         draw.polygon(corners, fill=INK_RGB, outline="white")
 
-    def _pixels(self, points: Array) -> list[tuple[float, float]]:
-        """Give the places in the picture of places in m, (k, 2)."""
+    def _pixels(self, points: Floats) -> list[tuple[float, float]]:
         all_points = np.vstack([self.gates[:, :2], self.line])
         low, high = all_points.min(axis=0) - _MARGIN_M, all_points.max(axis=0) + _MARGIN_M
         side = self.size * _FINER

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.envs.episodes.base import Array, Indices
+from sada_gym.arrays import Bools, Floats, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes, RacingStart
 from sada_gym.envs.uav.start_distribution import StartDistribution
@@ -27,7 +27,7 @@ class RacingTask(Task[RacingEpisodes]):
     def _begin(self, starts: Sequence[RacingStart]) -> RacingEpisodes:
         return RacingEpisodes(starts)
 
-    def _step(self, episodes: RacingEpisodes, actions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def _step(self, episodes: RacingEpisodes, actions: npt.NDArray[Any]) -> Floats:
         everyone = np.arange(len(episodes))
         gate = episodes.next_gate.copy()
         before = _distances(episodes, gate)
@@ -35,14 +35,14 @@ class RacingTask(Task[RacingEpisodes]):
         ended = episodes.endings[everyone, gate]
         passed, missed = ended == GateOutcome.PASSED, ended > GateOutcome.PASSED
         nearer = np.where(passed, before, before - _distances(episodes, gate))
-        reward: npt.NDArray[np.float64] = (
+        reward: Floats = (
             PROGRESS_REWARD_PER_M * np.where(missed, 0.0, nearer)
             + GATE_REWARD * passed
             + MISS_REWARD * missed
         )
         return reward
 
-    def ended(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def ended(self) -> tuple[Bools, Bools]:
         """Say which races are terminated, and which are truncated: out of time."""
         endings = self.episodes.endings
         late = (endings == GateOutcome.LATE).any(axis=1)
@@ -60,10 +60,9 @@ class RacingTask(Task[RacingEpisodes]):
         }
 
 
-def _distances(races: RacingEpisodes, gate: Indices) -> Array:
-    """Give the distances of drones from the openings of some gates, (n,)."""
+def _distances(races: RacingEpisodes, gate: Indices) -> Floats:
     centres = races.gates[np.arange(len(races)), gate, :3]
-    away: Array = np.sqrt(((races.states[:, :3] - centres) ** 2).sum(axis=1))
+    away: Floats = np.sqrt(((races.states[:, :3] - centres) ** 2).sum(axis=1))
     return away
 
 

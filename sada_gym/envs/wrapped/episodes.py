@@ -15,8 +15,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch, as_batch
+from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.environment_variables import environment_variables
-from sada_gym.envs.episodes.base import Array, Episodes, Indices, Pictures
+from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
 from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOption
 from sada_gym.envs.wrapped.disturbances import Disturbance
@@ -81,7 +82,7 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         return np.flatnonzero([not episode.ended for episode in self.running])
 
     @property
-    def score(self) -> Array:
+    def score(self) -> Floats:
         """The score Q of each episode that has ended, NaN of the others, (n,)."""
         return np.array([episode.score for episode in self.running])
 
@@ -93,7 +94,7 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         """Return the observations of some episodes, each key (len(which), ...)."""
         return as_batch([self.observation(i) for i in which], self.observation_space)
 
-    def render(self, which: Indices) -> Pictures:
+    def render(self, which: Indices) -> Bytes:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
         return np.stack([self.running[i].render() for i in which])
 
@@ -151,7 +152,7 @@ class RunningEpisode:
             episode = self._recorder.episode(terminated=bool(terminated), truncated=bool(truncated))
             self.score, self.clipped = self._spec.score(episode)
 
-    def render(self) -> Pictures:
+    def render(self) -> Bytes:
         """Draw a frame.
 
         Raises:

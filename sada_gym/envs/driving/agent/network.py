@@ -55,7 +55,7 @@ class ConditionalExtractor(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """Give the features (n, commands * BRANCH_FEATURES)."""
+        """Return the features (n, commands * BRANCH_FEATURES)."""
         image = self.seen(self.convolutions(observations["image"]))
         joint = torch.cat([image, self.speed(observations["speed"])], dim=1)
         command = observations["command"]

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Bytes, Floats32
 from sada_gym.envs.driving.camera.ground import TEXEL_M, Ground
 from sada_gym.envs.driving.camera.scenery import Scenery
 
@@ -14,13 +12,11 @@ SHADE_LEVEL = 2
 """The level of the ground's mip map at whose resolution shadows are kept."""
 SHADE_TEXEL_M = TEXEL_M * 2**SHADE_LEVEL
 
-Array = npt.NDArray[np.float64]
-
 
 class TownArrays(NamedTuple):
     """A town for the kernels: clouds are periodic noise, tone maps light to bytes."""
 
     ground: Ground
     scenery: Scenery
-    clouds: npt.NDArray[np.float32]
-    tone: npt.NDArray[np.uint8]
+    clouds: Floats32
+    tone: Bytes

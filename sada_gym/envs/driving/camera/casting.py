@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Bytes, Floats
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M, Array, TownArrays
+from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M, TownArrays
 from sada_gym.envs.driving.camera.scenery import CELL_M
 
 REACH_M = 160.0
@@ -18,7 +18,7 @@ MOST_HITS = 8
 
 @uncounted
 def cast(
-    x: float, y: float, dx: float, dy: float, reach: float, town: TownArrays, hits: Array
+    x: float, y: float, dx: float, dy: float, reach: float, town: TownArrays, hits: Floats
 ) -> int:
     """Find the upright objects that a horizontal ray meets, nearest first.
 
@@ -99,9 +99,7 @@ def cast(
 
 
 @kernel
-def sunlit(
-    shade: npt.NDArray[np.uint8], sun_x: float, sun_y: float, sun_z: float, town: TownArrays
-) -> None:
+def sunlit(shade: Bytes, sun_x: float, sun_y: float, sun_z: float, town: TownArrays) -> None:
     """Mark where the sun reaches the ground: 255, or 0 in a shadow."""
     flat = math.hypot(sun_x, sun_y)
     rise = sun_z / flat

@@ -13,8 +13,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bytes, Floats, Floats32, Indices, Integers
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.arrays import Array, TownArrays
+from sada_gym.envs.driving.camera.arrays import TownArrays
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
 from sada_gym.envs.driving.camera.rain import draw_rain
 from sada_gym.envs.driving.camera.sky import sky_colour
@@ -26,8 +27,8 @@ from sada_gym.envs.pixels import TONE_WHITE, mix, plus
 
 @uncounted
 def _draw(
-    picture: npt.NDArray[np.uint8],
-    rays: npt.NDArray[np.float32],
+    picture: Bytes,
+    rays: Floats32,
     x: float,
     y: float,
     heading: float,
@@ -35,11 +36,11 @@ def _draw(
     pixel: float,
     half_angle: float,
     town: TownArrays,
-    shade: npt.NDArray[np.uint8],
+    shade: Bytes,
     light: Light,
-    hits: Array,
-    sun_hits: Array,
-    counts: npt.NDArray[np.int64],
+    hits: Floats,
+    sun_hits: Floats,
+    counts: Integers,
 ) -> None:
     # looked up once: taking an array out of the tuple costs as much as a texel
     texels, offset, shape = town.ground.texels, town.ground.offset, town.ground.shape
@@ -121,20 +122,20 @@ def _draw(
 
 @kernel
 def draw_all(
-    pictures: npt.NDArray[np.uint8],
-    order: npt.NDArray[np.intp],
-    rays: npt.NDArray[np.float32],
-    rays_of: npt.NDArray[np.int64],
-    poses: Array,
+    pictures: Bytes,
+    order: Indices,
+    rays: Floats32,
+    rays_of: Integers,
+    poses: Floats,
     ahead: float,
     lights: tuple[Light, ...],
-    weathers: npt.NDArray[np.int64],
+    weathers: Integers,
     pixel: float,
     half_angle: float,
     planes: int,
     town: TownArrays,
-    shades: npt.NDArray[np.uint8],
-    shade_of: npt.NDArray[np.int64],
+    shades: Bytes,
+    shade_of: Integers,
     keys: npt.NDArray[np.uint64],
 ) -> None:
     """Draw a picture (h, w, 3) for each of n cameras.

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from highway_env.road.lane import AbstractLane, LineType
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.world.town import LANE_WIDTH_M, Town, local_coordinates
 from sada_gym.envs.pixels import Triple
 
@@ -34,8 +34,6 @@ _PAVEMENT = (0.21, 0.195, 0.175)
 _GRASS = (0.075, 0.135, 0.035)
 _DRY_GRASS = (0.17, 0.15, 0.06)
 
-Array = npt.NDArray[np.float32]
-
 
 class Ground(NamedTuple):
     """A mip-mapped picture of the ground.
@@ -50,12 +48,12 @@ class Ground(NamedTuple):
         kerb_distance: (rows, columns) of the finest level, distance from the asphalt in m.
     """
 
-    texels: npt.NDArray[np.uint8]
-    offset: npt.NDArray[np.int64]
-    shape: npt.NDArray[np.int64]
-    origin: npt.NDArray[np.float64]
+    texels: Bytes
+    offset: Integers
+    shape: Integers
+    origin: Floats
     texel_m: float
-    kerb_distance: Array
+    kerb_distance: Floats32
 
 
 def paint(town: Town) -> Ground:
@@ -93,12 +91,9 @@ class _Canvas:
         step = 2 ** (LEVELS - 1)  # so that each level halves evenly
         columns, rows = (int(-(-n // step) * step) for n in extent)
         self.shape = (rows, columns)
-        self.albedo: Array = np.zeros((rows, columns, 3), np.float32)
+        self.albedo: Floats32 = np.zeros((rows, columns, 3), np.float32)
 
-    def around(
-        self, lane: AbstractLane, half_width: float
-    ) -> tuple[slice, slice, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Give the window that holds a lane, and each texel's lane coordinates."""
+    def around(self, lane: AbstractLane, half_width: float) -> tuple[slice, slice, Floats, Floats]:
         path = np.array([lane.position(s, 0.0) for s in np.linspace(0, lane.length, 16)])
         low = np.floor((path.min(axis=0) - half_width - 1 - self.origin) / TEXEL_M).astype(int)
         high = np.ceil((path.max(axis=0) + half_width + 1 - self.origin) / TEXEL_M).astype(int)
@@ -108,12 +103,10 @@ class _Canvas:
         along, lateral = local_coordinates(lane, points)
         return slice(low[1], high[1]), slice(low[0], high[0]), along, lateral
 
-    def blend(self, rows: slice, columns: slice, colour: Triple, share: Array) -> None:
-        """Lay a colour over a window, to a share of each texel."""
+    def blend(self, rows: slice, columns: slice, colour: Triple, share: Floats32) -> None:
         _blend(self.albedo[rows, columns], colour, share)
 
-    def lay_surfaces(self, outside: Array, rng: np.random.Generator) -> None:
-        """Lay grass, pavement, kerb and asphalt, by the distance from the asphalt."""
+    def lay_surfaces(self, outside: Floats32, rng: np.random.Generator) -> None:
         coarse = _noise(self.shape, 25.0, rng)
         fine = _noise(self.shape, 0.4, rng)
         patches = _noise(self.shape, 3.0, rng)
@@ -151,7 +144,6 @@ def _mark(canvas: _Canvas, lane: AbstractLane, *, guide: bool) -> None:
 
 
 def _mark_junction(canvas: _Canvas, lane: AbstractLane) -> None:
-    """Paint the stop line and the crossing at the end of a street's lane."""
     rows, columns, along, lateral = canvas.around(lane, LANE_WIDTH_M + 2)
     left = along - lane.length
     across = np.abs(lateral + LANE_WIDTH_M / 2) < LANE_WIDTH_M  # both lanes of the street
@@ -161,7 +153,7 @@ def _mark_junction(canvas: _Canvas, lane: AbstractLane) -> None:
     canvas.blend(rows, columns, _WHITE, np.maximum(crossing, stop).astype(np.float32))
 
 
-def _mipmapped(canvas: _Canvas, water: Array, outside: Array) -> Ground:
+def _mipmapped(canvas: _Canvas, water: Floats32, outside: Floats32) -> Ground:
     level = np.concatenate([np.clip(canvas.albedo, 0, 1), water[..., None]], axis=-1)
     parts, shapes = [], []
     for i in range(LEVELS):
@@ -183,42 +175,36 @@ def _mipmapped(canvas: _Canvas, water: Array, outside: Array) -> Ground:
     )
 
 
-def _blend(texels: Array, colour: Triple, share: Array) -> None:
-    """Lay a colour over texels (..., 3), to a share (...) of each."""
+def _blend(texels: Floats32, colour: Triple, share: Floats32) -> None:
     for channel, value in enumerate(colour):
         layer = texels[..., channel]
         layer += share * (np.float32(value) - layer)
 
 
-def _below(distance: Array, limit: float) -> Array:
-    """Give the share of a texel that lies where the distance is below a limit."""
-    share: Array = np.clip(0.5 + (limit - distance) / TEXEL_M, 0, 1).astype(np.float32)
+def _below(distance: Floats32, limit: float) -> Floats32:
+    share: Floats32 = np.clip(0.5 + (limit - distance) / TEXEL_M, 0, 1).astype(np.float32)
     return share
 
 
-def _stroke(distance: npt.NDArray[np.float64], half_width: float) -> npt.NDArray[np.float64]:
-    """Give the share of a texel that a line covers."""
+def _stroke(distance: Floats, half_width: float) -> Floats:
     return np.clip(0.5 + (half_width - np.abs(distance)) / TEXEL_M, 0, 1)
 
 
-def _dashes(along: npt.NDArray[np.float64], *, on: float, period: float) -> npt.NDArray[np.float64]:
-    """Give the share of a texel that is dash: the first `on` m of every period."""
+def _dashes(along: Floats, *, on: float, period: float) -> Floats:
     phase = np.mod(along, period)
     return np.clip(0.5 + (np.minimum(phase, on - phase)) / TEXEL_M, 0, 1)
 
 
-def _noise(shape: tuple[int, int], size_m: float, rng: np.random.Generator) -> Array:
-    """Make smooth noise with features of a size, about -1 to 1."""
+def _noise(shape: tuple[int, int], size_m: float, rng: np.random.Generator) -> Floats32:
     step = max(1, int(size_m / TEXEL_M / 2))
     coarse = rng.normal(size=(shape[0] // step + 2, shape[1] // step + 2)).astype(np.float32)
     smooth = gaussian_filter(coarse, 0.8)
     fine = Image.fromarray(smooth).resize(shape[::-1], Image.Resampling.BILINEAR)
-    noise: Array = np.clip(np.asarray(fine) / (2 * smooth.std()), -1, 1)
+    noise: Floats32 = np.clip(np.asarray(fine) / (2 * smooth.std()), -1, 1)
     return noise
 
 
-def _puddles(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Say how much water stands, from 0.35 to 1: a film, and puddles in hollows."""
+def _puddles(shape: tuple[int, int], rng: np.random.Generator) -> Floats32:
     hollow = _noise(shape, 5.0, rng) + 0.5 * _noise(shape, 1.5, rng)
-    standing: Array = np.clip(2.2 * hollow - 0.5, 0, 1)
+    standing: Floats32 = np.clip(2.2 * hollow - 0.5, 0, 1)
     return 0.35 + 0.65 * standing

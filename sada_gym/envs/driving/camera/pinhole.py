@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
+from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.camera.arrays import SHADE_LEVEL, TownArrays
 from sada_gym.envs.driving.camera.casting import sunlit
 from sada_gym.envs.driving.camera.drawing import draw_all
@@ -26,8 +27,6 @@ HALF_ANGLE_DEG = 62.0
 
 _NEAR_M = 10.0
 """Cameras that stand within this distance are drawn one after another, which is faster."""
-
-Pictures = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,8 @@ class Lens:
         self._right = self.pixel * (np.arange(columns) + 0.5 - columns / 2)
         self._down = self.pixel * (np.arange(rows) + 0.5 - rows / 2)
 
-    def rays(self, pitch_deg: float) -> npt.NDArray[np.float32]:
-        """Give forward, right, slope and the vertical plane of each pixel, (rows, columns, 4)."""
+    def rays(self, pitch_deg: float) -> Floats32:
+        """Return forward, right, slope and the vertical plane of each pixel, (rows, columns, 4)."""
         pitch = np.deg2rad(pitch_deg)
         forward = (np.cos(pitch) + self._down * np.sin(pitch))[:, None]
         up = (np.sin(pitch) - self._down * np.cos(pitch))[:, None]
@@ -90,12 +89,12 @@ class TownCamera:
     def draw(
         self,
         lens: Lens,
-        rays: npt.NDArray[np.float32],
-        rays_of: npt.NDArray[np.int64],
-        poses: npt.NDArray[np.float64],
-        weathers: npt.NDArray[np.int64],
+        rays: Floats32,
+        rays_of: Integers,
+        poses: Floats,
+        weathers: Integers,
         keys: npt.NDArray[np.uint64],
-    ) -> Pictures:
+    ) -> Bytes:
         """Draw what n cameras see.
 
         Args:
@@ -129,17 +128,17 @@ class TownCamera:
         )
         return pictures
 
-    def plan(self, level: int) -> Pictures:
-        """Give the ground from above, at a level of the mip map: (rows, columns, 3)."""
+    def plan(self, level: int) -> Bytes:
+        """Return the ground from above, at a level of the mip map: (rows, columns, 3)."""
         rows, columns = self.ground.shape[level]
         first = self.ground.offset[level]
         texels = self.ground.texels[first : first + rows * columns]
         return texels[:, :3].reshape(rows, columns, 3)
 
-    def _shade(self, sun: tuple[float, float, float]) -> npt.NDArray[np.uint8]:
+    def _shade(self, sun: tuple[float, float, float]) -> Bytes:
         shade = np.empty(tuple(self.ground.shape[SHADE_LEVEL]), np.uint8)
         sunlit(shade, *sun, self.town)
-        soft: npt.NDArray[np.uint8] = gaussian_filter(shade, 0.6)
+        soft: Bytes = gaussian_filter(shade, 0.6)
         return soft
 
 
@@ -149,7 +148,7 @@ def camera(layout_name: str) -> TownCamera:
     return TownCamera(layout_name)
 
 
-def _clouds() -> npt.NDArray[np.float32]:
+def _clouds() -> Floats32:
     clouds = gaussian_filter(np.random.default_rng(1).normal(size=(256, 256)), 2.0, mode="wrap")
     clouds += (
         0.35

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Bytes
 from sada_gym.compiled import kernel
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import clip, splitmix, uniform
 
 
 @kernel
-def draw_rain(picture: npt.NDArray[np.uint8], rain: float, light: Light, key: np.uint64) -> None:
+def draw_rain(picture: Bytes, rain: float, light: Light, key: np.uint64) -> None:
     """Draw streaks of rain, each a short slanting line."""
     rows, columns = picture.shape[0], picture.shape[1]
     brightness = 255.0 * clip(0.55 * (light.ambient[0] + light.ambient[1] + light.ambient[2]))

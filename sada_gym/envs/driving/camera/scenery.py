@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Integers
 from sada_gym.envs.driving.camera.ground import Ground
 from sada_gym.envs.driving.world.town import Town
 
@@ -30,8 +30,6 @@ _FACADES = (
 )
 _LEAVES = ((0.06, 0.16, 0.03), (0.09, 0.18, 0.04), (0.05, 0.12, 0.04), (0.13, 0.17, 0.04))
 
-Array = npt.NDArray[np.float64]
-
 
 class Scenery(NamedTuple):
     """Upright objects and a grid that finds them.
@@ -46,11 +44,11 @@ class Scenery(NamedTuple):
         cells: (2,) rows and columns.
     """
 
-    objects: Array
-    first: npt.NDArray[np.int64]
-    items: npt.NDArray[np.int64]
-    origin: Array
-    cells: npt.NDArray[np.int64]
+    objects: Floats
+    first: Integers
+    items: Integers
+    origin: Floats
+    cells: Integers
 
 
 def furnish(town: Town, ground: Ground, *, seed: int = 0) -> Scenery:
@@ -90,20 +88,19 @@ class _Site:
         self._taken = np.zeros((rows, columns), dtype=np.bool_)
         self.objects: list[list[float]] = []
 
-    def anywhere(self, rng: np.random.Generator) -> Array:
+    def anywhere(self, rng: np.random.Generator) -> Floats:
         return self._ground.origin + self._extent * rng.uniform(0.02, 0.98, 2)
 
     def build(
         self,
-        centre: Array,
-        axis: Array,
+        centre: Floats,
+        axis: Floats,
         half_length: float,
         half_width: float,
         height: float,
         colour: tuple[float, float, float],
         rng: np.random.Generator,
     ) -> None:
-        """Put up a building where its footprint is free."""
         across = np.array([-axis[1], axis[0]])
         u, v = np.meshgrid(
             np.arange(-half_length, half_length, _PLOT_M),
@@ -118,8 +115,7 @@ class _Site:
                 + [rng.random()]
             )
 
-    def plant(self, centre: Array, rng: np.random.Generator, *, clear_m: float = 0.9) -> None:
-        """Plant a tree where its trunk's place is free."""
+    def plant(self, centre: Floats, rng: np.random.Generator, *, clear_m: float = 0.9) -> None:
         radius = rng.uniform(1.5, 2.7)
         u, v = np.meshgrid(np.arange(-1, 1, _PLOT_M), np.arange(-1, 1, _PLOT_M))
         footprint = centre + np.stack([u.ravel(), v.ravel()], axis=-1)
@@ -130,7 +126,7 @@ class _Site:
                 [TREE, *centre, 1.0, 0.0, radius, 0.16, height, *colour, rng.random()]
             )
 
-    def _claim(self, points: Array, *, clear_m: float) -> bool:
+    def _claim(self, points: Floats, *, clear_m: float) -> bool:
         """Take a place that is free and `clear_m` off the road; points stand `_PLOT_M` apart."""
         texels = ((points - self._ground.origin) / self._ground.texel_m).astype(int)
         columns, rows = texels[:, 0], texels[:, 1]
@@ -145,7 +141,7 @@ class _Site:
         return True
 
 
-def _indexed(objects: Array, ground: Ground) -> Scenery:
+def _indexed(objects: Floats, ground: Ground) -> Scenery:
     rows, columns = (math.ceil(size * ground.texel_m / CELL_M) for size in ground.shape[0])
     held: list[list[int]] = [[] for _ in range(rows * columns)]
     for i, (kind, x, y, ax, ay, half_length, half_width, *_) in enumerate(objects):

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Floats32
 from sada_gym.compiled import inlined
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import Triple, clip, mix, periodic, plus, scaled, times
 
 
 @inlined
-def sky_colour(
-    clouds: npt.NDArray[np.float32], dx: float, dy: float, slope: float, light: Light
-) -> Triple:
-    """Give the colour of the sky, and of the hills at its foot, in a direction."""
+def sky_colour(clouds: Floats32, dx: float, dy: float, slope: float, light: Light) -> Triple:
+    """Return the colour of the sky, and of the hills at its foot, in a direction."""
     rise = slope / math.sqrt(1 + slope * slope)
     colour = mix(light.horizon, light.zenith, clip(1.3 * math.sqrt(max(rise, 0.0))))
     flat = 1.0 / (max(slope, 0.0) + 0.07)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Bytes, Integers
 from sada_gym.compiled import inlined
 from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M
 from sada_gym.envs.driving.camera.ground import TEXEL_M
@@ -16,14 +14,14 @@ from sada_gym.envs.pixels import Triple, clip, plus, times
 
 @inlined
 def _texel(
-    texels: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    shape: npt.NDArray[np.int64],
+    texels: Bytes,
+    offset: Integers,
+    shape: Integers,
     x: float,
     y: float,
     size: float,
 ) -> tuple[float, float, float, float]:
-    """Give albedo and water of the ground around a point, averaged over about a size."""
+    """Return albedo and water of the ground around a point, averaged over about a size."""
     level = 0
     texel = TEXEL_M
     while texel < size and level < shape.shape[0] - 1:
@@ -50,10 +48,10 @@ def _texel(
 
 @inlined
 def ground_colour(
-    texels: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    shape: npt.NDArray[np.int64],
-    shade: npt.NDArray[np.uint8],
+    texels: Bytes,
+    offset: Integers,
+    shape: Integers,
+    shade: Bytes,
     x: float,
     y: float,
     dx: float,
@@ -63,7 +61,7 @@ def ground_colour(
     pixel: float,
     light: Light,
 ) -> tuple[Triple, float]:
-    """Give the ground's colour without mirroring, and how much water lies there."""
+    """Return the ground's colour without mirroring, and how much water lies there."""
     across = distance * pixel
     along = across * math.sqrt(1 + (distance / height) ** 2)
     samples = min(4, 1 + int(along / (2.0 * across + TEXEL_M)))

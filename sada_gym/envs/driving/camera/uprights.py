@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.arrays import Array
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import Triple, clip, mix, periodic, plus, scaled, times
 
 
 @inlined
-def _facing(objects: Array, i: int, normal: float, light: Light) -> float:
-    """Say how squarely the sun shines on a wall."""
+def _facing(objects: Floats, i: int, normal: float, light: Light) -> float:
     ax, ay = objects[i, 3], objects[i, 4]
     facing: float = 0.5 * normal * (-ay * light.sun_x + ax * light.sun_y)
     if abs(normal) < 1.5:
@@ -25,7 +21,7 @@ def _facing(objects: Array, i: int, normal: float, light: Light) -> float:
 
 @inlined
 def _wall(
-    objects: Array,
+    objects: Floats,
     i: int,
     hit: float,
     where: float,
@@ -34,7 +30,6 @@ def _wall(
     pixel: float,
     light: Light,
 ) -> Triple:
-    """Give the colour of a building's front: storeys of windows that blur with distance."""
     own, height = objects[i, 11], objects[i, 7]
     albedo = (objects[i, 8], objects[i, 9], objects[i, 10])
     pitch = 2.4 + 1.4 * own
@@ -56,8 +51,8 @@ def _wall(
 
 @inlined
 def _leaves(
-    objects: Array,
-    clouds: npt.NDArray[np.float32],
+    objects: Floats,
+    clouds: Floats32,
     i: int,
     where: float,
     z: float,
@@ -65,7 +60,6 @@ def _leaves(
     trunk: bool,
     light: Light,
 ) -> Triple:
-    """Give the colour of a tree: its lit top, its dark foot, or its trunk."""
     if trunk:
         albedo = (0.09, 0.065, 0.045)
         lit = 0.25
@@ -78,9 +72,9 @@ def _leaves(
 
 @inlined
 def first_upright(
-    objects: Array,
-    clouds: npt.NDArray[np.float32],
-    hits: Array,
+    objects: Floats,
+    clouds: Floats32,
+    hits: Floats,
     count: int,
     beyond: float,
     within: float,

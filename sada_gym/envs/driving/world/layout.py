@@ -28,12 +28,11 @@ class Layout:
     streets: tuple[tuple[Corner, Corner], ...]
 
     def neighbours(self, corner: Corner) -> tuple[Corner, ...]:
-        """Give the corners that a street joins to this one."""
+        """Return the corners that a street joins to this one."""
         return tuple(b if a == corner else a for a, b in self.streets if corner in (a, b))
 
 
 def _grid(name: str, rows: tuple[str, ...], absent: str, **corners: tuple[float, float]) -> Layout:
-    """Join each corner to the next in its row and in its column, but for the absent streets."""
     columns = zip(*(row.split() for row in rows), strict=True)
     lines = [*(row.split() for row in rows), *columns]
     pairs = [(a, b) for line in lines for a, b in pairwise(line)]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from highway_env.road.lane import AbstractLane
 
+from sada_gym.arrays import Floats
 from sada_gym.envs.driving.world.layout import Corner
 from sada_gym.envs.driving.world.town import Manoeuvre, Town
 from sada_gym.errors import UserError
@@ -22,8 +23,6 @@ CRUISE_M_S = 8.0
 """The speed at which a car should follow a route where nothing makes it slower."""
 SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
 """The time limit is what the route takes at 10 km/h, as in CARLA's benchmark."""
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,8 @@ class Route:
     """
 
     corners: tuple[Corner, ...]
-    points: Array
-    heading: Array
+    points: Floats
+    heading: Floats
     command: npt.NDArray[np.int8]
 
     @property
@@ -110,7 +109,7 @@ def random_route(town: Town, rng: np.random.Generator, corners: int) -> Route:
     return make_route(town, tuple(way), start=float(start), goal=float(goal))
 
 
-def _sample(lanes: list[AbstractLane], along: Array) -> tuple[Array, Array]:
+def _sample(lanes: list[AbstractLane], along: Floats) -> tuple[Floats, Floats]:
     ends = np.cumsum([lane.length for lane in lanes])
     index = np.minimum(np.searchsorted(ends, along, side="right"), len(lanes) - 1)
     local = along - (ends - [lane.length for lane in lanes])[index]

@@ -11,11 +11,11 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from highway_env.road.lane import AbstractLane, CircularLane, LineType, StraightLane
 from highway_env.road.road import RoadNetwork
 from highway_env.utils import wrap_to_pi
 
+from sada_gym.arrays import Floats
 from sada_gym.envs.driving.world.layout import LAYOUTS, Corner, Layout
 from sada_gym.errors import UserTypeError
 
@@ -28,7 +28,6 @@ BEND_SETBACK_M = 22.0
 _STRAIGHT_BELOW = np.deg2rad(30.0)
 
 Manoeuvre = Literal["follow", "left", "right", "straight"]
-Point = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -78,12 +77,12 @@ class Town:
         return len(self.layout.neighbours(corner)) > 2
 
     def marked_lanes(self) -> list[AbstractLane]:
-        """Give the lanes with a middle and an edge line: those of streets and of bends."""
+        """Return the lanes with a middle and an edge line: those of streets and of bends."""
         bends = [p.lanes for p in self.passages.values() if p.manoeuvre == "follow"]
         return [*self.streets.values(), *(lane for lanes in bends for lane in lanes)]
 
     def guided_lanes(self) -> list[AbstractLane]:
-        """Give the lanes through junctions."""
+        """Return the lanes through junctions."""
         ways = [p.lanes for p in self.passages.values() if p.manoeuvre != "follow"]
         return [lane for lanes in ways for lane in lanes]
 
@@ -141,8 +140,8 @@ def town(layout_name: str) -> Town:
     return Town(LAYOUTS[layout_name])
 
 
-def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
-    """Give longitudinal and lateral lane coordinates of points (..., 2), as highway-env has them.
+def local_coordinates(lane: AbstractLane, points: Floats) -> tuple[Floats, Floats]:
+    """Return longitudinal and lateral lane coordinates of points (..., 2), as highway-env has them.
 
     Raises:
         TypeError: If the lane is neither straight nor circular.
@@ -160,7 +159,6 @@ def local_coordinates(lane: AbstractLane, points: Point) -> tuple[Point, Point]:
 
 
 def _ends(a: Corner, b: Corner) -> tuple[str, str]:
-    """Name the network's nodes at the start and the end of the lane from a to b."""
     return f"{a}>{b}/start", f"{a}>{b}/end"
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Integers
 from sada_gym.compiled import kernel
 
 LENGTH_M = 5.0
@@ -22,12 +22,9 @@ MAX_SPEED_M_S = 40.0
 
 _BACK, _AHEAD = 6, 14
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-
 
 @kernel
-def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, steps: int) -> None:
+def drive(states: Floats, steering: Floats, acceleration: Floats, dt_s: float, steps: int) -> None:
     """Move cars, as highway-env's `Vehicle.step` does; brakes stop a car and do not reverse it.
 
     Args:
@@ -54,8 +51,8 @@ def drive(states: Array, steering: Array, acceleration: Array, dt_s: float, step
 
 @kernel
 def locate(
-    states: Array, points: Array, heading: Array, first: Indices, last: Indices, at: Indices
-) -> tuple[Array, Array]:
+    states: Floats, points: Floats, heading: Floats, first: Integers, last: Integers, at: Integers
+) -> tuple[Floats, Floats]:
     """Find where cars are on their routes.
 
     A car is looked for near where it was, so that a route may cross itself.

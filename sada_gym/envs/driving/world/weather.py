@@ -47,7 +47,6 @@ class Light(NamedTuple):
 
 
 def _toward(elevation_deg: float, azimuth_deg: float) -> Triple:
-    """Give the direction to a sun at a height above the horizon, seen under a heading."""
     elevation, azimuth = np.deg2rad([elevation_deg, azimuth_deg])
     flat = np.cos(elevation)
     return float(flat * np.cos(azimuth)), float(flat * np.sin(azimuth)), float(np.sin(elevation))

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Indices
 from sada_gym.compiled import kernel
 from sada_gym.envs.robot.episodes import STEP_S, SUBSTEPS, RobotEpisodes
 from sada_gym.envs.robot.start import RobotStart
@@ -27,8 +27,6 @@ from sada_gym.envs.robot.world.geometry import (
 from sada_gym.envs.robot.world.robot import RADIUS_M, axle_to_mass, move, rims_of
 from sada_gym.envs.robot.world.way import locate
 
-Array = npt.NDArray[np.float64]
-
 _HALL = np.array(HALL_M)
 _LEAST_M, _ROOM_M = 0.25, 0.6
 _HORIZON = 45
@@ -44,14 +42,14 @@ class PrivilegedDriver:
     fingerprint = "tries out 66 commands"
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Array, Array]] = {}
+        self._known: dict[int, tuple[Floats, Floats]] = {}
         self._at: dict[int, int] = {}
 
     def start(self, count: int) -> None:  # noqa: ARG002 - as agents have it
         """Begin new trips."""
         self._known, self._at = {}, {}
 
-    def act(self, trips: RobotEpisodes, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def act(self, trips: RobotEpisodes, which: Indices) -> Floats:
         """Choose actions (n, 2) for some robots."""
         actions = np.empty((len(which), 2))
         for row, i in enumerate(which.tolist()):
@@ -80,7 +78,7 @@ class PrivilegedDriver:
         return actions
 
 
-def _way_around(start: RobotStart) -> tuple[Array, Array]:
+def _way_around(start: RobotStart) -> tuple[Floats, Floats]:
     """Plan a trip's way around the barrels too; also give all circles that stand there, (m, 3)."""
     plan = start.plan
     planned = plan.ways[start.trip]
@@ -98,22 +96,22 @@ def _way_around(start: RobotStart) -> tuple[Array, Array]:
 
 @kernel
 def _best(
-    way: Array,
+    way: Floats,
     at: int,
-    pose: Array,
-    velocity: Array,
-    commands: Array,
+    pose: Floats,
+    velocity: Floats,
+    commands: Floats,
     delay: int,
-    payload: Array,
+    payload: Floats,
     friction: float,
     gain: float,
-    racks: Array,
-    circles: Array,
-    lanes: Array,
-    places: Array,
-    choices: Array,
+    racks: Floats,
+    circles: Floats,
+    lanes: Floats,
+    places: Floats,
+    choices: Floats,
 ) -> tuple[int, int]:
-    """Give where on its way the robot is, and which command leads furthest and safely.
+    """Return where on its way the robot is, and which command leads furthest and safely.
 
     Args:
         way: (n, 2)

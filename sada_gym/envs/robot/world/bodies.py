@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import pymunk
 
+from sada_gym.arrays import Floats
 from sada_gym.envs.robot.world.floor_plan import CART_RADIUS_M, HALL_M, FloorPlan
 from sada_gym.envs.robot.world.robot import RADIUS_M
 
 _ROBOT = 1
-
-Floats = npt.NDArray[np.float64]
 
 
 class Bodies:

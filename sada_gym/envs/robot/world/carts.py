@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats
 from sada_gym.compiled import kernel
 
 SPEED_M_S = 0.25
 SEES_M = 0.9
 """A cart stands still while the robot's middle is nearer to its own than this."""
 
-Floats = npt.NDArray[np.float64]
-
 
 @kernel
 def places_of(lanes: Floats, carts: Floats) -> Floats:
-    """Give where carts are, (n, c, 2): lanes (n, c, 4), carts (n, c, 2), see `drive`."""
+    """Return where carts are, (n, c, 2): lanes (n, c, 4), carts (n, c, 2), see `drive`."""
     found = np.empty(carts.shape)
     for i in range(carts.shape[0]):
         for k in range(carts.shape[1]):

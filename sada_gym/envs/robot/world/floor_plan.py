@@ -13,10 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from sada_gym.arrays import Floats
 from sada_gym.compiled import kernel
 from sada_gym.envs.robot.world.geometry import (
     CELL_M,
-    Floats,
     clearances,
     rectangle_distance,
     smooth_way,
@@ -97,7 +97,6 @@ def floor_plan(number: int) -> FloorPlan:
 
 
 def _draw_racks(rng: np.random.Generator) -> Floats:
-    """Draw three rows of racks, each interrupted once or twice."""
     width, height = HALL_M
     racks = []
     aisle = (height - 3 * _RACK_DEPTH_M) / 4
@@ -140,7 +139,6 @@ def _overlap(lane: Floats, other: tuple[float, float, float, float]) -> bool:
 
 
 def _from_lane(x: float, y: float, radius: float, lane: Floats) -> float:
-    """Give the distance between a circle's surface and the line in the middle of a lane."""
     return float(rectangle_distance(x, y, lane)) - radius
 
 

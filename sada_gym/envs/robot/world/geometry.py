@@ -10,8 +10,8 @@ import heapq
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Integers
 from sada_gym.compiled import kernel
 
 CELL_M = 0.2
@@ -19,12 +19,10 @@ CELL_M = 0.2
 SPACING_M = 0.1
 """The distance between the points of a way."""
 
-Floats = npt.NDArray[np.float64]
-
 
 @kernel
 def rectangle_distance(x: float, y: float, rectangle: Floats) -> float:
-    """Give the distance of a point to a rectangle (4,): x0, y0, x1, y1; 0 inside."""
+    """Return the distance of a point to a rectangle (4,): x0, y0, x1, y1; 0 inside."""
     dx = max(rectangle[0] - x, 0.0, x - rectangle[2])
     dy = max(rectangle[1] - y, 0.0, y - rectangle[3])
     return math.sqrt(dx * dx + dy * dy)
@@ -32,7 +30,7 @@ def rectangle_distance(x: float, y: float, rectangle: Floats) -> float:
 
 @kernel
 def clearance(x: float, y: float, hall: Floats, racks: Floats, circles: Floats) -> float:
-    """Give the distance of a point to the nearest surface, negative outside of the hall.
+    """Return the distance of a point to the nearest surface, negative outside of the hall.
 
     Args:
         x: The point.
@@ -52,7 +50,7 @@ def clearance(x: float, y: float, hall: Floats, racks: Floats, circles: Floats) 
 
 @kernel
 def clearances(hall: Floats, racks: Floats, circles: Floats) -> Floats:
-    """Give the clearance in the middle of each cell, (columns * rows,), row by row."""
+    """Return the clearance in the middle of each cell, (columns * rows,), row by row."""
     columns, rows = round(hall[0] / CELL_M), round(hall[1] / CELL_M)
     cells = np.empty(columns * rows)
     for cell in range(columns * rows):
@@ -64,7 +62,7 @@ def clearances(hall: Floats, racks: Floats, circles: Floats) -> Floats:
 @kernel
 def spread_from(
     start: int, hall: Floats, cells: Floats, least_m: float, room_m: float
-) -> tuple[Floats, npt.NDArray[np.int64]]:
+) -> tuple[Floats, Integers]:
     """Find the cheapest way from one cell to all others (Dijkstra).
 
     Args:
@@ -102,10 +100,8 @@ def spread_from(
 
 
 @kernel
-def smooth_way(
-    last: int, before: npt.NDArray[np.int64], hall: Floats, racks: Floats, circles: Floats
-) -> Floats:
-    """Give the way that ends in a cell as points (n, 2) at equal distances, with smooth bends."""
+def smooth_way(last: int, before: Integers, hall: Floats, racks: Floats, circles: Floats) -> Floats:
+    """Return the way that ends in a cell as points (n, 2) at equal distances, with smooth bends."""
     columns = round(hall[0] / CELL_M)
     count, cell = 1, last
     while before[cell] >= 0:
@@ -132,7 +128,6 @@ def smooth_way(
 
 @kernel
 def _resampled(points: Floats) -> Floats:
-    """Give points at equal distances of about `SPACING_M` on a line through points."""
     along = np.zeros(len(points))
     for k in range(1, len(points)):
         along[k] = along[k - 1] + math.sqrt(

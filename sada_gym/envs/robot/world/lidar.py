@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Bools, Floats, Floats32
 from sada_gym.compiled import kernel
 
 RAYS = 72
@@ -18,14 +18,12 @@ SCANS = 4
 """The scans that are remembered."""
 SECTORS = 36
 
-Floats = npt.NDArray[np.float64]
-
 
 @kernel
 def distance(
     x: float, y: float, dx: float, dy: float, hall: Floats, racks: Floats, circles: Floats
 ) -> float:
-    """Give how far a ray goes until it meets something, or `RANGE_M`.
+    """Return how far a ray goes until it meets something, or `RANGE_M`.
 
     Args:
         x: Where the ray starts.
@@ -76,7 +74,7 @@ def scan(
     racks: Floats,
     circles: Floats,
     noise_m: Floats,
-    lost: npt.NDArray[np.bool_],
+    lost: Bools,
     points: Floats,
 ) -> None:
     """Scan around robots, and write down where in the hall each believes its returns to be.
@@ -109,8 +107,8 @@ def scan(
 
 
 @kernel
-def nearest(poses: Floats, points: Floats) -> npt.NDArray[np.float32]:
-    """Give how near the nearest of remembered returns is in each sector, (n, SECTORS).
+def nearest(poses: Floats, points: Floats) -> Floats32:
+    """Return how near the nearest of remembered returns is in each sector, (n, SECTORS).
 
     Args:
         poses: (n, 3) x, y, heading.

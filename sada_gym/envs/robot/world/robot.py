@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Integers
 from sada_gym.compiled import kernel
 
 RADIUS_M = 0.176
@@ -35,12 +35,10 @@ GRAVITY_M_S2 = 9.81
 FORWARD_M_S, BACKWARD_M_S, TURN_RAD_S = 0.6, 0.1, 1.5
 """The greatest speeds that can be commanded."""
 
-Floats = npt.NDArray[np.float64]
-
 
 @kernel
 def axle_to_mass(payload_kg: float, offset_m: float) -> float:
-    """Give how far the centre of mass lies before the axle."""
+    """Return how far the centre of mass lies before the axle."""
     return payload_kg * offset_m / (MASS_KG + payload_kg)
 
 
@@ -94,7 +92,7 @@ def move(
 
 @kernel
 def _limited(impulse: float, rim_m_s: float, dt_s: float) -> float:
-    """Give what a motor can do of an impulse at the rim: less, the faster it turns that way."""
+    """Return what a motor can do of an impulse at the rim: less, the faster it turns that way."""
     forwards = STALL_N * min(1.0, max(0.0, 1.0 - rim_m_s / TOP_M_S)) * dt_s
     backwards = STALL_N * min(1.0, max(0.0, 1.0 + rim_m_s / TOP_M_S)) * dt_s
     return min(forwards, max(-backwards, impulse))
@@ -110,7 +108,7 @@ def velocities(
     rims: Floats,
     dt_s: float,
 ) -> Floats:
-    """Give the velocities of robots over some steps.
+    """Return the velocities of robots over some steps.
 
     Args:
         poses: (n, 3) x, y, heading.
@@ -138,15 +136,15 @@ def velocities(
 
 @kernel
 def rims_of(pedal: float, wheel: float) -> tuple[float, float]:
-    """Give the speeds of the left and the right rim that an action commands."""
+    """Return the speeds of the left and the right rim that an action commands."""
     speed = pedal * FORWARD_M_S if pedal > 0 else pedal * BACKWARD_M_S
     turn = wheel * TURN_RAD_S * TRACK_M
     return speed - turn, speed + turn
 
 
 @kernel
-def delayed_rims(commands: Floats, delays: npt.NDArray[np.int64], steps: int) -> Floats:
-    """Give the commanded speeds of rims over the steps of one decision.
+def delayed_rims(commands: Floats, delays: Integers, steps: int) -> Floats:
+    """Return the commanded speeds of rims over the steps of one decision.
 
     Args:
         commands: (n, k, 2) the last actions, newest first.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.compiled import kernel
 from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.robot import FORWARD_M_S, TURN_RAD_S
@@ -18,8 +16,6 @@ REST_M = 3.0
 STATES = 2 * len(AHEAD_M) + 8
 
 _BACK, _AHEAD = 5, 15
-
-Floats = npt.NDArray[np.float64]
 
 
 @kernel
@@ -53,7 +49,7 @@ def fill_state(
     pose: Floats,
     velocity: Floats,
     commands: Floats,
-    state: npt.NDArray[np.float32],
+    state: Floats32,
 ) -> None:
     """Fill one row of the observation `state`, see `RobotTaskEnv`.
 

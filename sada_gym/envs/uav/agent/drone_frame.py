@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import rotation
 
@@ -15,11 +15,9 @@ UNIT_M_S, UNIT_RAD_S = 10.0, 5.0
 REACH_M = 10.0
 """The unit of the network's waypoints."""
 
-Floats = npt.NDArray[np.float64]
 
-
-def motion(poses: Floats) -> npt.NDArray[np.float32]:
-    """Give motion (n, 9) in drones' own frame: up, velocity in 10 m/s, turning in 5 rad/s.
+def motion(poses: Floats) -> Floats32:
+    """Return motion (n, 9) in drones' own frame: up, velocity in 10 m/s, turning in 5 rad/s.
 
     Args:
         poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
@@ -29,7 +27,7 @@ def motion(poses: Floats) -> npt.NDArray[np.float32]:
     return motions
 
 
-def in_level(poses: Floats, answers: npt.NDArray[np.float32]) -> Floats:
+def in_level(poses: Floats, answers: Floats32) -> Floats:
     """Turn the network's answers (n, 6) into waypoints (n, 4) as `guidance` has them."""
     waypoints = np.empty((len(poses), 4))
     _to_level(poses, answers.astype(np.float64), waypoints)
@@ -38,19 +36,19 @@ def in_level(poses: Floats, answers: npt.NDArray[np.float32]) -> Floats:
 
 @kernel
 def axes_of(q: Floats) -> Floats:
-    """Give the drone's axes in the world, one a row, of a quaternion x, y, z, w."""
+    """Return the drone's axes in the world, one a row, of a quaternion x, y, z, w."""
     return rotation(q[0], q[1], q[2], q[3]).T
 
 
 @kernel
 def along(axes: Floats, k: int, x: float, y: float, z: float) -> float:
-    """Give the part of a vector along one of the axes."""
+    """Return the part of a vector along one of the axes."""
     part: float = axes[k, 0] * x + axes[k, 1] * y + axes[k, 2] * z
     return part
 
 
 @kernel
-def _to_motion(poses: Floats, motions: npt.NDArray[np.float32]) -> None:
+def _to_motion(poses: Floats, motions: Floats32) -> None:
     for i in range(len(poses)):
         axes = axes_of(poses[i, 3:7])
         speed, turn = poses[i, 7:10], poses[i, 10:13]

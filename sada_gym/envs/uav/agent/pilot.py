@@ -17,7 +17,8 @@ from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.policy import Policy
 from sada_gym.agents.tile import Batch, tiled
 from sada_gym.agents.wrappers import Predictor
-from sada_gym.envs.uav.agent.drone_frame import Floats, in_level, motion
+from sada_gym.arrays import Floats, Floats32, Indices
+from sada_gym.envs.uav.agent.drone_frame import in_level, motion
 from sada_gym.envs.uav.agent.network import WaypointNetwork, light
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import RacingEpisodes
@@ -59,7 +60,7 @@ class WaypointPilot:
     def start(self, count: int) -> None:
         """Begin new races; nothing is remembered."""
 
-    def act(self, races: RacingEpisodes, which: npt.NDArray[np.intp]) -> Floats:
+    def act(self, races: RacingEpisodes, which: Indices) -> Floats:
         """Choose actions (n, 4) for some drones."""
         seeds = [races.starts[i].seed for i in which.tolist()]
         waypoints = self.waypoints(races.gates[which], races.states[which], seeds)
@@ -81,8 +82,8 @@ class WaypointPilot:
         answers = tiled(self._answer, batch, WAYPOINT_TILE)
         return in_level(poses, np.concatenate(answers)) if answers else np.empty((0, 4))
 
-    def _answer(self, batch: Batch) -> npt.NDArray[np.float32]:
-        """Give the network's answers (WAYPOINT_TILE, 6) to a tile, NaN where not finite."""
+    def _answer(self, batch: Batch) -> Floats32:
+        """Return the network's answers (WAYPOINT_TILE, 6) to a tile, NaN where not finite."""
         with torch.inference_mode():
             images, motions = (torch.from_numpy(batch[key]) for key in ("image", "motion"))
             answers = self.network(light(images), motions)
@@ -92,12 +93,12 @@ class WaypointPilot:
                 f"Expected answers of shape {shape} from {type(self.network).__name__}, got "
                 f"{tuple(answers.shape)}."
             )
-        known: npt.NDArray[np.float32] = answers.numpy()
+        known: Floats32 = answers.numpy()
         return np.where(np.isfinite(known), known, np.float32(np.nan))
 
 
 def as_pilot(agent: Any) -> Pilot:
-    """Give the pilot that an agent means.
+    """Return the pilot that an agent means.
 
     Raises:
         UserError: If it is no `PilotLike`, or a model's spaces are not the racing task's.

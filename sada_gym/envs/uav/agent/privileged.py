@@ -6,9 +6,7 @@ perception network imitates.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from sada_gym.arrays import Floats, Indices
 from sada_gym.envs.uav.episodes import RacingEpisodes
 from sada_gym.envs.uav.world.guidance import steer
 
@@ -31,7 +29,7 @@ class PrivilegedPilot:
     def start(self, count: int) -> None:
         """Begin new races; nothing is remembered."""
 
-    def act(self, races: RacingEpisodes, which: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def act(self, races: RacingEpisodes, which: Indices) -> Floats:
         """Choose actions (n, 4) for some drones."""
-        actions: npt.NDArray[np.float64] = steer(races.waypoints(which), self._speed_m_s)
+        actions: Floats = steer(races.waypoints(which), self._speed_m_s)
         return actions

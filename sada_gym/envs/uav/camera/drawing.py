@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.compiled import inlined, kernel
 from sada_gym.envs.pixels import Triple, dot, splitmix, uniform
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M
@@ -31,8 +32,6 @@ BLOCK_M = 0.5
 _AROUND_M = 3.0
 """No part of a gate is farther from its middle."""
 
-Array = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 _PAINT = np.array(
     [
@@ -60,11 +59,11 @@ class Field(NamedTuple):
     """
 
     texels: Bytes
-    first: npt.NDArray[np.int64]
+    first: Integers
     size: int
-    scales: Array
-    clouds: npt.NDArray[np.float32]
-    hills: npt.NDArray[np.float32]
+    scales: Floats
+    clouds: Floats32
+    hills: Floats32
 
 
 class View(NamedTuple):
@@ -87,8 +86,7 @@ def _uniform(seed: np.uint64, number: int) -> float:
 
 
 @inlined
-def _turned(q: Array, x: float, y: float, z: float) -> Triple:
-    """Rotate a vector by a quaternion x, y, z, w."""
+def _turned(q: Floats, x: float, y: float, z: float) -> Triple:
     tx = 2 * (q[1] * z - q[2] * y)
     ty = 2 * (q[2] * x - q[0] * z)
     tz = 2 * (q[0] * y - q[1] * x)
@@ -100,7 +98,7 @@ def _turned(q: Array, x: float, y: float, z: float) -> Triple:
 
 
 @inlined
-def _view(pose: Array, mount: Array, seed: np.uint64) -> View:
+def _view(pose: Floats, mount: Floats, seed: np.uint64) -> View:
     tilt, forward, up = mount[0], mount[1], mount[2]
     q = pose[3:7]
     ahead = _turned(q, math.cos(tilt), 0.0, math.sin(tilt))
@@ -189,7 +187,7 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
 
 @kernel
 def _fill(
-    corners: Array,
+    corners: Floats,
     count: int,
     plane: Triple,
     along: Triple,
@@ -197,9 +195,9 @@ def _fill(
     paint: int,
     light: Triple,
     grid: Triple,
-    depth: npt.NDArray[np.float32],
+    depth: Floats32,
     colours: Bytes,
-    edges: npt.NDArray[np.int64],
+    edges: Integers,
 ) -> None:
     """Fill a convex polygon, (count, 3) depth, right and down, with chequers.
 
@@ -249,7 +247,7 @@ def _fill(
 
 
 @kernel
-def _clipped(corners: Array, out: Array) -> int:
+def _clipped(corners: Floats, out: Floats) -> int:
     """Cut four corners, (4, 3), at the near plane; give the number that `out` (6, 3) then holds."""
     count = 0
     for i in range(4):
@@ -270,16 +268,15 @@ def _clipped(corners: Array, out: Array) -> int:
 
 @kernel
 def _gate(
-    gate: Array,
+    gate: Floats,
     view: View,
     grid: Triple,
-    depth: npt.NDArray[np.float32],
+    depth: Floats32,
     colours: Bytes,
-    edges: npt.NDArray[np.int64],
-    corners: Array,
-    cut: Array,
+    edges: Integers,
+    corners: Floats,
+    cut: Floats,
 ) -> None:
-    """Draw those faces of a gate's boxes that look to the camera."""
     cos, sin = math.cos(gate[3]), math.sin(gate[3])
     rx, ry, rz = gate[0] - view.place[0], gate[1] - view.place[1], gate[2] - view.place[2]
     middle = (rx, ry, rz)
@@ -332,10 +329,10 @@ def _gate(
 @kernel
 def draw_all(
     pictures: Bytes,
-    gates: Array,
-    poses: Array,
+    gates: Floats,
+    poses: Floats,
     seeds: npt.NDArray[np.uint64],
-    mount: Array,
+    mount: Floats,
     pixel: float,
     field: Field,
 ) -> None:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from sada_gym.arrays import Bytes, Floats
 from sada_gym.envs.pixels import pixel_size, ranked
 from sada_gym.envs.uav.camera import drawing
 
@@ -22,8 +23,6 @@ FORWARD_M, UP_M = 0.1, 0.02
 """The way from the drone's middle to the camera."""
 
 _SIZE, _TEXEL_M, _STRIPE_M = 512, 0.125, 4.0
-
-Pictures = npt.NDArray[np.uint8]
 
 
 class DroneCamera:
@@ -43,12 +42,7 @@ class DroneCamera:
         self._mount = np.array([np.deg2rad(TILT_DEG), FORWARD_M, UP_M])
         self._field = field()
 
-    def draw(
-        self,
-        gates: npt.NDArray[np.float64],
-        poses: npt.NDArray[np.float64],
-        seeds: npt.ArrayLike,
-    ) -> Pictures:
+    def draw(self, gates: Floats, poses: Floats, seeds: npt.ArrayLike) -> Bytes:
         """Draw what n drones see.
 
         Args:
@@ -65,10 +59,8 @@ class DroneCamera:
         drawing.draw_all(pictures, gates, poses, keys, self._mount, self.pixel, self._field)
         return pictures
 
-    def project(
-        self, pose: npt.NDArray[np.float64], points: npt.NDArray[np.float64]
-    ) -> npt.NDArray[np.float64]:
-        """Give the columns and rows (k, 2) of points (k, 3) in the picture of a pose (7,).
+    def project(self, pose: Floats, points: Floats) -> Floats:
+        """Return the columns and rows (k, 2) of points (k, 3) in the picture of a pose (7,).
 
         They are NaN where a point is behind the camera.
         """
@@ -80,9 +72,7 @@ class DroneCamera:
         down = np.sin(tilt) * x - np.cos(tilt) * z
         depth = np.where(depth > 0, depth, np.nan)
         middle = np.array([self.columns, self.rows]) / 2
-        place: npt.NDArray[np.float64] = middle + np.stack([-y, down], axis=1) / (
-            depth[:, None] * self.pixel
-        )
+        place: Floats = middle + np.stack([-y, down], axis=1) / (depth[:, None] * self.pixel)
         return place
 
 
@@ -97,7 +87,7 @@ def field() -> drawing.Field:
     """Sow the field, once a process: mown grass, clouds and hills, none of it from photographs."""
     rng = np.random.default_rng(7)
 
-    def noise(size: int, width: float) -> npt.NDArray[np.float64]:
+    def noise(size: int, width: float) -> Floats:
         values = gaussian_filter(rng.normal(size=(size, size)), width, mode="wrap")
         return np.asarray(values / values.std())
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats
 from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import rotation
 from sada_gym.envs.uav.world.gates import BARS, DEPTH_M, OUTER_WIDTH_M
@@ -14,7 +14,6 @@ from sada_gym.envs.uav.world.gates import BARS, DEPTH_M, OUTER_WIDTH_M
 BODY_M = (0.24, 0.20, 0.06)
 """The size of the drone's box: forward, to the left, up."""
 
-Array = npt.NDArray[np.float64]
 
 _HALF = np.array(BODY_M) / 2
 _RADIUS_M = math.sqrt(float((_HALF**2).sum()))
@@ -24,7 +23,7 @@ _ROUNDING = 1e-12
 
 
 @kernel
-def touches(state: Array, gates: Array) -> bool:
+def touches(state: Floats, gates: Floats) -> bool:
     """Say whether a drone (13,) touches the ground or a frame of gates (g, 4)."""
     x, y, z = state[0], state[1], state[2]
     r = rotation(state[3], state[4], state[5], state[6])
@@ -53,7 +52,7 @@ def touches(state: Array, gates: Array) -> bool:
 
 
 @kernel
-def _meet(own: Array, x: float, y: float, z: float, width: float, height: float) -> bool:
+def _meet(own: Floats, x: float, y: float, z: float, width: float, height: float) -> bool:
     """Say whether the drone's box and a bar have a point in common (separating axes, Gottschalk).
 
     Args:

@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Indices
 from sada_gym.compiled import kernel
 
 SIMULATION_HZ = 240
@@ -39,7 +39,6 @@ MAX_CLIMB_M_S2, MAX_SINK_M_S2 = 10.0, 6.0
 _YAW_SHARE = 0.3
 """The share of a rotor's greatest thrust that yaw may take: roll and pitch come first."""
 
-Array = npt.NDArray[np.float64]
 _LAG = 1.0 - math.exp(-1.0 / (SIMULATION_HZ * ROTOR_LAG_S))
 _SIGNS = np.array([[1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
 """Each rotor's row: the sides on which it is, x and y, and the sign of its drag torque."""
@@ -47,13 +46,13 @@ _SIGNS = np.array([[1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [1.0,
 
 @kernel
 def heading_of(x: float, y: float, z: float, w: float) -> float:
-    """Give the heading of an attitude: where the body's x axis points, seen from above."""
+    """Return the heading of an attitude: where the body's x axis points, seen from above."""
     return math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
 
 
 @kernel
-def rotation(x: float, y: float, z: float, w: float) -> Array:
-    """Give the matrix of a quaternion; its columns are the body's axes."""
+def rotation(x: float, y: float, z: float, w: float) -> Floats:
+    """Return the matrix of a quaternion; its columns are the body's axes."""
     r = np.empty((3, 3))
     r[0, 0], r[0, 1], r[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
     r[1, 0], r[1, 1], r[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
@@ -62,8 +61,8 @@ def rotation(x: float, y: float, z: float, w: float) -> Array:
 
 
 @kernel
-def wanted_attitude(force: Array, heading: float) -> Array:
-    """Give the attitude whose z axis is along a force and whose x axis points to a heading.
+def wanted_attitude(force: Floats, heading: float) -> Floats:
+    """Return the attitude whose z axis is along a force and whose x axis points to a heading.
 
     The x axis lies exactly above the heading, however the body leans, so that a camera does not
     swing when the drone does.
@@ -86,8 +85,8 @@ def wanted_attitude(force: Array, heading: float) -> Array:
 
 
 @kernel
-def _wanted_force(velocity: Array, wanted: Array) -> Array:
-    """Give the force over mass that leads to the wanted velocity, within the tilt allowed."""
+def _wanted_force(velocity: Floats, wanted: Floats) -> Floats:
+    """Return the force over mass that leads to the wanted velocity, within the tilt allowed."""
     force = np.empty(3)
     for k in range(3):
         force[k] = VELOCITY_GAIN_PER_S * (wanted[k] - velocity[k]) + DRAG_PER_S * velocity[k]
@@ -101,7 +100,7 @@ def _wanted_force(velocity: Array, wanted: Array) -> Array:
 
 
 @kernel
-def _rotors(thrust: float, torque: Array) -> Array:
+def _rotors(thrust: float, torque: Floats) -> Floats:
     """Share thrust and torques among the rotors; where they can't give all, yaw yields first."""
     share = np.empty(4)
     most = 0.0
@@ -124,7 +123,7 @@ def _rotors(thrust: float, torque: Array) -> Array:
 
 @kernel
 def control(
-    which: npt.NDArray[np.intp], states: Array, commands: Array, headings: Array, rotors: Array
+    which: Indices, states: Floats, commands: Floats, headings: Floats, rotors: Floats
 ) -> None:
     """Take one step of the flight controller, the rotors and the velocities of some of n drones.
 
@@ -171,8 +170,8 @@ def control(
             s[10 + k] += turn / INERTIA_KG_M2 / SIMULATION_HZ
 
 
-def upright(place: Sequence[float], heading: float) -> Array:
-    """Give the state (13,) of a drone at rest."""
+def upright(place: Sequence[float], heading: float) -> Floats:
+    """Return the state (13,) of a drone at rest."""
     state = np.zeros(13)
     state[:3] = place
     state[5:7] = math.sin(heading / 2), math.cos(heading / 2)

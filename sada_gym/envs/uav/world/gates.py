@@ -7,7 +7,8 @@ gate's own frame x points in that direction, y to the left and z up.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from sada_gym.arrays import Floats
 
 OPENING_WIDTH_M = 2.4
 OPENING_HEIGHT_M = 2.4
@@ -25,7 +26,7 @@ TOP_M = CENTRE_HEIGHT_M + OPENING_HEIGHT_M / 2 + BAR_M
 _SIDE = (OPENING_WIDTH_M + BAR_M) / 2
 _RISE = (OPENING_HEIGHT_M + BAR_M) / 2
 
-BARS: npt.NDArray[np.float64] = np.array(
+BARS: Floats = np.array(
     [
         [_SIDE, TOP_M / 2 - CENTRE_HEIGHT_M, BAR_M / 2, TOP_M / 2],
         [-_SIDE, TOP_M / 2 - CENTRE_HEIGHT_M, BAR_M / 2, TOP_M / 2],

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats
 from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
@@ -30,12 +30,10 @@ LOOK_M = 1.5
 BACK_M = 3.0
 """A drone that flew beside a gate flies back to a place so far before the gate."""
 
-Array = npt.NDArray[np.float64]
-
 
 @kernel
-def waypoints(gates: Array, states: Array) -> Array:
-    """Give the true waypoints, (n, 4): gates (n, 4) in the level frames of drones (n, 13)."""
+def waypoints(gates: Floats, states: Floats) -> Floats:
+    """Return the true waypoints, (n, 4): gates (n, 4) in the level frames of drones (n, 13)."""
     found = np.empty((len(states), 4))
     for i in range(len(states)):
         s = states[i]
@@ -50,7 +48,7 @@ def waypoints(gates: Array, states: Array) -> Array:
 
 
 @kernel
-def steer(waypoints: Array, speed_m_s: float) -> Array:
+def steer(waypoints: Floats, speed_m_s: float) -> Floats:
     """Fly to waypoints.
 
     Args:

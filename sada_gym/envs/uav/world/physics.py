@@ -11,12 +11,10 @@ import threading
 from itertools import chain
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Floats
 from sada_gym.envs.bullet import pybullet
 from sada_gym.envs.uav.world.drone import INERTIA_KG_M2, MASS_KG, SIMULATION_HZ
-
-Array = npt.NDArray[np.float64]
 
 
 class FreeBodies:
@@ -29,7 +27,7 @@ class FreeBodies:
             fixedTimeStep=1 / SIMULATION_HZ, numSubSteps=0, physicsClientId=self._client
         )
 
-    def place(self, poses: Array) -> None:
+    def place(self, poses: Floats) -> None:
         """Set bodies to poses, one for each of (n, 7): position, quaternion xyzw."""
         client = self._client
         while len(self._bodies) > len(poses):  # they would cost time in every step
@@ -39,7 +37,7 @@ class FreeBodies:
         for body, pose in zip(self._bodies, poses.tolist(), strict=True):
             pybullet.resetBasePositionAndOrientation(body, pose[:3], pose[3:], client)
 
-    def step(self, velocities: Array) -> Array:
+    def step(self, velocities: Floats) -> Floats:
         """Move the bodies for one step of the simulation.
 
         Args:
@@ -80,7 +78,7 @@ _LOCAL = threading.local()
 
 
 def free_bodies() -> FreeBodies:
-    """Give this thread's bodies: connecting a client takes as long as a race."""
+    """Return this thread's bodies: connecting a client takes as long as a race."""
     if not hasattr(_LOCAL, "bodies"):
         _LOCAL.bodies = FreeBodies()
     bodies: FreeBodies = _LOCAL.bodies

@@ -11,6 +11,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.contact import touches
 from sada_gym.envs.uav.world.drone import SIMULATION_HZ, heading_of, rotation
@@ -22,8 +23,6 @@ UNIT_M, UNIT_RAD_S = 20.0, 10.0
 WORLD_M, CEILING_M = 80.0, 15.0
 """A drone further from the middle, or higher, is lost."""
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 Endings = npt.NDArray[np.int8]
 
 _MOST_WINDUP_RAD = 0.3
@@ -42,8 +41,8 @@ class GateOutcome(IntEnum):
 
 
 @kernel
-def observed_gates(waypoints: Array) -> npt.NDArray[np.float32]:
-    """Give waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
+def observed_gates(waypoints: Floats) -> Floats32:
+    """Return waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
     found = np.empty((len(waypoints), 5), np.float32)
     for i in range(len(waypoints)):
         for k in range(3):
@@ -53,8 +52,8 @@ def observed_gates(waypoints: Array) -> npt.NDArray[np.float32]:
 
 
 @kernel
-def observed_motion(states: Array) -> npt.NDArray[np.float32]:
-    """Give velocity in the level frame, the world's up in the body's frame, and body rates."""
+def observed_motion(states: Floats) -> Floats32:
+    """Return velocity in the level frame, the world's up in the body's frame, and body rates."""
     found = np.empty((len(states), 9))
     for i in range(len(states)):
         s = states[i]
@@ -75,13 +74,13 @@ def observed_motion(states: Array) -> npt.NDArray[np.float32]:
 @kernel
 def orders(
     which: Indices,
-    actions: Array,
-    states: Array,
+    actions: Floats,
+    states: Floats,
     next_gate: Indices,
     endings: Endings,
-    ended_at: Array,
-    headings: Array,
-    commands: Array,
+    ended_at: Floats,
+    headings: Floats,
+    commands: Floats,
 ) -> None:
     """Turn the actions of some of n drones into commands, or end their gates as lost.
 
@@ -119,14 +118,14 @@ def orders(
 @kernel
 def judge(
     which: Indices,
-    before: Array,
-    gates: Array,
-    states: Array,
+    before: Floats,
+    gates: Floats,
+    states: Floats,
     next_gate: Indices,
     endings: Endings,
-    ended_at: Array,
-    time_s: Array,
-    since: npt.NDArray[np.int64],
+    ended_at: Floats,
+    time_s: Floats,
+    since: Integers,
     limit: int,
 ) -> None:
     """See what became of the next gates of some of n drones in one step of the simulation.
@@ -164,8 +163,7 @@ def judge(
 
 
 @kernel
-def _passes(before: Array, after: Array, gate: Array) -> bool:
-    """Say whether a drone crosses a gate's opening on the way from one place to another."""
+def _passes(before: Floats, after: Floats, gate: Floats) -> bool:
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
     was = (before[0] - gate[0]) * cosine + (before[1] - gate[1]) * sine
     now = (after[0] - gate[0]) * cosine + (after[1] - gate[1]) * sine
@@ -181,7 +179,7 @@ def _passes(before: Array, after: Array, gate: Array) -> bool:
 
 
 @kernel
-def is_lost(state: Array) -> bool:
+def is_lost(state: Floats) -> bool:
     """Say whether a drone (13,) is out of the world, or not in any possible state."""
     x, y, z = state[:3]
     inside = abs(x) < WORLD_M and abs(y) < WORLD_M and -1.0 < z < CEILING_M

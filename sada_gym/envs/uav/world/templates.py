@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bools
 from sada_gym.envs.uav.world.track import Tracks
 from sada_gym.errors import UserError
 from sada_gym.parameters import Parameter, ParameterSpace
@@ -63,9 +64,9 @@ class Template:
         return tracks
 
 
-def buildable(tracks: Tracks) -> npt.NDArray[np.bool_]:
+def buildable(tracks: Tracks) -> Bools:
     """Say whether all frames of tracks keep apart from one another and from the start, (n,)."""
-    apart: npt.NDArray[np.bool_] = tracks.closest_m() >= LEAST_SPACING_M
+    apart: Bools = tracks.closest_m() >= LEAST_SPACING_M
     apart &= tracks.start_m() >= LEAST_START_M
     return apart
 
@@ -79,7 +80,7 @@ TEMPLATES = {
 
 
 def template(anchors: int) -> Template:
-    """Give the template with so many anchor points.
+    """Return the template with so many anchor points.
 
     Raises:
         ValueError: If there is none.

@@ -6,9 +6,9 @@ import math
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 
+from sada_gym.arrays import Floats
 from sada_gym.compiled import kernel
 from sada_gym.envs.uav.world.gates import CENTRE_HEIGHT_M, DEPTH_M, OUTER_WIDTH_M
 
@@ -19,8 +19,6 @@ _SAMPLES = 600
 """The number of chords by which a lap is measured."""
 _SHARES = np.append(0.5, np.arange(GATES) + 1.0) / GATES
 """The shares of the lap at which the start and the gates stand."""
-
-Array = npt.NDArray[np.float64]
 
 
 class Tracks:
@@ -39,7 +37,7 @@ class Tracks:
             was drawn back.
     """
 
-    def __init__(self, anchors: Array) -> None:
+    def __init__(self, anchors: Floats) -> None:
         count = len(anchors)
         self.anchors = anchors
         self.gates = np.empty((count, GATES, 4))
@@ -56,8 +54,8 @@ class Tracks:
         self.gates[i], self.starts[i] = other.gates[0], other.starts[0]
         self.length_m[i] = other.length_m[0]
 
-    def turns_deg(self) -> Array:
-        """Give the angles (n, GATES) by which tracks turn from the start and each gate to the next.
+    def turns_deg(self) -> Floats:
+        """Return the turns of tracks to each gate from the one before (or the start), (n, GATES).
 
         Left is positive. A loop between two gates counts: a turn may be of more than 180.
         """
@@ -66,29 +64,29 @@ class Tracks:
             turned[i] = np.diff(_headings(points, _parameters(points, _SHARES)[0]))
         return np.rad2deg(turned)
 
-    def sharpest_turn_deg(self) -> Array:
-        """Give the greatest turn of each track, to either side, (n,)."""
-        sharpest: Array = np.abs(self.turns_deg()).max(axis=1)
+    def sharpest_turn_deg(self) -> Floats:
+        """Return the greatest turn of each track, to either side, (n,)."""
+        sharpest: Floats = np.abs(self.turns_deg()).max(axis=1)
         return sharpest
 
-    def closest_m(self) -> Array:
-        """Give the smallest distance between two frames of a track, (n,); 0 where they overlap."""
+    def closest_m(self) -> Floats:
+        """Return the least distance between two frames of a track, (n,); 0 where they overlap."""
         return np.array([_closest(gates) for gates in self.gates])
 
-    def start_m(self) -> Array:
-        """Give the distance from the start to the nearest frame, (n,)."""
+    def start_m(self) -> Floats:
+        """Return the distance from the start to the nearest frame, (n,)."""
         return np.array(
             [_nearest(gates, start) for gates, start in zip(self.gates, self.starts, strict=True)]
         )
 
 
-def line(anchors: Array, count: int = 200) -> Array:
-    """Give the lap of one track, (count, 2) points from the start on."""
+def line(anchors: Floats, count: int = 200) -> Floats:
+    """Return the lap of one track, (count, 2) points from the start on."""
     return along(anchors, np.linspace(0, 1, count))[0][:, :2]
 
 
-def along(anchors: Array, share: Array) -> tuple[Array, float]:
-    """Give places on one track.
+def along(anchors: Floats, share: Floats) -> tuple[Floats, float]:
+    """Return places on one track.
 
     Args:
         anchors: (k, 2).
@@ -104,8 +102,8 @@ def along(anchors: Array, share: Array) -> tuple[Array, float]:
     return np.column_stack([place, np.full(len(at), CENTRE_HEIGHT_M), heading]), length
 
 
-def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
-    """Give the spline's parameters at shares of a lap, and the lap's length in m."""
+def _parameters(anchors: Floats, share: Floats) -> tuple[Floats, float]:
+    """Return the spline's parameters at shares of a lap, and the lap's length in m."""
     count = len(anchors)
     points = _basis(count) @ anchors[np.arange(count + DEGREE) % count]
     step = np.hypot(*np.diff(points, axis=0).T)
@@ -114,36 +112,34 @@ def _parameters(anchors: Array, share: Array) -> tuple[Array, float]:
     return at, float(travelled[-1])
 
 
-def _headings(anchors: Array, at: Array) -> Array:
-    """Give headings at increasing parameters, without jumps of a whole turn."""
+def _headings(anchors: Floats, at: Floats) -> Floats:
+    """Return headings at increasing parameters, without jumps of a whole turn."""
     # between two knots the tangent runs straight from one vector to another: less than half a turn
     every = np.union1d(at, np.arange(len(anchors) + 1))
     tangent = _spline(anchors).derivative()(every)
-    headings: Array = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    headings: Floats = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     return headings[np.searchsorted(every, at)]
 
 
-def _spline(anchors: Array) -> BSpline:
+def _spline(anchors: Floats) -> BSpline:
     count = len(anchors)
     return BSpline(_knots(count), anchors[np.arange(count + DEGREE) % count], DEGREE)
 
 
-def _knots(count: int) -> Array:
-    """Give uniform knots, so that the lap's parameter runs from 0 to the number of anchors."""
+def _knots(count: int) -> Floats:
+    """Return uniform knots, so that the lap's parameter runs from 0 to the number of anchors."""
     return np.arange(-DEGREE, count + DEGREE + 1, dtype=np.float64)
 
 
 @lru_cache
-def _basis(count: int) -> Array:
-    """Give the weight of every anchor in every sample of a lap."""
+def _basis(count: int) -> Floats:
     parameter = np.linspace(0, count, _SAMPLES + 1)
-    basis: Array = BSpline.design_matrix(parameter, _knots(count), DEGREE).toarray()
+    basis: Floats = BSpline.design_matrix(parameter, _knots(count), DEGREE).toarray()
     return basis
 
 
 @kernel
-def _corners(gate: Array) -> Array:
-    """Give the four corners of a frame, seen from above."""
+def _corners(gate: Floats) -> Floats:
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
     corners = np.empty((4, 2))
     for k in range(4):
@@ -155,8 +151,8 @@ def _corners(gate: Array) -> Array:
 
 
 @kernel
-def to_frame(gate: Array, x: float, y: float) -> float:
-    """Give the distance of a point from a frame, seen from above; 0 inside of it."""
+def to_frame(gate: Floats, x: float, y: float) -> float:
+    """Return the distance of a point from a frame, seen from above; 0 inside of it."""
     cosine, sine = math.cos(gate[3]), math.sin(gate[3])
     dx, dy = x - gate[0], y - gate[1]
     forward = max(abs(dx * cosine + dy * sine) - DEPTH_M / 2, 0.0)
@@ -165,8 +161,7 @@ def to_frame(gate: Array, x: float, y: float) -> float:
 
 
 @kernel
-def _cross(one: Array, other: Array) -> bool:
-    """Say whether the middle lines of two frames cross."""
+def _cross(one: Floats, other: Floats) -> bool:
     ax, ay = -math.sin(one[3]), math.cos(one[3])
     bx, by = -math.sin(other[3]), math.cos(other[3])
     dx, dy = other[0] - one[0], other[1] - one[1]
@@ -180,7 +175,7 @@ def _cross(one: Array, other: Array) -> bool:
 
 
 @kernel
-def _closest(gates: Array) -> float:
+def _closest(gates: Floats) -> float:
     least = math.inf
     for i in range(len(gates)):
         for j in range(i):
@@ -198,7 +193,7 @@ def _closest(gates: Array) -> float:
 
 
 @kernel
-def _nearest(gates: Array, place: Array) -> float:
+def _nearest(gates: Floats, place: Floats) -> float:
     least = math.inf
     for i in range(len(gates)):
         least = min(least, to_frame(gates[i], place[0], place[1]))
