@@ -6,9 +6,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.arrays import Bytes, Floats
 from sada_gym.clips.captions import FAILED, INK, INSET, PAPER, WIDTH, add_inset, cross
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, steps_before
 from sada_gym.envs.driving.camera.pinhole import Lens, camera
@@ -36,8 +36,6 @@ _COMMANDS = {
     "right": "turn right",
     "straight": "straight on",
 }
-
-Array = npt.NDArray[np.float64]
 
 
 def clip(application: DrivingApplication, mu: Mu, seed: int, seconds: float) -> Clip:
@@ -100,7 +98,7 @@ def _weather(index: int) -> str:
     return "".join(f" {c.lower()}" if c.isupper() else c for c in NAMES[index]).strip()
 
 
-def _views(start: DrivingStart, places: Array, moments: Array) -> npt.NDArray[np.uint8]:
+def _views(start: DrivingStart, places: Floats, moments: Floats) -> Bytes:
     """Draw what the camera sees from places (n, 4), at some steps of the driver, (n,)."""
     count, lens = len(places), Lens(ROWS, WIDTH)
     poses = np.column_stack([places[:, :3], np.full(count, start.mount.height_m)])
@@ -110,7 +108,7 @@ def _views(start: DrivingStart, places: Array, moments: Array) -> npt.NDArray[np
     return camera(LAYOUT).draw(lens, rays, mounts, poses, weathers, keys)
 
 
-def _map(start: DrivingStart, place: Array, driven: Array, *, failed: bool) -> Image.Image:
+def _map(start: DrivingStart, place: Floats, driven: Floats, *, failed: bool) -> Image.Image:
     """Draw the streets around the car from above, its route, and the way that it drove."""
     side = INSET * _FINER
     chart = _town()
@@ -122,7 +120,7 @@ def _map(start: DrivingStart, place: Array, driven: Array, *, failed: bool) -> I
     )
     draw, unit = ImageDraw.Draw(picture), side / _SPAN_M
 
-    def pixels(points: Array) -> list[tuple[float, float]]:
+    def pixels(points: Floats) -> list[tuple[float, float]]:
         return [
             (side / 2 + unit * float(dx), side / 2 + unit * float(dy))
             for dx, dy in points - place[:2]

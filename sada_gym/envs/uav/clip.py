@@ -10,6 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
+from sada_gym.arrays import Floats
 from sada_gym.clips.captions import DONE, FAILED, INK, INSET, PAPER, WIDTH, add_inset, cross, ring
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, share_time, steps_before
 from sada_gym.drawing import font
@@ -40,8 +41,6 @@ _FIELD, _LINE, _AHEAD, _FLOWN = (226, 236, 214), (190, 203, 174), (107, 114, 128
 _FINE = 4
 _ARROW = ((0.0, 26), (np.deg2rad(140), 20), (np.deg2rad(220), 20))
 """The drone on the map: the angles and the distances of a triangle's corners."""
-
-Array = npt.NDArray[np.float64]
 
 
 def clip(application: UAVApplication, mu: Mu, seed: int, seconds: float) -> Clip:
@@ -113,7 +112,7 @@ def _shot(rollout: Rollout[RacingStart], steps: range, missed: int | None, world
 
 
 def _ending(
-    rollout: Rollout[RacingStart], missed: int | None, at: Array | None, time_s: float
+    rollout: Rollout[RacingStart], missed: int | None, at: Floats | None, time_s: float
 ) -> ShotEnding:
     gates = rollout.start.gates
     if missed is None or at is None:
@@ -133,7 +132,7 @@ def _ending(
     return ShotEnding(texts[code], failed=True)
 
 
-def _eyes(states: Sequence[Array]) -> Array:
+def _eyes(states: Sequence[Floats]) -> Floats:
     """Return the poses (n, 7) of a level camera that follows the drone."""
     headings = np.unwrap([float(heading_of(*state[3:7])) for state in states])
     padded = np.concatenate([np.full(_LAG - 1, headings[0]), headings])
@@ -146,7 +145,9 @@ def _eyes(states: Sequence[Array]) -> Array:
     return np.concatenate([eyes, turned], axis=1)
 
 
-def _number(picture: Image.Image, lens: DroneCamera, eye: Array, gate: Array, number: int) -> None:
+def _number(
+    picture: Image.Image, lens: DroneCamera, eye: Floats, gate: Floats, number: int
+) -> None:
     ((x, y),) = lens.project(eye, np.array([[gate[0], gate[1], TOP_M + 0.35]]))
     away = float(np.linalg.norm(gate[:2] - eye[:2]))
     size = float(np.clip(150 / max(away, 1.0), 13, 30))
@@ -164,11 +165,11 @@ def _number(picture: Image.Image, lens: DroneCamera, eye: Array, gate: Array, nu
         )
 
 
-def _drone(picture: Image.Image, lens: DroneCamera, eye: Array, state: Array) -> None:
+def _drone(picture: Image.Image, lens: DroneCamera, eye: Floats, state: Floats) -> None:
     """Draw the drone: a body, four arms, and rotors, of which the front ones are light."""
     turn = Rotation.from_quat(state[3:7])
 
-    def seen(points: Array) -> list[tuple[float, float]]:
+    def seen(points: Floats) -> list[tuple[float, float]]:
         places = lens.project(eye, state[:3] + turn.apply(points))
         return [(float(x), float(y)) for x, y in _FINE * (places - corner)]
 
@@ -203,9 +204,9 @@ def _drone(picture: Image.Image, lens: DroneCamera, eye: Array, state: Array) ->
 def _map(
     start: RacingStart,
     endings: npt.NDArray[np.int8],
-    ways: Sequence[Array],
-    state: Array,
-    hit: Array | None,
+    ways: Sequence[Floats],
+    state: Floats,
+    hit: Floats | None,
 ) -> Image.Image:
     """Draw the track from above: gates ahead, passed (blue) and missed (orange), and the drone."""
     side = INSET * _FINER
@@ -214,7 +215,7 @@ def _map(
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     scale = side / float((high - low).max())
 
-    def pixels(places: Array) -> list[tuple[float, float]]:
+    def pixels(places: Floats) -> list[tuple[float, float]]:
         off = (places - (low + high) / 2) * scale
         return [(float(side / 2 + x), float(side / 2 - y)) for x, y in off]
 
