@@ -81,7 +81,9 @@ class Lockstep(ABC, Generic[Observed]):
         """Return the seed that a reset with this seed means."""
         return seed
 
-    def checked(self, actions: Any, shape: tuple[int, ...] | None, what: str) -> npt.NDArray[Any]:
+    def validate_actions(
+        self, actions: Any, shape: tuple[int, ...] | None, what: str
+    ) -> npt.NDArray[Any]:
         """Return actions of this shape as an array; messages call them `what`.
 
         Raises:
@@ -161,10 +163,8 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
 
     def step(self, action: npt.NDArray[Any]) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Take one action."""
-        checked = self._lockstep.checked(action, self.action_space.shape, "an action")
-        reward, terminated, truncated, (info,) = self._lockstep.step(
-            checked[None], [self.np_random]
-        )
+        valid = self._lockstep.validate_actions(action, self.action_space.shape, "an action")
+        reward, terminated, truncated, (info,) = self._lockstep.step(valid[None], [self.np_random])
         observation = self._observation()
         return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
@@ -251,8 +251,8 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
         dict[str, Any],
     ]:
         """Take one action each, (num_envs, ...); where an episode ends, another begins."""
-        checked = self._lockstep.checked(actions, self.action_space.shape, "actions")
-        reward, terminated, truncated, last_infos = self._lockstep.step(checked, self._generators)
+        valid = self._lockstep.validate_actions(actions, self.action_space.shape, "actions")
+        reward, terminated, truncated, last_infos = self._lockstep.step(valid, self._generators)
         over = terminated | truncated
         last = self._lockstep.observe(np.flatnonzero(over))
         place = np.cumsum(over) - 1

@@ -153,7 +153,7 @@ def fit_mixture(
     Raises:
         ValueError: If there are no points, or shapes or values are bad.
     """
-    x, w = _checked(points, weights)
+    x, w = _validate(points, weights)
     with threadpool_limits(1):
         return _fit(x, w, components, rng)
 
@@ -178,7 +178,7 @@ def fit_best_mixture(
     """
     if not sizes:
         raise UserError("Expected at least one size to try, got none.")
-    x, w = _checked(points, weights)
+    x, w = _validate(points, weights)
     trial = rng.permutation(len(x))[:_TRIAL_POINTS]
     best = sizes[0]
     with threadpool_limits(1):
@@ -214,7 +214,7 @@ def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixtu
     return _expectation_maximisation(x, w, shares, prior)
 
 
-def _checked(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Array, Array]:
+def _validate(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Array, Array]:
     x = np.asarray(points, np.float64)
     if x.ndim != 2 or 0 in x.shape or not np.isfinite(x).all():
         raise UserError(f"Expected finite points of shape (n, d), n >= 1, got shape {x.shape}.")

@@ -98,7 +98,7 @@ class DetectorAgent:
         pixels = torch.from_numpy(batch["image"]).permute(0, 3, 1, 2)
         images = list(pixels.float().div(255).contiguous())
         with torch.inference_mode():
-            return _checked(self.network(images), len(images))
+            return _validate(self.network(images), len(images))
 
 
 def _detections_of(folded: FoldedDetector, batch: Batch, tile: int) -> list[Detections]:
@@ -119,7 +119,7 @@ def listed(detections: Detections) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def _checked(detections: Any, count: int) -> list[Detections]:
+def _validate(detections: Any, count: int) -> list[Detections]:
     if not isinstance(detections, Sequence) or len(detections) != count:
         what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
         raise UserError(

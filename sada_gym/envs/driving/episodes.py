@@ -181,7 +181,7 @@ class DrivingEpisodes(Episodes[DrivingStart]):
         Raises:
             UserError: If the actions are of another shape or not finite.
         """
-        actions = np.clip(self._checked(which, actions), -1.0, 1.0)
+        actions = np.clip(self._validate_actions(which, actions), -1.0, 1.0)
         states = self.states[which]
         drive(
             states,

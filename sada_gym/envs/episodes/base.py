@@ -78,27 +78,27 @@ class Episodes(ABC, Generic[StartT]):
     def snapshot(self) -> Batch:
         """Return what a rollout keeps of the current step, each key (n, ...)."""
 
-    def _checked(self, which: Indices, actions: npt.NDArray[Any]) -> Floats:
+    def _validate_actions(self, which: Indices, actions: npt.NDArray[Any]) -> Floats:
         """Return a copy of the actions in some episodes as float64.
 
         Raises:
             UserError: If they are of another shape, or not finite where episodes take none such.
         """
-        checked = np.array(actions, np.float64)
+        copied = np.array(actions, np.float64)
         shape = (len(which), *(self.action_space.shape or ()))
-        if checked.shape != shape:
+        if copied.shape != shape:
             raise UserError(
                 f"Expected actions of shape {shape}, one for each of the episodes under way, got "
-                f"{checked.shape}."
+                f"{copied.shape}."
             )
-        finite = np.isfinite(checked).all(axis=1)
+        finite = np.isfinite(copied).all(axis=1)
         if self.finite_only and not finite.all():
             first = int(finite.argmin())
             raise UserError(
-                f"Expected finite actions, got {checked[first].tolist()} at "
+                f"Expected finite actions, got {copied[first].tolist()} at "
                 f"{self.where(int(which[first]))}. Look for NaN or infinity in the agent."
             )
-        return checked
+        return copied
 
     def where(self, i: int) -> str:
         """Say in a few words where episode i is, for messages."""

@@ -71,7 +71,9 @@ class Task(Lockstep[Batch], Generic[EpisodesT]):
             raise ResetNeeded("Expected reset() first: no episode has begun yet.")
         return self._episodes
 
-    def checked(self, actions: Any, shape: tuple[int, ...] | None, what: str) -> npt.NDArray[Any]:
+    def validate_actions(
+        self, actions: Any, shape: tuple[int, ...] | None, what: str
+    ) -> npt.NDArray[Any]:
         """Return finite actions of this shape as an array.
 
         Raises:

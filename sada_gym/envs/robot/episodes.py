@@ -179,7 +179,7 @@ class RobotEpisodes(Episodes[RobotStart]):
         Raises:
             UserError: If the actions are of another shape or not finite.
         """
-        actions = np.clip(self._checked(which, actions), -1.0, 1.0)
+        actions = np.clip(self._validate_actions(which, actions), -1.0, 1.0)
         commands = self.commands[which]
         commands[:, 1:] = commands[:, :-1].copy()
         commands[:, 0] = actions

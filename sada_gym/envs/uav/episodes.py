@@ -192,7 +192,7 @@ class RacingEpisodes(Episodes[RacingStart]):
         Raises:
             UserError: If the actions are of another shape.
         """
-        actions = self._checked(which, actions)
+        actions = self._validate_actions(which, actions)
         self.steps[which] += 1
         flight = self.states, self.next_gate, self.endings, self.ended_at
         # no number that is none may reach PyBullet, where the others are
