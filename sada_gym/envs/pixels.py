@@ -42,7 +42,7 @@ def ranked(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def pixel_size(field_of_view_deg: float, columns: int) -> float:
-    """Give the side of a pinhole camera's pixels at a distance of 1."""
+    """Return the side of a pinhole camera's pixels at a distance of 1."""
     return 2 * float(np.tan(np.deg2rad(field_of_view_deg) / 2)) / columns
 
 
@@ -58,13 +58,13 @@ def uniform(state: np.uint64) -> float:
 
 @inlined
 def dot(a: Triple, b: Triple) -> float:
-    """Give the scalar product of two vectors."""
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
 def scaled(a: Triple, share: float) -> Triple:
-    """Give a share of a colour."""
+    """Return a share of a colour."""
     return share * a[0], share * a[1], share * a[2]
 
 

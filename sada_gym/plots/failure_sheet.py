@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import font, swatch, wrapped
+from sada_gym.drawing import font, stacked, swatch, wrapped
 from sada_gym.frames import GRID, INK, MUTED, Frame, LegendEntry, rgb
 
 WIDTH = 1400
@@ -66,20 +66,17 @@ def failure_sheet(
         title: A line above the legend.
         headline: A sentence or two on top.
     """
-    page = _Page()
+    strips = [_space(_MARGIN)]
     if headline:
-        page.write(headline, _HEADLINE, bold=True)
-        page.top += 6
-    page.write(title, _TEXT, colour=MUTED)
-    page.top += 8
-    page.legend(legend)
-    for group in filter(lambda group: len(group.frames), groups):
-        page.rule()
-        page.heading(group.title, group.note)
-        for first in range(0, len(group.frames), columns):
-            row = slice(first, first + columns)
-            page.row(group.frames[row], group.captions[row], columns)
-    return page.finished()
+        strips += [_text(headline, _HEADLINE, bold=True), _space(6)]
+    strips += [_text(title, _TEXT, MUTED), _space(8), _legend(legend)]
+    strips += [_text(entry.text, _TEXT) for entry in legend if entry.mark == "note"]
+    for group in groups:
+        starts = range(0, len(group.frames), columns)
+        strips += [_heading(group)] if starts else []
+        for row in (slice(start, start + columns) for start in starts):
+            strips.append(_row(group.frames[row], group.captions[row], columns))
+    return Image.fromarray(stacked([*strips, _space(_MARGIN - _GAP)]))
 
 
 def png_of(picture: Image.Image) -> bytes:
@@ -89,88 +86,69 @@ def png_of(picture: Image.Image) -> bytes:
     return buffer.getvalue()
 
 
-class _Page:
-    """A white page that grows as things are put below one another."""
+def _space(height: int) -> Image.Image:
+    return Image.new("RGB", (WIDTH, height), "white")
 
-    def __init__(self) -> None:
-        self._picture = Image.new("RGB", (WIDTH, 2 * WIDTH), "white")
-        self.top = _MARGIN
-        self._grow(0)
 
-    def _grow(self, room: int) -> None:
-        if self.top + room > self._picture.height:
-            taller = Image.new("RGB", (WIDTH, 2 * (self.top + room)), "white")
-            taller.paste(self._picture, (0, 0))
-            self._picture = taller
-        self._draw = ImageDraw.Draw(self._picture)
+def _text(text: str, size: int, colour: str = INK, *, bold: bool = False) -> Image.Image:
+    face, height = font(size, bold=bold), round(_LINE * size)
+    lines = wrapped(text, face, WIDTH - 2 * _MARGIN)
+    strip = _space(height * len(lines))
+    draw = ImageDraw.Draw(strip)
+    for i, line in enumerate(lines):
+        draw.text((_MARGIN, i * height), line, rgb(colour), face)
+    return strip
 
-    def write(self, text: str, size: int, *, bold: bool = False, colour: str = INK) -> None:
-        face = font(size, bold=bold)
-        for line in wrapped(text, face, WIDTH - 2 * _MARGIN):
-            self._grow(2 * size)
-            self._draw.text((_MARGIN, self.top), line, rgb(colour), face)
-            self.top += round(_LINE * size)
 
-    def rule(self) -> None:
-        self.top += 10
-        self._grow(20)
-        ends = [(_MARGIN, self.top), (WIDTH - _MARGIN, self.top)]
-        self._draw.line(ends, rgb(GRID), 2)
-        self.top += 14
+def _heading(group: FrameGroup) -> Image.Image:
+    """Draw a thin line across, and below it a group's title and its note."""
+    bold, top = font(_HEADING, bold=True), 24
+    strip = _space(top + round(1.5 * _HEADING))
+    draw = ImageDraw.Draw(strip)
+    draw.line([(_MARGIN, 10), (WIDTH - _MARGIN, 10)], rgb(GRID), 2)
+    draw.text((_MARGIN, top + _HEADING), group.title, rgb(INK), bold, anchor="ls")
+    place = (_MARGIN + bold.getlength(group.title) + 18, top + _HEADING)
+    draw.text(place, group.note, rgb(MUTED), font(_TEXT), anchor="ls")
+    return strip
 
-    def heading(self, title: str, note: str) -> None:
-        bold, plain = font(_HEADING, bold=True), font(_TEXT)
-        self._grow(2 * _HEADING)
-        base = self.top + _HEADING
-        self._draw.text((_MARGIN, base), title, rgb(INK), bold, anchor="ls")
-        after = _MARGIN + bold.getlength(title) + 18
-        self._draw.text((after, base), note, rgb(MUTED), plain, anchor="ls")
-        self.top += round(1.5 * _HEADING)
 
-    def legend(self, entries: Sequence[LegendEntry]) -> None:
-        """Draw marks, each before what it means, in as many lines as they need; then the notes."""
-        face, right = font(_TEXT), WIDTH - _MARGIN
-        width, height = _SWATCH
-        line = round(_LINE * _TEXT) + 8
-        left = _MARGIN
-        for entry in entries:
-            if entry.mark == "note":
-                continue
-            room = width + 12 + face.getlength(entry.text)
-            if left > _MARGIN and left + room > right:
-                left, self.top = _MARGIN, self.top + line
-            self._grow(line)
-            top = self.top + (line - height) // 2
-            swatch(self._draw, entry, (left, top, left + width, top + height))
-            middle = (left + width + 12, self.top + line // 2)
-            self._draw.text(middle, entry.text, rgb(INK), face, anchor="lm")
-            left = round(left + room + 36)
-        self.top += line if left > _MARGIN else 0
-        for entry in entries:
-            if entry.mark == "note":
-                self.write(entry.text, _TEXT)
+def _legend(entries: Sequence[LegendEntry]) -> Image.Image:
+    """Draw marks, each before what it means, in as many lines as they need."""
+    face, line, (width, height) = font(_TEXT), round(_LINE * _TEXT) + 8, _SWATCH
+    left, top, places = _MARGIN, 0, []
+    marks = [entry for entry in entries if entry.mark != "note"]
+    for entry in marks:
+        room = width + 12 + face.getlength(entry.text)
+        if left > _MARGIN and left + room > WIDTH - _MARGIN:
+            left, top = _MARGIN, top + line
+        places.append((left, top))
+        left = round(left + room + 36)
+    strip = _space(top + line if marks else 0)
+    draw = ImageDraw.Draw(strip)
+    for entry, (left, top) in zip(marks, places, strict=True):
+        above, right = top + (line - height) // 2, left + width
+        swatch(draw, entry, (left, above, right, above + height))
+        draw.text((right + 12, top + line // 2), entry.text, rgb(INK), face, anchor="lm")
+    return strip
 
-    def row(self, frames: Sequence[Frame], captions: Sequence[str], columns: int) -> None:
-        """Put frames beside one another, each with its caption above."""
-        cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
-        pictures = [_fitted(frame, cell) for frame in frames]
-        face, line = font(_TEXT), round(_LINE * _TEXT)
-        texts = [wrapped(caption, face, cell) for caption in captions]
-        above = line * max(map(len, texts)) + 6
-        height = above + max(picture.height for picture in pictures) + _GAP
-        self._grow(height)
-        for i, (picture, lines) in enumerate(zip(pictures, texts, strict=True)):
-            left, top = _MARGIN + i * (cell + _GAP), self.top + above
-            for k, words in enumerate(lines):
-                self._draw.text((left, self.top + k * line), words, rgb(INK), face)
-            self._picture.paste(picture, (left, top))
-            corner = (left + picture.width - 1, top + picture.height - 1)
-            self._draw.rectangle((left, top, *corner), outline=rgb(GRID))
-        self.top += height
 
-    def finished(self) -> Image.Image:
-        """Return the page without the room below."""
-        return self._picture.crop((0, 0, WIDTH, self.top + _MARGIN - _GAP))
+def _row(frames: Sequence[Frame], captions: Sequence[str], columns: int) -> Image.Image:
+    """Put frames beside one another, each with its caption above."""
+    cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
+    pictures = [_fitted(frame, cell) for frame in frames]
+    face, line = font(_TEXT), round(_LINE * _TEXT)
+    texts = [wrapped(caption, face, cell) for caption in captions]
+    top = line * max(map(len, texts)) + 6
+    strip = _space(top + max(picture.height for picture in pictures) + _GAP)
+    draw = ImageDraw.Draw(strip)
+    for i, (picture, lines) in enumerate(zip(pictures, texts, strict=True)):
+        left = _MARGIN + i * (cell + _GAP)
+        for k, words in enumerate(lines):
+            draw.text((left, k * line), words, rgb(INK), face)
+        strip.paste(picture, (left, top))
+        corner = (left + picture.width - 1, top + picture.height - 1)
+        draw.rectangle((left, top, *corner), outline=rgb(GRID))
+    return strip
 
 
 def _fitted(frame: Frame, width: int) -> Image.Image:
