@@ -131,14 +131,6 @@ class Pinhole:
     tangent: float
     offset: tuple[float, float]
 
-    @property
-    def matrix(self) -> Vector:
-        """The world-to-camera matrix, (4, 4)."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.axes
-        matrix[:3, 3] = -self.axes @ self.eye
-        return matrix
-
 
 def direction(azimuth_deg: float, pitch_deg: float) -> Vector:
     """Return the unit vector from the object towards an azimuth and a pitch."""

@@ -52,10 +52,12 @@ def tiny(shape, camera):
     projection[:2, 2] = np.array(camera.offset) + 1 / SAMPLES
     projection[2, 2:] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
     projection[3, 2] = -1.0
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack([camera.axes, -camera.axes @ camera.eye])
     _, _, _, depth, bodies = pybullet.getCameraImage(
         SAMPLES,
         SAMPLES,
-        camera.matrix.T.ravel().tolist(),
+        matrix.T.ravel().tolist(),
         projection.T.ravel().tolist(),
         renderer=pybullet.ER_TINY_RENDERER,
         physicsClientId=client,

@@ -12,24 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.envs.detection.backdrop import Backdrop
+from sada_gym.envs.detection.renderers import gbuffer, zbuffer
 from sada_gym.envs.detection.renderers.base import DEFAULT_KEY, Renderer, Rendering
-from sada_gym.envs.detection.renderers.gbuffer import (
-    GBuffer,
-    KernelBackdrop,
-    KernelCamera,
-    Lamp,
-    noise_tile,
-    painted,
-)
+from sada_gym.envs.detection.renderers.gbuffer import GBuffer, KernelBackdrop, KernelCamera, Lamp
 from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, TONE_STEPS, compose
-from sada_gym.envs.detection.renderers.zbuffer import (
-    COORDINATES,
-    PLANES,
-    bounds,
-    extent,
-    project,
-    rasterise,
-)
 from sada_gym.envs.detection.scene import (
     Pinhole,
     Scene,
@@ -56,7 +42,7 @@ class Rasteriser(Renderer):
     any_size: ClassVar[bool] = True
 
     def __init__(self) -> None:
-        self._noise = noise_tile()
+        self._noise = gbuffer.noise_tile()
         self._tone = tone_table(TONE_STEPS, exposure=1.5)
 
     @property
@@ -79,7 +65,9 @@ class Rasteriser(Renderer):
         pinhole = camera_of(scene)
         camera = _kernel_camera(pinhole, SUPERSAMPLING * size)
         points = _projected(shape, camera)
-        left, top, right, bottom = (SUPERSAMPLING * n for n in bounds(points, SUPERSAMPLING, size))
+        left, top, right, bottom = (
+            SUPERSAMPLING * n for n in zbuffer.bounds(points, SUPERSAMPLING, size)
+        )
         planes, shown, _ = _rasterised(shape, points, (left, top), (bottom - top, right - left))
         coverage = np.empty((size, size), np.uint8)
         compose(
@@ -89,11 +77,11 @@ class Rasteriser(Renderer):
             _lamp(scene, shape),
             self._place(scene.backdrop, pinhole),
             GBuffer(left, top, shown, planes, shape.normals, shape.faces, shape.materials),
-            painted(scene.colour),
+            gbuffer.painted(scene.colour),
             self._tone,
             np.empty((3, size)),
         )
-        x0, y0, x1, y1 = extent(shown)
+        x0, y0, x1, y1 = zbuffer.extent(shown)
         box = np.array([left + x0, top + y0, left + x1, top + y1]) / SUPERSAMPLING
         return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
@@ -127,8 +115,8 @@ def _lamp(scene: Scene, shape: Shape) -> Lamp:
 
 
 def _projected(shape: Shape, camera: KernelCamera) -> Matrix:
-    points = np.empty((len(shape.vertices), COORDINATES))
-    project(shape.vertices, camera, points)
+    points = np.empty((len(shape.vertices), zbuffer.COORDINATES))
+    zbuffer.project(shape.vertices, camera, points)
     return points
 
 
@@ -136,9 +124,9 @@ def _rasterised(
     shape: Shape, points: Matrix, corner: tuple[int, int], size: tuple[int, int]
 ) -> tuple[Matrix, npt.NDArray[np.int32], Matrix]:
     """Draw a shape in a window; return `planes`, `shown` and `nearest` of `zbuffer.rasterise`."""
-    planes, nearest = np.empty((len(shape.faces), PLANES)), np.zeros(size)
+    planes, nearest = np.empty((len(shape.faces), zbuffer.PLANES)), np.zeros(size)
     shown = np.full(size, -1, np.int32)
-    rasterise(points, shape.faces, shape.double_sided, corner, planes, nearest, shown)
+    zbuffer.rasterise(points, shape.faces, shape.double_sided, corner, planes, nearest, shown)
     return planes, shown, nearest
 
 

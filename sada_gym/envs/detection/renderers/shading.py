@@ -323,24 +323,17 @@ def compose(
                         continue
                     count, u, v = 0, 0, 0
                     for t in range(samples):
-                        down, right = t // SUPERSAMPLING, t % SUPERSAMPLING
-                        if g.shown[top + down, left + right] == face:
+                        y, x = t // SUPERSAMPLING, t % SUPERSAMPLING
+                        if g.shown[top + y, left + x] == face:
                             if t < s:
                                 break
-                            count, u, v = count + 1, u + right, v + down
+                            count, u, v = count + 1, u + x, v + y
                     if count == 0:
                         continue
                     covered += count
-                    light = _object(
-                        camera,
-                        SUPERSAMPLING * i + u / count + 0.5,
-                        SUPERSAMPLING * j + v / count + 0.5,
-                        face,
-                        g,
-                        lamp,
-                        place,
-                        materials,
-                    )
+                    right = SUPERSAMPLING * i + u / count + 0.5
+                    down = SUPERSAMPLING * j + v / count + 0.5
+                    light = _object(camera, right, down, face, g, lamp, place, materials)
                     red, green, blue = plus((red, green, blue), light, count)
             if covered < samples:
                 ray = scaled(plus(start, across, i), inverses[i])

@@ -98,12 +98,6 @@ class Shape:
         """Height above the ground, in scene units."""
         return float(self.vertices[:, 2].max())
 
-    @cached_property
-    def corners(self) -> npt.NDArray[np.float32]:
-        """The bounding box's corners, (8, 3)."""
-        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-
     def equals(self, other: Shape) -> bool:
         """Say whether another shape has the same name, class and mesh."""
         return self is other or all(
