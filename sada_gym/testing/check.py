@@ -157,18 +157,19 @@ def _run(name: str, check: Callable[[], str]) -> Check:
 
 def _check_gymnasium(env: AdversaryEnv) -> str:
     can_render = env.application.can_render
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env, skip_render_check=env.spec is None or not can_render)
-    return "Passes without a warning."
+    return _passes(partial(check_env, env, skip_render_check=env.spec is None or not can_render))
 
 
 def _check_sb3(env: AdversaryEnv) -> str:
     from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+    return _passes(partial(check_env_sb3, env))
+
+
+def _passes(check: Callable[[], None]) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env_sb3(env)
+        check()
     return "Passes without a warning."
 
 

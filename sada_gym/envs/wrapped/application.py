@@ -22,13 +22,7 @@ from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import Scored, check_declared
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
-from sada_gym.envs.wrapped.bindings import (
-    Function,
-    ParameterBinding,
-    as_binding,
-    as_json,
-    check_distinct,
-)
+from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, function_name, layers
 from sada_gym.envs.wrapped.function_agent import FunctionAgent
@@ -238,30 +232,30 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         }
 
     @property
+    def _own_functions(self) -> dict[str, Any]:
+        """The user's functions, by what they do: no fingerprint covers their code."""
+        spec = self.episode_spec
+        functions = {
+            "environment": spec.factory.environment if callable(spec.factory.environment) else None,
+            "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
+            **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},
+        }
+        return {role: function for role, function in functions.items() if function is not None}
+
+    @property
     def fingerprint(self) -> str | None:
         """SHA-256 over the agent, or None where a function of the user's has no `agent_id`."""
-        spec = self.episode_spec
-        own_code = (
-            callable(spec.factory.environment)
-            or isinstance(spec.score, FunctionScore)
-            or any(binding.own_code for binding in spec.bindings.values())
-        )
-        return None if own_code and not self._agent_id else super().fingerprint
+        return None if self._own_functions and not self._agent_id else super().fingerprint
 
     @property
     def _without_fingerprint(self) -> str:
-        environment, score = self.episode_spec.factory.environment, self.episode_spec.score
-        functions: dict[str, Any] = {}
-        if callable(environment):
-            functions["environment"] = environment
-        if isinstance(score, FunctionScore):
-            functions["score"] = score.function
-        for key, binding in self.episode_spec.bindings.items():
-            if isinstance(binding, Function):
-                functions[f"parameter {key!r}"] = binding.set
-        if not functions or self._agent_id:
+        """Says which function makes an `agent_id` necessary."""
+        if not self._own_functions or self._agent_id:
             return super()._without_fingerprint
-        named = [f"the {role} ({function_name(given)})" for role, given in functions.items()]
+        named = [
+            f"the {role} ({function_name(function)})"
+            for role, function in self._own_functions.items()
+        ]
         return (
             f"Expected agent_id in {self.name}, because {' and '.join(named)} "
             f"{'are functions' if len(named) > 1 else 'is a function'} of your own, and nobody "

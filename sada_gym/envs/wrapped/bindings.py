@@ -101,9 +101,9 @@ class ParameterBinding(ABC):
         return settings
 
     @property
-    def own_code(self) -> bool:
-        """Whether it calls a function of the user's, whose code no fingerprint covers."""
-        return False
+    def own_function(self) -> Callable[..., Any] | None:
+        """The function of the user's that it calls, if any; no fingerprint covers its code."""
+        return None
 
     @abstractmethod
     def targets(self, name: str) -> tuple[Any, ...]:
@@ -263,9 +263,9 @@ class Function(ParameterBinding):
     after_reset: bool = True
 
     @property
-    def own_code(self) -> bool:
-        """It is the user's own code."""
-        return True
+    def own_function(self) -> Callable[..., Any] | None:
+        """The function."""
+        return self.set
 
     def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
         """Return (): what the function sets is unknown."""

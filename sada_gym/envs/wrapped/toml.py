@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import UnionType
@@ -46,6 +46,7 @@ _WORDS: Mapping[type, str] = {
     dict: "a table",
     list: "an array, such as [1, 2]",
 }
+_TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum] or "success"',
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
@@ -131,22 +132,11 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
 
 def _toml_types(hint: Any) -> list[type]:
     """List TOML's types for a type annotation; what TOML cannot hold is left out."""
-    return [*dict.fromkeys(_each_toml_type(hint))]
-
-
-def _each_toml_type(hint: Any) -> Iterator[type]:
     origin = get_origin(hint) or hint
     if origin is Union or origin is UnionType:
-        for part in get_args(hint):
-            yield from _each_toml_type(part)
-    elif origin is Path:
-        yield str
-    elif origin is tuple:
-        yield list
-    elif origin is Mapping:
-        yield dict
-    elif origin in _WORDS:
-        yield origin
+        types = [kind for part in get_args(hint) for kind in _toml_types(part)]
+        return [*dict.fromkeys(types)]
+    return [_TOML_TYPES[origin]] if origin in _TOML_TYPES else []
 
 
 def _fits(value: Any, types: Sequence[type]) -> bool:
