@@ -20,12 +20,6 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
     """An SB3 policy that takes no settings, so that its weights say everything about what it does.
 
     A subclass gives `settings` and the name of its `architecture`, for fingerprints.
-
-    Args:
-        observation_space: The task's.
-        action_space: The task's.
-        lr_schedule: The learning rate over the training.
-        use_sde: As SB3 passes it; not used.
     """
 
     architecture: ClassVar[str]
@@ -43,14 +37,10 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
 
 @dataclass(frozen=True)
 class PolicyFiles:
-    """Files of one kind of agent: a policy's weights, and in the header how its network is built.
+    """Files of one kind of agent, such as `driver`: weights, and how their network is built.
 
-    Attributes:
-        kind: What such an agent is called, such as `driver`.
-        trained_by: The module that trains one, for messages.
-        new_model: Makes an untrained one of a seed.
-        observation_space: What it observes.
-        built: What else the weights' shapes depend on; JSON-compatible.
+    The module `trained_by` trains such an agent; `new_model` makes an untrained one of a seed;
+    `built` is what else the weights' shapes depend on, for JSON.
     """
 
     kind: str

@@ -34,13 +34,7 @@ _CHECKS: Mapping[str, Callable[[Application], str]] = {
 
 @dataclass(frozen=True)
 class Check:
-    """One check and its outcome.
-
-    Attributes:
-        name: The check's name, a few words.
-        passed: Whether the application keeps this part of the contract.
-        sentence: The finding. Of a failed check, it says what was expected and what came.
-    """
+    """One check and its finding: of a failed one, what was expected and what came."""
 
     name: str
     passed: bool
@@ -49,12 +43,7 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The report on all checks of one application.
-
-    Attributes:
-        subject: The id or the class that was checked.
-        checks: The checks in the order in which they ran.
-    """
+    """The checks of one application, an id or a class, in the order in which they ran."""
 
     subject: str
     checks: tuple[Check, ...]

@@ -119,9 +119,7 @@ def check_bad_input(application: Application) -> str:
 def check_live_parameters(application: Application, *, seed: int = 0) -> str:
     """Check that every parameter changes the score somewhere, while the seeds stay the same.
 
-    Args:
-        application: The application.
-        seed: Fixes the pairs of worlds. One whose first pairs show every parameter is fastest.
+    `seed` fixes the pairs of worlds. One whose first pairs show every parameter is fastest.
     """
     dimension = len(application.parameters)
     dead = set(range(dimension))
@@ -152,8 +150,7 @@ def check_live_parameters(application: Application, *, seed: int = 0) -> str:
 def check_purity(application: Application) -> str:
     """Check that a score doesn't depend on what else is evaluated.
 
-    Where the agent is called with a tile of inputs at once (`application.tile`), batches around
-    that size are tried too, and the finding names the tile.
+    Batches around `application.tile` are tried too, and the finding names the tile.
     """
     tile = getattr(application, "tile", None)
     if not isinstance(tile, int) or isinstance(tile, bool) or not 1 <= tile <= MAX_TILE:

@@ -12,12 +12,7 @@ _SMALLEST = 1e-9
 
 
 class Scale(NamedTuple):
-    """A strictly increasing map of [0, 1] to itself.
-
-    Attributes:
-        name: What it makes of Q.
-        map: Maps scores, and with them the threshold: (n,) to (n,).
-    """
+    """A strictly increasing map of [0, 1] to itself, of scores and thresholds alike."""
 
     name: str
     map: Callable[[npt.ArrayLike], Any]
