@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import real_scores
+from sada_gym.arrays import Floats, real_scores
 from sada_gym.determinism import check_deterministic, generators_kept, single_threaded
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
@@ -41,7 +41,7 @@ class Outcomes:
             name) and what the application adds.
     """
 
-    score: npt.NDArray[np.float64]
+    score: Floats
     fooled: npt.NDArray[np.bool_]
     infos: tuple[dict[str, Any], ...]
 
@@ -54,7 +54,7 @@ class Scored:
     that a vector environment can batch them. Put data of varying length into a list.
     """
 
-    score: npt.NDArray[np.float64]
+    score: Floats
     extras: Sequence[Mapping[str, Any]]
 
 
@@ -167,7 +167,7 @@ class Application(ABC):
         self,
         mu: npt.ArrayLike,  # noqa: ARG002
         seeds: Sequence[int],  # noqa: ARG002
-    ) -> npt.NDArray[np.float64] | None:
+    ) -> Floats | None:
         """Score a privileged agent: where it does well, a failure is the agent's own.
 
         Args:
@@ -224,9 +224,7 @@ class Application(ABC):
             "give a renderer of your own an `identity`, or use no store."
         )
 
-    def _scored(
-        self, mu: Mu, seeds: list[int]
-    ) -> tuple[npt.NDArray[np.float64], Sequence[Mapping[str, Any]]]:
+    def _scored(self, mu: Mu, seeds: list[int]) -> tuple[Floats, Sequence[Mapping[str, Any]]]:
         source = f"{type(self).__name__}._evaluate"
         scored = self._evaluate(mu, seeds)
         if not isinstance(scored, Scored):

@@ -115,7 +115,7 @@ class ApplicationCard:
         return f"{self.name}-v{self.version}"
 
     def track_id(self, suffix: str) -> str:
-        """Give the id of a track."""
+        """Return the id of a track."""
         return f"{self.name}-{suffix}-v{self.version}"
 
     @property
@@ -126,7 +126,7 @@ class ApplicationCard:
 
 @cache
 def cards() -> tuple[ApplicationCard, ...]:
-    """Give the cards of all applications."""
+    """Return the cards of all applications."""
     return tuple(load(f"sada_gym.envs.{folder}.card:CARD") for folder in APPLICATIONS)
 
 

@@ -55,7 +55,7 @@ class LegendEntry(NamedTuple):
 
 
 def validate_frame(given: Any, source: str) -> Frame:
-    """Give what an application drew, if it is a frame.
+    """Return what an application drew, if it is a frame.
 
     Args:
         given: Anything.
@@ -64,15 +64,15 @@ def validate_frame(given: Any, source: str) -> Frame:
     Raises:
         UserError: If it is no frame.
     """
-    found = np.asarray(given)
-    if found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3 or not found.size:
+    frame = np.asarray(given)
+    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
         raise UserError(
-            f"Expected a frame of shape (height, width, 3) and type uint8, got {found.shape} and "
-            f"{found.dtype}. Mend {source}."
+            f"Expected a frame of shape (height, width, 3) and type uint8, got {frame.shape} and "
+            f"{frame.dtype}. Mend {source}."
         )
-    return found
+    return frame
 
 
 def rgb(colour: str) -> Colour:
-    """Give the red, green and blue, 0 to 255, of a colour such as `#d55e00`."""
+    """Return the red, green and blue, 0 to 255, of a colour such as `#d55e00`."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

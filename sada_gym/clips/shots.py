@@ -24,12 +24,12 @@ SHORTEST_S = 2.0
 """A shorter episode is shown in slow motion."""
 
 
-class _Scored(Protocol):
+class _HasScore(Protocol):
     @property
     def score(self) -> float: ...
 
 
-_EpisodeT = TypeVar("_EpisodeT", bound=_Scored)
+_EpisodeT = TypeVar("_EpisodeT", bound=_HasScore)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import io
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from sada_gym.arrays import Bytes
 from sada_gym.frames import Frame
 from sada_gym.replay.palette import Palette
 
@@ -105,11 +105,9 @@ def _encoded(
     return buffer.getvalue()
 
 
-def _steadied(
-    frames: Sequence[Frame], palette: Palette, tolerance: float
-) -> Iterator[npt.NDArray[np.uint8]]:
+def _steadied(frames: Sequence[Frame], palette: Palette, tolerance: float) -> Iterator[Bytes]:
     """Yield each frame's indices, (height, width); a pixel keeps its index while that fits."""
-    shown: npt.NDArray[np.uint8] | None = None
+    shown: Bytes | None = None
     colours = palette.colours.astype(np.int16)
     for frame in frames:
         indices = palette.indices(frame)

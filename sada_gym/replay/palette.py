@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Bytes, Floats
 from sada_gym.frames import Frame
 
 _BITS = 6
@@ -14,9 +15,6 @@ _BITS = 6
 _MAX_COLOURS = 6_000
 _RARE = 0.4
 """A colour that fills a hundred times the area gets 100 ** 0.4 times the weight."""
-
-Pixels = npt.NDArray[np.uint8]
-Floats = npt.NDArray[np.float64]
 
 # Oklab (Ottosson, 2020): lightness and two hues, in which distances are as people see them
 _TO_CONES = np.array(
@@ -53,15 +51,15 @@ class Palette:
         levels = (np.arange(1 << _BITS) + 0.5) * (256 / (1 << _BITS))
         grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
         _, nearest = cKDTree(_oklab(self.colours.astype(np.float64))).query(_oklab(grid))
-        self._nearest: Pixels = nearest.astype(np.uint8)
+        self._nearest: Bytes = nearest.astype(np.uint8)
 
-    def indices(self, frame: Frame) -> Pixels:
+    def indices(self, frame: Frame) -> Bytes:
         """Return the index of the nearest colour for each pixel, (height, width)."""
-        indices: Pixels = self._nearest[_cells(frame)]
+        indices: Bytes = self._nearest[_cells(frame)]
         return indices
 
 
-def _cells(pixels: Pixels) -> npt.NDArray[np.int32]:
+def _cells(pixels: Bytes) -> npt.NDArray[np.int32]:
     red, green, blue = (pixels[..., k].astype(np.int32) >> (8 - _BITS) for k in range(3))
     cells: npt.NDArray[np.int32] = (red << 2 * _BITS) | (green << _BITS) | blue
     return cells
@@ -83,7 +81,7 @@ def _histogram(frames: Sequence[Frame]) -> tuple[Floats, Floats]:
     return sums[filled] / counts[filled, None], counts[filled] ** _RARE
 
 
-def _cluster(colours: Floats, weights: Floats, count: int) -> Pixels:
+def _cluster(colours: Floats, weights: Floats, count: int) -> Bytes:
     if len(colours) <= count:
         return np.round(colours).astype(np.uint8)
     from sklearn.cluster import KMeans
@@ -94,7 +92,7 @@ def _cluster(colours: Floats, weights: Floats, count: int) -> Pixels:
     total = np.bincount(means.labels_, weights, minlength=count)
     sums = [np.bincount(means.labels_, weights * colours[:, k], minlength=count) for k in range(3)]
     used = total > 0
-    centres: Pixels = np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
+    centres: Bytes = np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
     return centres
 
 

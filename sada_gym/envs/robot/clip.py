@@ -51,8 +51,8 @@ def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -
         RobotEnd.TOO_LATE: f"too late: {away_m:.1f} m from its goal after {after_s:.0f} s",
         RobotEnd.COLLIDED: f"hit {_hit(rollout)} after {after_s:.1f} s",
     }
-    told = ShotEnding(texts[ending], ending != RobotEnd.ARRIVED)
-    return Shot(pictures, FASTER * POLICY_HZ, notes, world, told)
+    shot_ending = ShotEnding(texts[ending], ending != RobotEnd.ARRIVED)
+    return Shot(pictures, FASTER * POLICY_HZ, notes, world, shot_ending)
 
 
 def _hit(rollout: Rollout[RobotStart]) -> str:
