@@ -23,11 +23,10 @@ from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
 from sada_gym.cards import cards
-from sada_gym.results.columns import COLUMNS, row_cells, row_columns
+from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, read_entries
-from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Cell, Column, Line, Sheet, text_cell
+from sada_gym.results.sheet import Cell, Column, markdown_table, rate_cell, text_cell
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
@@ -40,19 +39,11 @@ SUITES = tuple(name for name in MEASURED if name != "table-1-columns")
 """The suites that have a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
-_NONE = "No verified result yet."
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """All adversaries against one agent.
-
-    Attributes:
-        title: What was attacked.
-        suite: The suite's name.
-        table: The table's name.
-        agent: The agent's name.
-    """
+class Headline:
+    """The comparison of all adversaries that the pages show of a suite: one table, one agent."""
 
     title: str
     suite: str
@@ -60,101 +51,90 @@ class Comparison:
     agent: str
 
     def rows(self, entries: Sequence[Entry], track: str | None = None) -> list[Row]:
-        """Give the verified rows, over all of the suite's tracks or on one.
+        """Return the verified rows, over all of the suite's tracks or on one.
 
         Means over different tracks do not compare: there is no row until each has all tracks.
         """
         results = _verified(self.suite, self.table, tuple(entries))
         over_all = results.rows_of(self.table, self.agent, None)
-        tracks = len(find_suite(self.suite).tracks)
-        if any(row.tracks < tracks for row in over_all):
+        if any(row.tracks < len(find_suite(self.suite).tracks) for row in over_all):
             return []
         return over_all if track is None else results.rows_of(self.table, self.agent, track)
+
+    def by_label(self, entries: Sequence[Entry], track: str | None = None) -> dict[str, Row]:
+        """Return the same rows by the adversaries' labels."""
+        return {row.label: row for row in self.rows(entries, track)}
 
 
 @lru_cache(maxsize=16)
 def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
     """Put together what is verified on a suite's tracks, once for all pages that show it."""
-    held = _on(find_suite(suite).tracks, entries)
-    return results_of(held, [TABLES[table]], tier="verified")
+    return results_of(_on(find_suite(suite).tracks, entries), [TABLES[table]], tier="verified")
 
 
-COMPARISONS = {
-    suite.name: Comparison(
+HEADLINES = {
+    suite.name: Headline(
         suite.name.capitalize(),
         suite.name,
         suite.tables[0],
-        card.agents[0].name if card.agents else "",
+        next(iter(agents.names(card.name)), ""),
     )
     for card in cards()
     if (suite := card.suite) is not None
 }
-"""The comparisons that pages show, by the names of their tables."""
+"""The comparisons that pages show, by the names of their suites."""
 
 
-def results_of_suite(entries: Sequence[Entry], suite: str, tier: Tier = "claimed") -> Results:
-    """Put together what the entries hold on the tracks of a suite.
-
-    Args:
-        entries: The entries.
-        suite: The suite's name.
-        tier: Whether the figures are the submitters' or the verifier's.
-    """
+def results_of_suite(entries: Sequence[Entry], suite: str) -> Results:
+    """Put together what the entries claim on the tracks of a suite."""
     chosen = find_suite(suite)
-    return results_of(_on(chosen.tracks, entries), chosen.tables, tier=tier)
+    return results_of(_on(chosen.tracks, entries), chosen.tables)
 
 
 def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
-    """Keep the results on some tracks."""
     kept = (entry.keeping(lambda result: track_of(result) in tracks) for entry in entries)
     return [entry for entry in kept if entry.results]
 
 
-def _sheet(rows: Sequence[Row], *keys: str) -> Iterator[str]:
-    lines = [Line("ranked", row_cells(row, keys, places=0)) for row in rows]
-    return Sheet("", "", row_columns(*keys), tuple(lines)).markdown()
+def _row_table(rows: Sequence[Row], *keys: str) -> Iterator[str]:
+    return markdown_table(row_columns(*keys), (row_cells(row, keys, places=0) for row in rows))
 
 
-def compared(comparison: Comparison, entries: Sequence[Entry]) -> Iterator[str]:
+def compared(headline: Headline, entries: Sequence[Entry]) -> Iterator[str]:
     """Show each adversary's F1 with its rank, and the AFR and coverage that it joins."""
-    rows = comparison.rows(entries)
+    rows = headline.rows(entries)
     if not rows:
-        yield _NONE
+        yield "No verified result yet."
         return
-    yield from _sheet(rows, "adversary", "f1", "rank", "afr", "relative_coverage")
+    yield from _row_table(rows, "adversary", "f1", "rank", "afr", "relative_coverage")
 
 
 def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iterator[str]:
-    """Show AFR / coverage of adversaries in all comparisons; rank 1 is bold.
-
-    Args:
-        labels: The adversaries; None for all.
-        entries: The entries.
-    """
-    rows = {one.title: _by_label(one.rows(entries)) for one in COMPARISONS.values()}
-    lines = [
-        Line(
-            "ranked",
-            {"adversary": text_cell(label)}
-            | {
-                title: _pair(of_title[label])
-                for title, of_title in rows.items()
-                if label in of_title
-            },
-        )
-        for label in labels or ADVERSARIES
-    ]
+    """Show AFR / coverage of adversaries, or of all, in all comparisons; rank 1 is bold."""
+    rows = {headline.title: headline.by_label(entries) for headline in HEADLINES.values()}
     columns = (*row_columns("adversary"), *(Column(title, title) for title in rows))
-    return Sheet("", "", columns, tuple(lines)).markdown()
+    return markdown_table(
+        columns,
+        (
+            {"adversary": text_cell(label)}
+            | {title: _pair(found[label]) for title, found in rows.items() if label in found}
+            for label in labels or ADVERSARIES
+        ),
+    )
+
+
+def _pair(row: Row) -> Cell:
+    cells = row_cells(row, ("afr", "relative_coverage"), places=0).values()
+    return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
 
 
 def on_track(
     name: str, track: str, labels: Sequence[str], entries: Sequence[Entry]
 ) -> Iterator[str]:
     """Show AFR and coverage of some adversaries on one track of a comparison."""
-    rows = _by_label(COMPARISONS[name].rows(entries, track))
+    rows = HEADLINES[name].by_label(entries, track)
     chosen = [rows[label] for label in labels if label in rows]
-    return _sheet(chosen, "adversary", "afr", "relative_coverage")
+    return _row_table(chosen, "adversary", "afr", "relative_coverage")
 
 
 _AGAINST = ("random", "gp", "smc", "bbgan", "bbgan-boost", "trees", "level-set")
@@ -163,33 +143,19 @@ _AGAINST = ("random", "gp", "smc", "bbgan", "bbgan-boost", "trees", "level-set")
 def robustness(entries: Sequence[Entry]) -> Iterator[str]:
     """Show how often uniform worlds, and those of some adversaries, fool each shipped agent."""
     lines = []
-    for default in COMPARISONS.values():
-        for agent in agents.names(_application(default.suite)):
+    for card in cards():
+        default = HEADLINES[card.suite.name] if card.suite else None
+        for agent in agents.names(card.name) if default else ():
+            assert default is not None
             other = replace(default, table="other-agents", agent=agent)
-            rows = _by_label((default if agent == default.agent else other).rows(entries))
-            cells = {label: _afr(rows[label]) for label in _AGAINST if label in rows}
-            heads = {"application": text_cell(default.title), "agent": text_cell(agent)}
-            lines.append(Line("ranked", heads | cells))
-    columns = tuple(Column(key, key) for key in ("application", "agent", *_AGAINST))
-    return Sheet("", "", columns, tuple(lines)).markdown()
-
-
-def _application(suite: str) -> str:
-    return next(card.name for card in cards() if card.suite and card.suite.name == suite)
-
-
-def _by_label(rows: Sequence[Row]) -> dict[str, Row]:
-    return {row.label: row for row in rows}
-
-
-def _afr(row: Row) -> Cell:
-    return replace(COLUMNS["afr"].cell(row, 0), interval=None)
-
-
-def _pair(row: Row) -> Cell:
-    """Join AFR / coverage, in bold where the row has rank 1, shared or not."""
-    pair = (COLUMNS[key].cell(row, 0).text for key in ("afr", "relative_coverage"))
-    return text_cell(" / ".join(text or "-" for text in pair), bold=row.is_first)
+            rows = (default if agent == default.agent else other).by_label(entries)
+            rates = {label: rows[label].afr for label in _AGAINST if label in rows}
+            lines.append(
+                {"application": text_cell(default.title), "agent": text_cell(agent)}
+                | {label: rate_cell(afr.value, 0) for label, afr in rates.items() if afr}
+            )
+    columns = (Column(key, key) for key in ("application", "agent", *_AGAINST))
+    return markdown_table(columns, lines)
 
 
 _RL = ("reinforce", "ppo", "sac", "td3")
@@ -200,8 +166,8 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
     "readme": ("../README.md", partial(side_by_side, _HEADLINE)),
     "overview": ("results/index.md", partial(side_by_side, None)),
     **{
-        name: ("results/adversaries.md", partial(compared, comparison))
-        for name, comparison in COMPARISONS.items()
+        name: ("results/adversaries.md", partial(compared, headline))
+        for name, headline in HEADLINES.items()
     },
     "rl": ("results/rl.md", partial(side_by_side, _BESIDE_RL)),
     "rl-rare": (
@@ -214,7 +180,7 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
 
 
 def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
-    """Give the text of every page that holds a table, as the entries have it now.
+    """Return the text of every page that holds a table, as the entries have it now.
 
     Args:
         entries: The entries.

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from prose import numbers, rows
 
-from leaderboard.tables import COMPARISONS, ENTRIES
+from leaderboard.tables import ENTRIES, HEADLINES
 from sada_gym.results.entry import read_entries, read_entry
 from sada_gym.results.models import Result
 from sada_gym.results.sheet import rate_cell
@@ -92,7 +92,7 @@ def test_the_agents_that_are_compared_are_those_of_the_cards(application: str, a
 def test_the_example_of_a_citation_is_what_the_board_says() -> None:
     (row,) = (
         row
-        for row in COMPARISONS["digits"].rows(read_entries(ENTRIES), "SADA-Digits-3-v0")
+        for row in HEADLINES["digits"].rows(read_entries(ENTRIES), "SADA-Digits-3-v0")
         if row.label == "level-set"
     )
     afr, coverage = (

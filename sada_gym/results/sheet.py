@@ -233,6 +233,12 @@ class Sheet:
         return records
 
 
+def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]]) -> Iterator[str]:
+    """Return the lines of a Markdown table that has no other form."""
+    kept = tuple(Line("ranked", cells) for cells in lines)
+    return Sheet("", "", tuple(columns), kept).markdown()
+
+
 def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
     """Make a cell of a text."""
     return Cell(text=text, value=text, href=href, bold=bold)

@@ -30,7 +30,7 @@ suite = find_suite("toys")
 assert suite.tracks == ("SADA-Toy-Two-v0", track), suite.tracks
 assert [*suite.seeds_on(track)] == [0, 1]
 assert "toys" in tables.MEASURED and "toys" in tables.SUITES
-comparison = tables.COMPARISONS["toys"]
+comparison = tables.HEADLINES["toys"]
 assert (comparison.table, comparison.agent) == ("equal-queries", ""), comparison
 group = TrackGroup.of(find_card("SADA-Toy"))
 assert (group.name, group.title) == ("toys", "Toy slopes")

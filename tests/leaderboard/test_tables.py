@@ -7,9 +7,9 @@ from prose import numbers, rows
 
 from leaderboard.tables import (
     BLOCKS,
-    COMPARISONS,
     DOCS,
     ENTRIES,
+    HEADLINES,
     SUITES,
     pages,
     results_of_suite,
@@ -27,7 +27,7 @@ def entries():
     return read_entries(ENTRIES)
 
 
-@pytest.mark.parametrize("comparison", COMPARISONS.values(), ids=COMPARISONS)
+@pytest.mark.parametrize("comparison", HEADLINES.values(), ids=HEADLINES)
 def test_all_adversaries_are_verified_on_all_tracks(entries, comparison):
     rows = comparison.rows(entries)
     assert [row.label for row in rows] == list(ADVERSARIES)

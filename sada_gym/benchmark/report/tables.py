@@ -22,8 +22,7 @@ from sada_gym.results.sheet import (
     BLANK,
     Cell,
     Column,
-    Line,
-    Sheet,
+    markdown_table,
     number_cell,
     rate_cell,
     text_cell,
@@ -109,10 +108,9 @@ def _all_measures(rows: Sequence[Row], by_track: _ByTrack) -> Iterator[str]:
     columns = (*row_columns(*shown), front, *row_columns(*more))
     fronts = by_track.fronts()
     lines = [
-        Line("ranked", row_cells(row, (*shown, *more)) | {"front": fronts.get(row.label, BLANK)})
-        for row in rows
+        row_cells(row, (*shown, *more)) | {"front": fronts.get(row.label, BLANK)} for row in rows
     ]
-    yield from (*_markdown(columns, lines), "")
+    yield from (*markdown_table(columns, lines), "")
 
 
 def _means(rows: Sequence[Row]) -> dict[str, Measure]:
@@ -122,10 +120,6 @@ def _means(rows: Sequence[Row]) -> dict[str, Measure]:
         for name, mean in MEANS.items()
         if mean.title and (not mean.optional or any(getattr(row, name) is not None for row in rows))
     }
-
-
-def _markdown(columns: Sequence[Column], lines: Sequence[Line]) -> Iterator[str]:
-    return Sheet("", "", tuple(columns), tuple(lines)).markdown()
 
 
 def _all_applications(results: Results, table: str, title: str) -> Iterator[str]:
@@ -155,15 +149,16 @@ class _TrackColumn:
     theirs: Callable[[str], float | None] = lambda _: None
     average: bool = False
 
+    def mean_of(self, values: Mapping[tuple[str, str], float], label: str) -> Cell:
+        """Average an adversary's rates on the tracks; blank unless it has all of them."""
+        rates = [values.get((track, label)) for track in self.tracks]
+        known = [rate for rate in rates if rate is not None]
+        whole = known and len(known) == len(rates)
+        return rate_cell(float(np.mean(known)) if whole else None)
+
 
 class _ByTrack:
-    """The rows of a table with one agent on each track, to lay out in columns.
-
-    Args:
-        results: The benchmark's results.
-        table: The table's name.
-        agent_of: The agent that was attacked on each track.
-    """
+    """The rows of a table with one agent on each track, to lay out in columns."""
 
     def __init__(self, results: Results, table: str, agent_of: Mapping[str, str]) -> None:
         agents = dict.fromkeys(agent_of.values())
@@ -202,42 +197,35 @@ class _ByTrack:
     ) -> Iterator[str]:
         """Lay the AFR out in columns beside the paper's, rank 1 in bold."""
         values = self.values("afr") | self._uniform
-        heads, lines = self._heads(columns), []
-        for label in (paper.FULL_SET, *self.overall):
-            cells = {"adversary": text_cell(label)}
+        lines = {
+            label: {"adversary": text_cell(label)} for label in (paper.FULL_SET, *self.overall)
+        }
+        for label, cells in lines.items():
             for column in columns:
-                keys, theirs = [(t, label) for t in column.tracks], column.theirs(label)
-                cell = rate_cell(_mean([values.get(key) for key in keys]))
-                first = not column.average and (row := self.rows.get(keys[0])) and row.is_first
-                text = f"**{cell.text}**" if first else cell.text or "-"
+                cell, theirs = column.mean_of(values, label), column.theirs(label)
+                row = None if column.average else self.rows.get((column.tracks[0], label))
+                text = f"**{cell.text}**" if row and row.is_first else cell.text or "-"
                 text = text if theirs is None else f"{text} / {theirs:.1f}"
                 cells[column.title] = text_cell(text)
             if spread is not None:
                 cells["mu_std"] = spread(label)
-            lines.append(Line("ranked", cells))
-        return _markdown((*heads, *row_columns(*(["mu_std"] if spread else []))), lines)
+        more = row_columns("mu_std") if spread else ()
+        return markdown_table((*_heads(columns), *more), lines.values())
 
     def coverage(self, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
         """Lay coverage out in columns; nothing where there is none."""
         values = self.values("relative_coverage")
-        if not columns or not values:
-            return
-        lines = [
-            Line(
-                "ranked",
+        if columns and values:
+            lines = (
                 {"adversary": text_cell(label)}
-                | {
-                    column.title: rate_cell(_mean([values.get((t, label)) for t in column.tracks]))
-                    for column in columns
-                },
+                | {column.title: column.mean_of(values, label) for column in columns}
+                for label in self.overall
             )
-            for label in self.overall
-        ]
-        yield from (title, "", *_markdown(self._heads(columns), lines), "")
+            yield from (title, "", *markdown_table(_heads(columns), lines), "")
 
-    @staticmethod
-    def _heads(columns: Sequence[_TrackColumn]) -> tuple[Column, ...]:
-        return (*row_columns("adversary"), *(Column(one.title, one.title) for one in columns))
+
+def _heads(columns: Sequence[_TrackColumn]) -> tuple[Column, ...]:
+    return (*row_columns("adversary"), *(Column(one.title, one.title) for one in columns))
 
 
 def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
@@ -316,9 +304,9 @@ def _targets(results: Results) -> Iterator[str]:
             f"{fooling.text} %" if fooling else "",
             f"`{fingerprint[:12]}`" if fingerprint else "",
         )
-        lines.append(Line("ranked", dict(zip(titles, map(text_cell, texts), strict=True))))
+        lines.append(dict(zip(titles, map(text_cell, texts), strict=True)))
     columns = [Column(title, title) for title in titles]
-    yield from ("## What was attacked", "", *_markdown(columns, lines), "")
+    yield from ("## What was attacked", "", *markdown_table(columns, lines), "")
 
 
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
@@ -339,8 +327,3 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
 def short_name(track: str) -> str:
     """Shorten a track's name for a column: the class where it is one of the paper's twelve."""
     return _CLASSES.get(track) or track.removeprefix("SADA-").rpartition("-v")[0] or track
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known and len(known) == len(values) else None
