@@ -62,18 +62,18 @@ class Backdrop:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Backdrop:
-        """Make the place that `to_dict` gave.
+        """Make the place that `to_dict` returned.
 
         Raises:
             UserError: If a key is missing or unknown.
         """
         check_keys("a backdrop", plain, [field.name for field in fields(cls)])
+        buildings = np.asarray(plain["buildings"], np.float64).reshape(-1, 10)
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in plain.items()
         }
-        values["buildings"] = np.asarray(plain["buildings"], np.float64).reshape(-1, 10)
-        return cls(**values)
+        return cls(**values | {"buildings": buildings})
 
 
 def random_backdrop(rng: np.random.Generator) -> Backdrop:

@@ -61,12 +61,9 @@ def all_digits() -> LabelledImages:
 @functools.cache
 def turns() -> npt.NDArray[np.int64]:
     """Count the digits of the same class before each in the data set, (1797,)."""
-    labels = all_digits().labels
-    turn = np.zeros(len(labels), dtype=np.int64)
-    for digit in range(10):
-        rows = np.flatnonzero(labels == digit)
-        turn[rows] = np.arange(len(rows))
-    return turn
+    same = all_digits().labels == np.arange(10)[:, None]
+    count: npt.NDArray[np.int64] = np.where(same, same.cumsum(axis=1) - 1, 0).sum(axis=0)
+    return count
 
 
 @functools.cache
@@ -92,9 +89,11 @@ def validate_images(images: Any, labels: Any) -> LabelledImages:
         )
     pictures, classes = as_array(images, "images"), as_array(labels, "labels")
     if pictures.ndim != 3 or 0 in pictures.shape:
-        hint = " Pass image[None] for a single one." if pictures.ndim == 2 else ""
-        if pictures.ndim == 4:
-            hint = " They are grey: leave the channels out."
+        hints = {
+            2: " Pass image[None] for a single one.",
+            4: " They are grey: leave the channels out.",
+        }
+        hint = hints.get(pictures.ndim, "")
         raise UserError(f"Expected images of shape (n, height, width), got {pictures.shape}.{hint}")
     if max(pictures.shape[1:]) > _LARGEST_SIDE:
         raise UserError(
@@ -117,8 +116,8 @@ def validate_images(images: Any, labels: Any) -> LabelledImages:
             f"Expected {len(pictures)} labels, one whole number from 0 for each image, got shape "
             f"{classes.shape} and dtype {classes.dtype}: {classes}."
         )
-    kept = np.array(pictures, dtype=np.float32)  # a copy, which the user cannot change later
-    return _frozen(LabelledImages(kept, classes.astype(np.int64)))
+    copy = np.array(pictures, dtype=np.float32)  # which the user cannot change later
+    return _frozen(LabelledImages(copy, classes.astype(np.int64)))
 
 
 def _frozen(data: LabelledImages) -> LabelledImages:

@@ -8,14 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Images = npt.NDArray[np.float32]
-"""(n, height, width) in [0, 1]."""
-
-Values = npt.NDArray[np.float64]
-"""(n, height, width)."""
-
-Column = npt.NDArray[np.float64]
-"""(n,), one number for each image."""
+Images = npt.NDArray[np.float32]  # (n, height, width) in [0, 1]
+Values = npt.NDArray[np.float64]  # (n, height, width)
+Column = npt.NDArray[np.float64]  # (n,), a number for each image
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +20,9 @@ class Warps:
     Attributes:
         rotation_deg: Turns the digit counterclockwise.
         scale: Enlarges it about the image's centre.
-        shear: Slants it: a pixel moves to the right by this times its height over the centre.
-        shift_px: Moves it to the right.
-        contrast: Distance of each grey from the middle one, 0.5; what leaves [0, 1] is cut off.
+        shear: Moves a pixel to the right by this times its height over the centre.
+        shift_px: Moves the digit to the right.
+        contrast: Multiplies the distance from the middle grey, 0.5; [0, 1] is not left.
         stroke: From -1, thin, to 1, thick; see `Strokes`.
     """
 
@@ -40,16 +35,12 @@ class Warps:
 
 
 class Strokes:
-    """Images whose strokes are drawn thinner or thicker.
+    """Images (n, height, width) in [0, 1] whose strokes are drawn thinner or thicker.
 
     The thickest lifts each pixel half way to the greatest value among itself and its four
     neighbours: strokes gain about half a pixel on either side. The thinnest keeps a pixel that is
     the greatest among these, blackens one of at most half of it, and scales linearly in between:
-    the ridge of a stroke stays and its flanks fade. What lies between is a blend with the image as
-    it is.
-
-    Args:
-        images: (n, height, width) float32 in [0, 1].
+    the ridge of a stroke stays and its flanks fade. Others are blends with the image as it is.
     """
 
     def __init__(self, images: Images) -> None:
@@ -71,12 +62,7 @@ class Strokes:
 
 
 def warp(strokes: Strokes, rows: npt.NDArray[np.intp], warps: Warps) -> Images:
-    """Warp images, bilinearly; what comes from beyond an image's border is 0.
-
-    Args:
-        strokes: The images.
-        rows: (n,), which of them.
-        warps: How each of these is changed.
+    """Warp the images at rows (n,) bilinearly; what comes from beyond an image's border is 0.
 
     Returns:
         (n, height, width) float32 in [0, 1].

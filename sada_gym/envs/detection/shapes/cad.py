@@ -16,7 +16,7 @@ from typing_extensions import Self
 
 from sada_gym.envs.detection.shapes.assembly import Part, assemble
 from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
-from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.envs.detection.shapes.model import MESH_ARRAYS, Shape
 from sada_gym.errors import UserError
 
 _COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
@@ -69,12 +69,11 @@ def load_class(
         try:
             shapes.append(_load_shape(file, name, object_class, rotation))
         except UserError as error:
-            mend = "export it anew, remove it, or pass skip_unreadable=True to go on without it."
-            message = (
-                f"Expected a mesh with faces and finite coordinates in {file}, got {error}; {mend}"
-            )
             if not skip_unreadable:
-                raise UserError(message) from error
+                raise UserError(
+                    f"Expected a mesh with faces and finite coordinates in {file}, got {error}; "
+                    "export it anew, remove it, or pass skip_unreadable=True to go on without it."
+                ) from error
             warnings.warn(f"Left out {file}: {error}.", UserWarning, stacklevel=2)
     if not shapes:
         raise UserError(
@@ -89,9 +88,8 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
     Files are found at any depth below a class's folder, as ShapeNet nests them. Each becomes one
     shape: a scene's meshes are merged in their places, windings made outward, the whole turned by
-    the folder's `Orientation`, centred, grounded and scaled as `Shape` says. All faces are
-    `Material.PAINT`. Triangles cost rendering time: up to some 2,000 a file are best, and 500,000
-    are the most.
+    the folder's `Orientation` and placed as `Shape` says. All faces are `Material.PAINT`. Some
+    2,000 triangles a file are best for rendering time, and 500,000 are the most.
 
     Args:
         path: Such as `cad/`, holding `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and
@@ -116,14 +114,11 @@ def fingerprint(shapes: Iterable[Shape]) -> str:
     """Return the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
     digest = hashlib.sha256()
     for shape in shapes:
-        for content in (
-            shape.object_class.encode(),
-            shape.name.encode(),
-            shape.vertices.astype("<f4"),
-            shape.normals.astype("<f4"),
-            shape.faces.astype("<i4"),
-            shape.materials.astype("u1"),
-        ):
+        mesh = (
+            getattr(shape, name).astype(np.dtype(dtype).newbyteorder("<"))
+            for name, dtype in MESH_ARRAYS.items()
+        )
+        for content in (shape.object_class.encode(), shape.name.encode(), *mesh):
             digest.update(len(content).to_bytes(8, "little") + bytes(content))
     return digest.hexdigest()
 
@@ -134,7 +129,7 @@ def _class_folders(root: Path) -> list[str]:
             f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
             "that holds one folder a class."
         )
-    folders = [entry for entry in root.iterdir() if entry.is_dir() and not _hidden(entry)]
+    folders = [entry for entry in root.iterdir() if entry.is_dir() and entry.name[0] != "."]
     if not folders:
         raise UserError(
             f"Expected {root} to hold one folder a class, got none; move the files to a folder "
@@ -158,7 +153,7 @@ def _load_shape(
 def _mesh_files(folder: Path) -> list[Path]:
     files = []
     for file in sorted(folder.rglob("*")):
-        if file.is_dir() or any(map(_hidden, (file, *file.relative_to(folder).parents[:-1]))):
+        if file.is_dir() or any(part.startswith(".") for part in file.relative_to(folder).parts):
             continue
         suffix = file.suffix.lower()
         if suffix in MESH_SUFFIXES:
@@ -184,10 +179,6 @@ def _orientation(file: Path) -> Orientation:
             f'Expected {file} to be such as {{"up": "+y", "front": "-z"}}, got a file with: '
             f"{flaws}; mend it, or remove it for these defaults."
         ) from error
-
-
-def _hidden(path: Path) -> bool:
-    return path.name.startswith(".")
 
 
 def _vector(direction: str) -> npt.NDArray[np.float64]:
