@@ -100,9 +100,7 @@ def load_sb3(
         policies = algorithm.policy_aliases.values()
         known = {f"{kind.__module__}.{kind.__name__}": kind for kind in policies}
         if policy_class not in known:
-            raise _needs_pickle(
-                path, "a policy of SB3's", f"{policy_class or 'a class of its own'}"
-            )
+            raise _needs_pickle(path, "a policy of SB3's", policy_class or "a class of its own")
         weights = _read_weights(path, content)
         return _rebuilt(
             path,
@@ -177,7 +175,7 @@ def _read_data(path: Path, content: bytes) -> dict[str, Any]:
 
 
 def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
-    """Read the weights of an SB3 file; torch refuses whatever is no tensor."""
+    """Read the weights of an SB3 file; torch loads nothing but tensors."""
     pth = _member(path, content, "policy.pth")
     cause: Exception | None = None
     try:

@@ -20,7 +20,7 @@ _ARCHITECTURE = "architecture"
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """A file that should hold an agent's weights; `mend` says how to come by such a file."""
+    """A file that should hold the weights of a kind of agent, which `trained_by` trains."""
 
     path: Path
     content: str
@@ -48,7 +48,7 @@ def save_weights(
 def load_weights(
     module: nn.Module, file: WeightsFile, architecture: Mapping[str, Any] | None = None
 ) -> None:
-    """Read a module's weights from a file, whose header must say how the module is built, if given.
+    """Read a module's weights from a file whose header names this architecture, if one is given.
 
     Raises:
         FileError: If the file is no safetensors file, is of another architecture, lacks a weight,

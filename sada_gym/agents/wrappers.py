@@ -278,6 +278,6 @@ def _alike(given: spaces.Space[Any], expected: spaces.Space[Any], normalised: se
 
 def _wrong_observations(given: Any, expected: spaces.Space[Any], task: str) -> UserError:
     return UserError(
-        f"Expected an agent with observations {expected} (its picture transposed, its frames "
-        f"stacked, if you like), got observations {given}. Train it on {task}."
+        f"Expected an agent with observations {expected} (pictures may be transposed, frames "
+        f"stacked), got observations {given}. Train it on {task}."
     )

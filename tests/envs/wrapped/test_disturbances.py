@@ -75,6 +75,38 @@ def run(disturbance, *, at=1.0, steps=8, act=lambda seen: seen / 100.0, seed=0, 
     return np.array(agent.seen), np.array(episodes.running[0].env.unwrapped.done)
 
 
+def test_disturbances_are_wrappers_of_one_episode_from_the_actuators_to_the_agent():
+    application = pendulum(
+        parameters={
+            "repeated": RepeatedActions(1, 3),
+            "lost": ObservationDropout(0.0, 0.5),
+            "late": ObservationDelay(0, 3),
+            "noise": ObservationNoise(0.0, 0.1),
+            "slow": ActionDelay(0, 3),
+            "gain": ActionGain(0.5, 1.5),
+            "shaky": ActionNoise(0.0, 0.3),
+        },
+        episodes=2,
+    )
+    first, second = application.episodes(np.zeros((1, 7), np.float32), [0]).running
+    layers = []
+    env = first.env
+    while isinstance(env, gym.Wrapper):
+        layers.append(type(env).__name__)
+        env = env.env
+    assert layers[:7] == [
+        "_RepeatedSteps",
+        "_LostObservations",
+        "_LateObservations",
+        "_NoisyObservations",
+        "_LateActions",
+        "_ScaledActions",
+        "_NoisyActions",
+    ]
+    assert first.env is not second.env
+    assert first.env.unwrapped is not second.env.unwrapped
+
+
 def test_a_delay_repeats_the_first_observation():
     seen, _ = run(ObservationDelay(0, 3))
     assert seen[:, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
