@@ -90,6 +90,28 @@ def _corners(box: Sequence[float]) -> list[Point]:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]
 
 
+def cross(
+    draw: ImageDraw.ImageDraw,
+    place: Point,
+    arm: float,
+    colour: Colour,
+    widths: tuple[int, int],
+) -> None:
+    """Draw a diagonal cross, `arm` from its middle to either side, with a white rim.
+
+    Args:
+        draw: What draws.
+        place: The middle, in pixels.
+        arm: Half the cross's width, in pixels.
+        colour: The colour of its strokes.
+        widths: The widths of the white strokes and of those on top of them.
+    """
+    x, y = place
+    for ink, width in zip(((255, 255, 255), colour), widths, strict=True):
+        for up in (-arm, arm):
+            draw.line([(x - arm, y - up), (x + arm, y + up)], fill=ink, width=width)
+
+
 def dashed_box(
     draw: ImageDraw.ImageDraw,
     box: Sequence[float],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium as gym
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
@@ -19,11 +20,13 @@ from sada_gym.determinism import generators_kept
 class ShippedPolicy(MultiInputActorCriticPolicy):
     """An SB3 policy that takes no settings, so that its weights say everything about what it does.
 
-    A subclass gives `settings` and the name of its `architecture`, for fingerprints.
+    A subclass gives `settings`, the name of its `architecture`, for fingerprints, and the
+    `environment` on which it is trained.
     """
 
     architecture: ClassVar[str]
     settings: ClassVar[Mapping[str, Any]]
+    environment: ClassVar[type[gym.Env[Any, Any]]]
 
     def __init__(
         self,
@@ -33,6 +36,18 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
         use_sde: bool = False,  # noqa: ARG002
     ) -> None:
         super().__init__(observation_space, action_space, lr_schedule, **self.settings)
+
+    @classmethod
+    def new_model(cls, seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
+        """Make an untrained PPO with this policy; no global generator is changed.
+
+        Args:
+            seed: The number that fixes the weights.
+            env: What it will be trained on; by default one `environment`.
+            **options: Further options of PPO.
+        """
+        with generators_kept():
+            return PPO(cls, env or cls.environment(), seed=seed, device="cpu", **options)
 
 
 @dataclass(frozen=True)
@@ -74,9 +89,3 @@ class PolicyFiles:
             **self.built,
             "observations": {key: list(space.shape or ()) for key, space in spaces_of},
         }
-
-
-def new_ppo(policy: type[ShippedPolicy], env: GymEnv, seed: int, **options: Any) -> PPO:
-    """Make an untrained PPO; the seed fixes its weights, and no global generator is changed."""
-    with generators_kept():
-        return PPO(policy, env, seed=seed, device="cpu", **options)

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.arrays import Floats, Floats32
-from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
+from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
@@ -147,13 +147,8 @@ def _map(
         x, y = way[-1]
         over = len(way) == len(rollouts[i]["states"])
         if over and rollouts[i].score < 1:
-            arm = 2.2 * unit
-            for s in (-1, 1):
-                ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
-                draw.line(ends, fill="white", width=max(4, round(2 * unit)))
-            for s in (-1, 1):
-                ends = [(x - arm, y - arm * s), (x + arm, y + arm * s)]
-                draw.line(ends, fill=_FAILED, width=max(2, round(unit)))
+            widths = max(4, round(2 * unit)), max(2, round(unit))
+            cross(draw, (x, y), 2.2 * unit, _FAILED, widths)
         elif not over:
             draw.circle((x, y), 1.3 * unit, _DRIVEN, INK_RGB)
     return picture
@@ -161,13 +156,7 @@ def _map(
 
 @dataclass(frozen=True)
 class _Chart:
-    """The town from above.
-
-    Attributes:
-        picture: The picture.
-        corner: World coordinates of its upper left corner.
-        pixel_m: The size of its pixels.
-    """
+    """The town from above; `corner` is the place of its upper left corner in the world."""
 
     picture: Image.Image
     corner: Floats

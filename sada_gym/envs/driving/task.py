@@ -100,13 +100,7 @@ class DrivingTaskEnv(TaskEnv):
 
 
 class DrivingTaskVectorEnv(TaskVectorEnv):
-    """`DrivingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
-
-    Args:
-        distribution: The distribution of routes, weathers, mounts and starts.
-        num_envs: Number of cars.
-        render_mode: `"rgb_array"` gives each camera's image.
-    """
+    """`DrivingTaskEnv` in lockstep, see `TaskVectorEnv`."""
 
     metadata: dict[str, Any] = {**DrivingTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = DrivingTask

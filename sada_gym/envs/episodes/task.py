@@ -130,9 +130,10 @@ class Task(Lockstep[Batch], Generic[EpisodesT]):
             self._episodes.close()
         self._episodes, self._waiting = None, {}
 
-    @abstractmethod
     def _begin(self, starts: Sequence[Any]) -> EpisodesT:
-        """Begin all episodes."""
+        episodes: Any = self.episodes_class
+        begun: EpisodesT = episodes(starts)
+        return begun
 
     @abstractmethod
     def _step(self, episodes: EpisodesT, actions: npt.NDArray[Any]) -> Floats:

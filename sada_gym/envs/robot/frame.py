@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, beside, caption, font, stacked
+from sada_gym.drawing import INK_RGB, beside, caption, cross, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.robot.conditions import Conditions
 from sada_gym.envs.robot.start import GOAL_M, POLICY_HZ, RobotEnd, RobotStart
@@ -149,12 +149,7 @@ def _left(amount: float, unit: str) -> str:
 
 
 class _Chart:
-    """A map of a floor plan that is being drawn.
-
-    Args:
-        width: Its width in pixels.
-        start: A trip on the floor plan.
-    """
+    """A map of a floor plan that is being drawn, `width` pixels wide."""
 
     def __init__(self, width: int, start: RobotStart) -> None:
         self._size = width, round(width * HALL_M[1] / HALL_M[0])
@@ -222,12 +217,8 @@ class _Chart:
         self._draw.polygon(corners, (255, 255, 255))
 
     def cross(self, x: float, y: float) -> None:
-        for side in (-1, 1):
-            ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
-            self.line(ends, (255, 255, 255), 0.15)
-        for side in (-1, 1):
-            ends = np.array([[x - 0.2, y - 0.2 * side], [x + 0.2, y + 0.2 * side]])
-            self.line(ends, _FAILED, 0.09)
+        widths = max(2, round(0.15 * self._unit)), max(2, round(0.09 * self._unit))
+        cross(self._draw, self._at(x, y), 0.2 * self._unit, _FAILED, widths)
 
     def flag(self, x: float, y: float, height: float) -> None:
         self.line(np.array([[x, y], [x, y + height]]), INK_RGB, 0.05)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from inspect import Parameter as SignatureParameter
 from inspect import Signature
@@ -16,7 +15,7 @@ from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
 from sada_gym.envs.robot.conditions import PARAMETERS
 from sada_gym.envs.robot.episodes import RobotEpisodes
-from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
+from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.world.robot import FORWARD_M_S
 from sada_gym.errors import check_known
@@ -29,9 +28,6 @@ class RobotTask(Task[RobotEpisodes]):
     """Trips from a start distribution, and their rewards."""
 
     episodes_class, distribution_class = RobotEpisodes, StartDistribution
-
-    def _begin(self, starts: Sequence[RobotStart]) -> RobotEpisodes:
-        return RobotEpisodes(starts)
 
     def _step(self, episodes: RobotEpisodes, actions: npt.NDArray[Any]) -> Floats:
         before = episodes.remaining_m.copy()
@@ -133,13 +129,7 @@ class RobotTaskEnv(TaskEnv):
 
 
 class RobotTaskVectorEnv(TaskVectorEnv):
-    """`RobotTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
-
-    Args:
-        distribution: The distribution of floor plans, trips and conditions.
-        num_envs: Number of robots.
-        render_mode: `"rgb_array"` draws the hall of each robot.
-    """
+    """`RobotTaskEnv` in lockstep, see `TaskVectorEnv`."""
 
     metadata: dict[str, Any] = {**RobotTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = RobotTask

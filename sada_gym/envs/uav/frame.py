@@ -11,7 +11,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.arrays import Floats
-from sada_gym.drawing import INK_RGB, beside, caption, dashed, font, stacked
+from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stacked
 from sada_gym.envs.episodes.rollout import Rollout
 from sada_gym.envs.uav.camera.pinhole import camera
 from sada_gym.envs.uav.episodes import POLICY_HZ, REPLAY_HZ, RacingStart
@@ -191,9 +191,7 @@ class Plan:
             (place,) = self._pixels(aside[None])
             draw.text(place, str(number), fill=colour, font=of, anchor="mm")
         for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
-            for ink, width in (((255, 255, 255), 14), (INK_RGB, 6)):
-                for up in (-_CROSS, _CROSS):
-                    draw.line([(x - _CROSS, y - up), (x + _CROSS, y + up)], fill=ink, width=width)
+            cross(draw, (x, y), _CROSS, INK_RGB, (14, 6))
         if drone is not None:
             self._drone(draw, drone)
         return picture.resize((self.size, self.size), Image.Resampling.LANCZOS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.arrays import Bools, Floats, Indices
 from sada_gym.envs.episodes.task import Task, TaskEnv, TaskVectorEnv
-from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes, RacingStart
+from sada_gym.envs.uav.episodes import POLICY_HZ, RacingEpisodes
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import GATES
@@ -23,9 +22,6 @@ class RacingTask(Task[RacingEpisodes]):
     """Races from a start distribution, and their rewards."""
 
     episodes_class, distribution_class = RacingEpisodes, StartDistribution
-
-    def _begin(self, starts: Sequence[RacingStart]) -> RacingEpisodes:
-        return RacingEpisodes(starts)
 
     def _step(self, episodes: RacingEpisodes, actions: npt.NDArray[Any]) -> Floats:
         everyone = np.arange(len(episodes))
@@ -113,13 +109,7 @@ class RacingTaskEnv(TaskEnv):
 
 
 class RacingTaskVectorEnv(TaskVectorEnv):
-    """`RacingTaskEnv` in lockstep, as `SyncVectorEnv` with `AutoresetMode.SAME_STEP` has it.
-
-    Args:
-        distribution: The distribution of tracks and starts.
-        num_envs: Number of drones.
-        render_mode: `"rgb_array"` gives the image of each drone's camera.
-    """
+    """`RacingTaskEnv` in lockstep, see `TaskVectorEnv`."""
 
     metadata: dict[str, Any] = {**RacingTaskEnv.metadata, **SAME_STEP}  # noqa: RUF012
     task_class = RacingTask

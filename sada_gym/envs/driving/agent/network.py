@@ -12,12 +12,10 @@ from typing import Any, ClassVar
 
 import torch
 from gymnasium import spaces
-from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.shipped_policy import ShippedPolicy, new_ppo
+from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
@@ -71,6 +69,7 @@ class DriverPolicy(ShippedPolicy):
     """The command's branch of features, a linear layer, and a small value network."""
 
     architecture: ClassVar[str] = "sada_gym driver"
+    environment = DrivingTaskEnv
     settings: ClassVar[Mapping[str, Any]] = {
         "net_arch": {"pi": [], "vf": [64]},
         "ortho_init": False,
@@ -79,12 +78,4 @@ class DriverPolicy(ShippedPolicy):
     }
 
 
-def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
-    """Make an untrained driver: a PPO with this network.
-
-    Args:
-        seed: The number that fixes the weights.
-        env: What it will be trained on; by default one task.
-        **options: Further options of PPO.
-    """
-    return new_ppo(DriverPolicy, env or DrivingTaskEnv(), seed, **options)
+new_model = DriverPolicy.new_model

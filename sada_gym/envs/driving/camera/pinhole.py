@@ -70,11 +70,7 @@ class Lens:
 
 
 class TownCamera:
-    """Draws a town.
-
-    Args:
-        layout_name: `benchmark` or `training`.
-    """
+    """Draws a town, `benchmark` or `training`."""
 
     def __init__(self, layout_name: str) -> None:
         place = town(layout_name)

@@ -46,9 +46,6 @@ class Passage:
 class Town:
     """A layout with its lanes.
 
-    Args:
-        layout: The plan.
-
     Attributes:
         layout: The plan.
         network: All lanes, for highway-env.

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from stable_baselines3 import PPO
-from stable_baselines3.common.type_aliases import GymEnv
 from torch import nn
 
-from sada_gym.agents.shipped_policy import ShippedPolicy, new_ppo
+from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.envs.robot.task import RobotTaskEnv
 
 LAYERS = (128, 128)
@@ -21,6 +19,7 @@ class RobotPolicy(ShippedPolicy):
     """Two layers, and two more for the value."""
 
     architecture: ClassVar[str] = "sada_gym robot"
+    environment = RobotTaskEnv
     settings: ClassVar[Mapping[str, Any]] = {
         "net_arch": [*LAYERS],
         "activation_fn": nn.Tanh,
@@ -28,12 +27,4 @@ class RobotPolicy(ShippedPolicy):
     }
 
 
-def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
-    """Make an untrained robot: a PPO with this network.
-
-    Args:
-        seed: The number that fixes the weights.
-        env: What it will be trained on; by default one task.
-        **options: Further options of PPO.
-    """
-    return new_ppo(RobotPolicy, env or RobotTaskEnv(), seed, **options)
+new_model = RobotPolicy.new_model

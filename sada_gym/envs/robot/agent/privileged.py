@@ -113,21 +113,8 @@ def _best(
 ) -> tuple[int, int]:
     """Return where on its way the robot is, and which command leads furthest and safely.
 
-    Args:
-        way: (n, 2)
-        at: Where on its way it was.
-        pose: (3,)
-        velocity: (3,)
-        commands: (5, 2), those before, newest first.
-        delay: The latency in steps.
-        payload: (2,)
-        friction: As `move` has it.
-        gain: As `velocities` has it.
-        racks: (k, 4)
-        circles: (m, 3), what stands.
-        lanes: (c, 4), those of carts.
-        places: (c, 2), place and direction of each cart.
-        choices: (j, 2), the commands to choose from.
+    Arguments are those of `move`, `velocities` and `drive`, of one robot; `commands` (5, 2) are the
+    ones given before, newest first, and `delay` is the latency in steps.
     """
     at, _ = locate(way, at, pose)
     ahead = axle_to_mass(payload[0], payload[1])

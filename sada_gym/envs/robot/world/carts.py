@@ -28,7 +28,7 @@ def places_of(lanes: Floats, carts: Floats) -> Floats:
 
 @kernel
 def drive(poses: Floats, lanes: Floats, carts: Floats, step_s: float, steps: int) -> Floats:
-    """Move carts along their lanes, and turn them back at the ends.
+    """Move carts along their lanes and back; return their velocities, (n, c, 2).
 
     Args:
         poses: (n, 3) of the robots.
@@ -37,9 +37,6 @@ def drive(poses: Floats, lanes: Floats, carts: Floats, step_s: float, steps: int
             changed in place.
         step_s: The time of one step.
         steps: The number of steps.
-
-    Returns:
-        Their velocities in that time, (n, c, 2).
     """
     velocities = np.zeros(carts.shape)
     places = places_of(lanes, carts)

@@ -172,20 +172,10 @@ def _place(
     found: Floats,
     placed: int,
 ) -> int:
-    """Keep those candidates whose gaps are wide enough or shut.
+    """Keep those candidates whose gaps are wide enough or shut; return how many are placed now.
 
-    Args:
-        candidates: (n, 6): x, y, radius, and three numbers from 0 to 1: whether it stands at a
-            rack, at which, and on which side.
-        hall: (2,) width and height.
-        racks: (k, 4).
-        pillars: (p, 3).
-        lanes: (c, 4).
-        found: (m, 3), filled from `placed` on.
-        placed: How many were found before.
-
-    Returns:
-        How many are found now.
+    A candidate, a row of (n, 6), is x, y, radius, and three numbers from 0 to 1: whether it stands
+    at a rack, at which, and on which side. `found` (m, 3) is filled from `placed` on.
     """
     for n in range(len(candidates)):
         if placed == len(found):

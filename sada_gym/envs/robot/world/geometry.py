@@ -32,12 +32,8 @@ def rectangle_distance(x: float, y: float, rectangle: Floats) -> float:
 def clearance(x: float, y: float, hall: Floats, racks: Floats, circles: Floats) -> float:
     """Return the distance of a point to the nearest surface, negative outside of the hall.
 
-    Args:
-        x: The point.
-        y: The point.
-        hall: (2,) its width and height.
-        racks: (k, 4) x0, y0, x1, y1.
-        circles: (m, 3) x, y, radius.
+    `hall` is (2,) its width and height, `racks` (k, 4) x0, y0, x1, y1, `circles` (m, 3) x, y,
+    radius.
     """
     least: float = min(x, hall[0] - x, y, hall[1] - y)
     for k in range(len(racks)):

@@ -25,14 +25,9 @@ def distance(
 ) -> float:
     """Return how far a ray goes until it meets something, or `RANGE_M`.
 
-    Args:
-        x: Where the ray starts.
-        y: Where the ray starts.
-        dx: Its direction, a unit vector.
-        dy: Its direction.
-        hall: (2,) width and height.
-        racks: (k, 4) x0, y0, x1, y1.
-        circles: (m, 3) x, y, radius; those of radius 0 are left out.
+    The ray starts at x, y in the direction of a unit vector, dx and dy. `hall` is (2,) width and
+    height, `racks` (k, 4) x0, y0, x1, y1, `circles` (m, 3) x, y, radius; those of radius 0 are left
+    out.
     """
     nearest = RANGE_M
     if abs(dx) > 1e-12:
@@ -83,10 +78,10 @@ def scan(
 
     Args:
         poses: (n, 3) x, y, heading.
-        mounts: (n, 2) the lidar's angle in rad to the left, and its place in m to the left.
-        hall: (2,) width and height.
-        racks: (n, k, 4)
-        circles: (n, m, 3)
+        mounts: (n, 2) the lidar's angle in rad, and its place in m, both to the left.
+        hall: (2,), as `distance` has it.
+        racks: (n, k, 4), likewise.
+        circles: (n, m, 3), likewise.
         noise_m: (n, RAYS) what is added to each range.
         lost: (n, RAYS) which rays return nothing.
         points: (n, RAYS, 2), filled; NaN where a ray returned nothing.

@@ -108,7 +108,7 @@ def velocities(
     rims: Floats,
     dt_s: float,
 ) -> Floats:
-    """Return the velocities of robots over some steps.
+    """Return the velocities of robots over some steps, (n, steps, 3), each kept for one step.
 
     Args:
         poses: (n, 3) x, y, heading.
@@ -118,9 +118,6 @@ def velocities(
         gain: (n,) The right wheel turns faster by this share than commanded, the left one slower.
         rims: (n, steps, 2) the commanded speeds.
         dt_s: The time of one step.
-
-    Returns:
-        (n, steps, 3), each to be kept for one step.
     """
     found = np.empty((len(poses), rims.shape[1], 3))
     worn = np.empty(2)
@@ -144,15 +141,10 @@ def rims_of(pedal: float, wheel: float) -> tuple[float, float]:
 
 @kernel
 def delayed_rims(commands: Floats, delays: Integers, steps: int) -> Floats:
-    """Return the commanded speeds of rims over the steps of one decision.
+    """Return the commanded speeds of rims over the steps of one decision, (n, steps, 2).
 
-    Args:
-        commands: (n, k, 2) the last actions, newest first.
-        delays: (n,) after how many steps a command is in force.
-        steps: The steps of a decision.
-
-    Returns:
-        (n, steps, 2).
+    `commands` (n, k, 2) are the last actions, newest first; a command is in force after `delays`
+    (n,) steps.
     """
     rims = np.empty((len(commands), steps, 2))
     for i in range(len(commands)):

@@ -20,11 +20,11 @@ _BACK, _AHEAD = 5, 15
 
 @kernel
 def locate(way: Floats, at: int, pose: Floats) -> tuple[int, float]:
-    """Find the point of a way that is nearest to a robot, near the last one, and what is left.
+    """Find the point of a way (n, 2) that is nearest to a robot's pose (3,), and what is left.
 
     Args:
         way: (n, 2)
-        at: The nearest point at the last call.
+        at: The nearest point at the last call; the new one is looked for near it.
         pose: (3,)
 
     Returns:
@@ -51,15 +51,10 @@ def fill_state(
     commands: Floats,
     state: Floats32,
 ) -> None:
-    """Fill one row of the observation `state`, see `RobotTaskEnv`.
+    """Fill one row of the observation `state`, (STATES,), see `RobotTaskEnv`.
 
-    Args:
-        way: (n, 2)
-        at: The point that is nearest to the robot.
-        pose: (3,)
-        velocity: (3,) of the centre of mass in the hall, and the turning rate.
-        commands: (k, 2) the last commands, newest first.
-        state: (STATES,), filled.
+    The robot is nearest to point `at` of its way (n, 2), at a pose (3,); `velocity` (3,) is that of
+    the centre of mass in the hall, and the turning rate; `commands` (k, 2) come newest first.
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(AHEAD_M)):

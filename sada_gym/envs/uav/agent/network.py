@@ -6,11 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.type_aliases import GymEnv
 from torch import Tensor, nn
 
-from sada_gym.agents.shipped_policy import ShippedPolicy, new_ppo
+from sada_gym.agents.shipped_policy import ShippedPolicy
 from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
@@ -83,21 +81,14 @@ class PilotPolicy(ShippedPolicy):
     """Two layers of 64 units for the actions, and for the value."""
 
     architecture: ClassVar[str] = "sada_gym pilot"
+    environment = RacingTaskEnv
     settings: ClassVar[Mapping[str, Any]] = {
         "net_arch": {"pi": [64, 64], "vf": [64, 64]},
         "log_std_init": _LOG_NOISE,
     }
 
 
-def new_model(seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
-    """Make an untrained pilot that chooses actions, a PPO.
-
-    Args:
-        seed: The number that fixes the weights.
-        env: What it will be trained on; by default one task.
-        **options: Further options of PPO.
-    """
-    return new_ppo(PilotPolicy, env or RacingTaskEnv(), seed, **options)
+new_model = PilotPolicy.new_model
 
 
 def _block(inputs: int, outputs: int, *, kernel: int) -> list[nn.Module]:

@@ -43,16 +43,13 @@ class DroneCamera:
         self._field = field()
 
     def draw(self, gates: Floats, poses: Floats, seeds: npt.ArrayLike) -> Bytes:
-        """Draw what n drones see.
+        """Draw what n drones see, (n, rows, columns, 3).
 
         Args:
             gates: (n, g, 4): x, y, z of the openings' centres, and headings.
             poses: (n, 7) or more: position, quaternion x, y, z, w. Where one is no number, or
                 farther off than 1,000 km, the picture is black.
             seeds: (n,) integers.
-
-        Returns:
-            (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), self.rows, self.columns, 3), np.uint8)
         keys = np.asarray(seeds, np.int64).astype(np.uint64)

@@ -55,13 +55,8 @@ def touches(state: Floats, gates: Floats) -> bool:
 def _meet(own: Floats, x: float, y: float, z: float, width: float, height: float) -> bool:
     """Say whether the drone's box and a bar have a point in common (separating axes, Gottschalk).
 
-    Args:
-        own: (3, 3) the axes of the drone in the bar's frame, its columns.
-        x: The drone's place from the bar's middle, in the bar's frame.
-        y: The same.
-        z: The same.
-        width: Half the bar's width.
-        height: Half the bar's height.
+    The columns of `own` (3, 3) are the drone's axes in the bar's frame, and x, y, z its place from
+    the bar's middle; `width` and `height` are half the bar's.
     """
     off, bar, size = np.array((x, y, z)), np.array((DEPTH_M / 2, width, height)), np.abs(own)
     size += _ROUNDING

@@ -49,11 +49,7 @@ def waypoints(gates: Floats, states: Floats) -> Floats:
 
 @kernel
 def steer(waypoints: Floats, speed_m_s: float) -> Floats:
-    """Fly to waypoints.
-
-    Args:
-        waypoints: (n, 4).
-        speed_m_s: The speed over the ground.
+    """Fly to waypoints (n, 4) at a speed over the ground.
 
     Returns:
         Actions, (n, 4) in [-1, 1]: wanted velocity forward, to the left and up over

@@ -89,8 +89,8 @@ def orders(
         actions: (m, 4).
         states: (n, 13).
         next_gate: (n,).
-        endings: (n, g), changed in place where an action or a state is not possible.
-        ended_at: (n, g, 3), changed in place there.
+        endings: (n, g), changed where an action or a state is not possible; `ended_at` likewise.
+        ended_at: (n, g, 3).
         headings: (n,) from which the flight controller starts; changed in place.
         commands: (n, 4) to the flight controller, changed in place.
     """
