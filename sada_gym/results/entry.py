@@ -26,7 +26,6 @@ from sada_gym.files import (
     first_error,
     read_model,
     read_toml,
-    shown,
     write_file,
     write_model,
 )
@@ -40,7 +39,13 @@ from sada_gym.results.models import (
     Verified,
     VerifiedResults,
 )
-from sada_gym.results.samples import Samples, read_samples, samples_bytes, samples_sha256
+from sada_gym.results.samples import (
+    Samples,
+    check_ascending,
+    read_samples,
+    samples_bytes,
+    samples_sha256,
+)
 
 METADATA_FILE = "entry.toml"
 CLAIMS, SAMPLES, VERIFIED = ".json", ".npz", ".verified.json"
@@ -144,17 +149,10 @@ class GroupFiles:
         path = self.claims
         content = read_model(path, ClaimedResults)
         _check_format(path, content.format)
-        places = [result.experiment.place for result in content.results]
-        if places != sorted(set(places)):
-            raise FileError(
-                f"Expected ascending results in {path}, each once, got {shown(str(places))}."
-            )
+        check_ascending(path, "results", [result.experiment.place for result in content.results])
         for result in content.results:
-            place, group, expected = (
-                result.experiment.place,
-                result.experiment.group,
-                result.experiment.sha256,
-            )
+            experiment = result.experiment
+            place, group, expected = experiment.place, experiment.group, experiment.sha256
             if result.sha256 != expected:
                 raise FileError(
                     f"Expected sha256 of {place} in {path} to be the hash of its experiment, "
@@ -165,12 +163,7 @@ class GroupFiles:
                     f"Expected the results on {group} in a file called {group}{CLAIMS}, got {path}."
                     " Rename it, or make the entry anew."
                 )
-            seeds = [claims.seed for claims in result.seeds]
-            if seeds != sorted(set(seeds)):
-                raise FileError(
-                    f"Expected ascending seeds of {place} in {path}, each once, got "
-                    f"{shown(str(seeds))}."
-                )
+            check_ascending(path, f"seeds of {place}", [claims.seed for claims in result.seeds])
         return content.results
 
     def read_verified(self) -> dict[str, Verified]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from sada_gym.files import read_array_groups, shown
 Samples = Mapping[int, Evaluations]
 """The test samples of each seed, by ascending seed."""
 
-_MEND = "Restore the file, or make it anew."
 _KINDS = {"seeds": ("i8", 1), "mu": ("f4", 2), "score": ("f8", 1)}
 
 
@@ -74,6 +73,15 @@ def read_samples(path: Path) -> dict[str, dict[int, Evaluations]]:
     }
 
 
+def check_ascending(path: Path, what: str, values: Sequence[Any]) -> None:
+    """Raise a FileError if values of a file do not ascend, each once."""
+    if list(values) != sorted(set(values)):
+        raise FileError(
+            f"Expected ascending {what} in {path}, each once, got {shown(str(values))}. Restore "
+            "the file, or make it anew."
+        )
+
+
 def _unpack(
     path: Path,
     place: str,
@@ -86,13 +94,10 @@ def _unpack(
     if rest or not count or not ascending or len(score) != len(mu):
         raise FileError(
             f"Expected as many samples of each seed of {place} in {path}, each with a score, got "
-            f"{len(seeds)} seeds, {len(mu)} mu and {len(score)} scores. {_MEND}"
+            f"{len(seeds)} seeds, {len(mu)} mu and {len(score)} scores. Restore the file, or make "
+            "it anew."
         )
-    if ascending != sorted(set(ascending)):
-        raise FileError(
-            f"Expected ascending seeds of {place} in {path}, each once, got "
-            f"{shown(str(ascending))}. {_MEND}"
-        )
+    check_ascending(path, f"seeds of {place}", ascending)
     if ascending[0] < 0:
         raise FileError(f"Expected seeds of {place} in {path} from 0 up, got {ascending[0]}.")
     return {

@@ -16,6 +16,7 @@ from pathlib import Path
 from sada_gym import __version__
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
+from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.record import Experiment
 from sada_gym.files import as_path, file_errors, shown
@@ -72,7 +73,7 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
     metadata = read_metadata(folder)
     check_metadata(metadata, folder / METADATA_FILE, submission=submission)
     results = [
-        (files, result)
+        (files.claims, result)
         for files in (GroupFiles(folder, group) for group in groups)
         for result in _check_group(files, submission)
     ]
@@ -295,24 +296,42 @@ def _release(version: str) -> tuple[int, ...]:
     return tuple(int(number) for number in numbers[0].split(".")) if numbers else ()
 
 
-def _check_together(results: Sequence[tuple[GroupFiles, Result]]) -> None:
+def _check_together(results: Sequence[tuple[Path, Result]]) -> None:
     """Check that all results are of one adversary with one set of options, each in one file."""
-    first = results[0][1].experiment.adversary
+    first_path, first = results[0]
     places: dict[str, Path] = {}
-    for files, result in results:
-        for name in ("name", "preset", "options"):
-            expected, got = getattr(first, name), getattr(result.experiment.adversary, name)
-            if got != expected:
-                refuse(
-                    f"in {files.claims}",
-                    f"the adversary's {name} of the other results, {shown(repr(expected))},",
-                    shown(repr(got)),
-                    "One entry is of one adversary with one set of options",
-                )
+    for path, result in results:
+        check_same_adversary(
+            path, result.experiment.adversary, first_path, first.experiment.adversary
+        )
         place = result.experiment.place
-        other = places.setdefault(place, files.claims)
-        if other != files.claims:
-            refuse(f"in {files.folder}", f"{place} once", f"it in {other} and {files.claims}")
+        other = places.setdefault(place, path)
+        if other != path:
+            refuse(f"in {path.parent}", f"{place} once", f"it in {other} and {path}")
+
+
+def check_same_adversary(
+    source: object, adversary: AdversarySpec, other_source: object, other: AdversarySpec
+) -> None:
+    """Raise a UserError if results are of two adversaries, presets or sets of options.
+
+    Args:
+        source: Where a result is from, for messages.
+        adversary: Its adversary.
+        other_source: Where another result of the entry is from.
+        other: Its adversary.
+    """
+    for name, got, expected in (
+        ("adversary", adversary.name, other.name),
+        ("preset", adversary.preset, other.preset),
+        ("options", adversary.options, other.options),
+    ):
+        if got != expected:
+            raise UserError(
+                "Expected all results of an entry to be of one adversary with one set of options, "
+                f"got the {name} {shown(repr(got))} in {source} beside {shown(repr(expected))} in "
+                f"{other_source}. Submit them as two entries."
+            )
 
 
 def _read_samples(

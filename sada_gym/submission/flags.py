@@ -54,7 +54,6 @@ class SeedEvidence:
         claimed: What the entry claims.
         samples: The samples as they were submitted.
         again: The same mu on fresh seeds.
-        ideal: Ideal samples on the same fresh seeds; None without a reference set.
         uniform: Uniform samples on the same fresh seeds; None with a reference set.
         measures: The measures of `again`.
     """
@@ -62,7 +61,6 @@ class SeedEvidence:
     claimed: SeedResult
     samples: Evaluations
     again: Evaluations
-    ideal: Evaluations | None
     uniform: Evaluations | None
     measures: Measures
 

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from sada_gym import agents
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
-from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.experiment.differences import differences
 from sada_gym.experiment.folder import RESULT_FILE, SAMPLES_FILE, SETTINGS_FILE, read_samples
 from sada_gym.experiment.record import Experiment, RunReport, RunSettings
@@ -21,7 +20,7 @@ from sada_gym.experiment.target import Target
 from sada_gym.files import first_error, read_model, shown
 from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
 from sada_gym.results.models import MAX_SEEDS, Result, SeedResult
-from sada_gym.submission.checks import check_entry
+from sada_gym.submission.checks import check_entry, check_same_adversary
 from sada_gym.submission.current import (
     PAPER_BUDGETS,
     RULES,
@@ -59,9 +58,10 @@ def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
             seed stands twice, or a result has too many seeds.
     """
     by_place: dict[str, list[ResultFragment]] = {}
+    first = fragments[0]
     for fragment in fragments:
-        first = fragments[0]
-        check_same_adversary(fragment, first.experiment.adversary, first.source)
+        adversary = fragment.experiment.adversary
+        check_same_adversary(fragment.source, adversary, first.source, first.experiment.adversary)
         others = by_place.setdefault(fragment.result.place, [])
         _check_fits(fragment, others)
         others.append(fragment)
@@ -206,22 +206,6 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
         f"{adversary.name} may spend {listed} on {target.track}: choose another --rule, or attack "
         f"again with fewer queries ({option})."
     )
-
-
-def check_same_adversary(fragment: ResultFragment, other: AdversarySpec, source: str) -> None:
-    """Raise a UserError if a fragment has another adversary, preset or options than `source`."""
-    adversary = fragment.experiment.adversary
-    for name, expected, got in (
-        ("adversary", other.name, adversary.name),
-        ("preset", other.preset, adversary.preset),
-        ("options", other.options, adversary.options),
-    ):
-        if expected != got:
-            raise UserError(
-                "Expected all results of an entry to be of one adversary with one set of options, "
-                f"got the {name} {shown(repr(got))} in {fragment.source} beside "
-                f"{shown(repr(expected))} in {source}. Submit them as two entries."
-            )
 
 
 def _command(settings: RunSettings, track: str) -> str:

@@ -6,18 +6,19 @@ import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy.typing as npt
 from pydantic import ValidationError
 from typing_extensions import Self
 
-from sada_gym.adversaries.base import Adversary, Query
 from sada_gym.errors import UserError, UserTypeError, check_integer
+from sada_gym.evaluations import evaluation_seeds
 from sada_gym.experiment.adversary import AdversarySpec, json_compatible
+from sada_gym.experiment.ideal import Ideal
 from sada_gym.experiment.packages import packages
-from sada_gym.experiment.record import Experiment, RunSettings
-from sada_gym.experiment.run import OnProgress, Run, ignore_progress
+from sada_gym.experiment.record import Experiment
+from sada_gym.experiment.run import OnProgress, ignore_progress
 from sada_gym.experiment.target import OpenTarget
 from sada_gym.files import (
     as_path,
@@ -27,6 +28,7 @@ from sada_gym.files import (
     restore_folder,
     write_folder,
 )
+from sada_gym.measures.collapse import collapse_flag
 from sada_gym.parameters import Mu, validate_mu
 from sada_gym.results.entry import (
     METADATA_FILE,
@@ -37,7 +39,12 @@ from sada_gym.results.entry import (
     write_results,
 )
 from sada_gym.results.models import MAX_SEEDS, EntryMetadata, Result, SeedResult
-from sada_gym.submission.checks import check_entry, check_files, check_metadata
+from sada_gym.submission.checks import (
+    check_entry,
+    check_files,
+    check_metadata,
+    check_same_adversary,
+)
 from sada_gym.submission.current import (
     PAPER_BUDGETS,
     current_experiment,
@@ -47,10 +54,10 @@ from sada_gym.submission.current import (
 from sada_gym.submission.fragments import (
     ResultFragment,
     check_budget,
-    check_same_adversary,
     join_fragments,
     read_fragments,
 )
+from sada_gym.submission.scoring import measure_samples
 
 ENTRIES = Path("leaderboard/entries")
 """Where the repository keeps the entries."""
@@ -171,7 +178,7 @@ def submit_samples(
     draft.read_kept([first.result])  # what is wrong shows before hours of evaluation
     with experiment.target.open(workers=workers) as target:
         fragments = [
-            _evaluate(target, experiment.at(seed), mu, int(queries), on_progress)
+            _evaluate(target, experiment, seed, mu, int(queries), on_progress)
             for seed, mu in enumerate(arrays)
         ]
     return draft.put(fragments)
@@ -184,7 +191,6 @@ def _as_list(values: Any, what: str) -> list[Any]:
 
 
 def _validate_samples(samples: Any, seed: int, experiment: Experiment, dimension: int) -> Mu:
-    """Read the samples of a seed where they are a file, and check them."""
     source, track = f"the samples of seed {seed}", experiment.target.track
     count = experiment.protocol.samples
     if isinstance(samples, str | Path):
@@ -202,55 +208,27 @@ def _validate_samples(samples: Any, seed: int, experiment: Experiment, dimension
     return mu
 
 
-class _ReadySamples(Adversary):
-    """Draws the samples that a user brought."""
-
-    name: ClassVar[str] = "ready-samples"
-    packages = ()
-
-    def __init__(self, mu: Mu) -> None:
-        super().__init__(mu.shape[1])
-        self._mu = mu
-
-    def train(self, oracle: Query) -> None:
-        """Do nothing."""
-
-    def sample(self, n: int) -> Mu:
-        """Return the samples, (n, d)."""
-        return self._mu[:n]
-
-    def save(self, folder: Path) -> None:
-        """Refuse; it is never saved."""
-        raise NotImplementedError
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Refuse; it is never saved."""
-        raise NotImplementedError
-
-
 def _evaluate(
-    target: OpenTarget, experiment: Experiment, mu: Mu, queries: int, on_progress: OnProgress
+    target: OpenTarget,
+    experiment: Experiment,
+    seed: int,
+    mu: Mu,
+    queries: int,
+    on_progress: OnProgress,
 ) -> ResultFragment:
     """Evaluate and measure samples as a run does."""
-    settings = RunSettings(
-        experiment=experiment,
-        label=experiment.adversary.name,
-        packages=packages(target.application, _ReadySamples),
+    seeds = evaluation_seeds(seed, "test", 0, len(mu))
+    samples, measures = measure_samples(target, mu, seeds, seed=seed, on_progress=on_progress)
+    flag = collapse_flag(mu)
+    claims = SeedResult(
+        seed=seed,
+        queries=queries,
+        measures=measures,
+        flags=() if flag is None else (flag,),
+        packages=packages(target.application, Ideal),  # which needs no package, as arrays do
     )
-    run = Run(
-        settings,
-        _ReadySamples(mu),
-        target.evaluator,
-        fooling_set=target.fooling_set,
-        ideal_set=target.ideal_set,
-        on_progress=on_progress,
-    )
-    run.test()
-    # the training queries are not known
-    claims = SeedResult.of(run.measure()).model_copy(update={"queries": queries, "search": None})
-    result = EntryResult(Result.make(experiment, [claims]), {claims.seed: run.samples})
-    return ResultFragment(f"the samples of seed {claims.seed}", result)
+    result = EntryResult(Result.make(experiment, [claims]), {seed: samples})
+    return ResultFragment(f"the samples of seed {seed}", result)
 
 
 @dataclass(frozen=True)
@@ -295,7 +273,8 @@ class _Draft:
         kept = []
         for place, result in read_entry(folder).results.items():
             if place not in places:
-                check_same_adversary(self.first, result.claimed.experiment.adversary, str(folder))
+                first, kept_one = self.first.experiment, result.claimed.experiment
+                check_same_adversary(self.first.source, first.adversary, folder, kept_one.adversary)
                 kept.append(result)
             elif not self.replace:
                 raise UserError(

@@ -17,12 +17,8 @@ from typing import Literal
 import numpy as np
 from typing_extensions import Self
 
-from sada_gym.application import feasible_worlds
 from sada_gym.errors import UserError
-from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluations import Evaluations, seed_of
-from sada_gym.experiment.ideal import Ideal
-from sada_gym.experiment.measure import feasible_rate, measure
 from sada_gym.experiment.record import Experiment, place_of
 from sada_gym.experiment.target import OpenTarget, Target
 from sada_gym.parameters import Mu
@@ -31,6 +27,7 @@ from sada_gym.results.models import SeedResult, Verified, VerifiedSeed
 from sada_gym.results.samples import read_samples
 from sada_gym.submission.checks import check_entry, find_outdated
 from sada_gym.submission.flags import Evidence, SeedEvidence, find_flags
+from sada_gym.submission.scoring import measure_samples, score
 
 State = Literal["verified", "unchanged", "outdated", "differs", "refused"]
 
@@ -225,33 +222,13 @@ def _seed_evidence(
     target: OpenTarget, claimed: SeedResult, samples: Evaluations, salt: tuple[str, str], nonce: str
 ) -> SeedEvidence:
     """Score and measure the samples of one seed on fresh evaluation seeds."""
-    threshold = target.target.fooling_threshold
     fresh = fresh_seeds(salt, nonce, claimed.seed, len(samples))
-    again = _score(target.evaluator, samples.mu, fresh)
-    ideal = uniform = None
-    if target.ideal_set is not None:
-        drawn = Ideal(target.dimension, seed=claimed.seed, fooling_set=target.ideal_set)
-        ideal = _score(target.evaluator, drawn.sample(len(samples)), fresh)
+    again, measures = measure_samples(target, samples.mu, fresh, seed=claimed.seed)
+    uniform = None
     if target.reference is None:
         mu = _uniform(json.dumps([*salt, nonce, claimed.seed]), samples.mu.shape)
-        uniform = _score(target.evaluator, mu, fresh)
-    feasible = feasible_worlds(target.application, again.mu, fresh)
-    measures = measure(
-        again,
-        Evaluations.empty(target.dimension),
-        threshold,
-        fooling_set=target.fooling_set,
-        ideal=ideal,
-        images=None,
-        seed=claimed.seed,
-        feasible=feasible_rate(again.fooled(threshold), feasible),
-    )
-    return SeedEvidence(claimed, samples, again, ideal, uniform, measures)
-
-
-def _score(evaluator: Evaluator, mu: Mu, seeds: list[int]) -> Evaluations:
-    scores, _ = evaluator.evaluate(mu, seeds, lambda *_: None)
-    return Evaluations(mu, scores, np.array(seeds, np.int64))
+        uniform = score(target, mu, fresh)
+    return SeedEvidence(claimed, samples, again, uniform, measures)
 
 
 def _uniform(text: str, shape: tuple[int, ...]) -> Mu:

@@ -498,15 +498,15 @@ HOSTILE = {
     "a result twice": (result_twice, "Expected ascending results in .*, each once, got"),
     "results of two adversaries": (
         joined(rule="equal-queries", adversary="other-method"),
-        "Expected the adversary's name of the other results, 'other-method', in .*'my-method'",
+        "one adversary .* got the adversary 'my-method' in .* beside 'other-method' in .*json",
     ),
     "results of two presets": (
         joined(rule="equal-queries", preset="paper"),
-        "Expected the adversary's preset of the other results, 'paper', in .*, got None",
+        "one adversary .* got the preset None in .* beside 'paper' in .*json",
     ),
     "results of two sets of options": (
         joined(rule="equal-queries", options={"width": 0.6}),
-        "Expected the adversary's options of the other results, {'width': 0.6}, in",
+        "one adversary .* got the options {'width': 0.5} in .* beside {'width': 0.6} in .*json",
     ),
     "a result in the file of another application": (
         second_application,
