@@ -13,6 +13,7 @@ from sada_gym.errors import UserError
 
 if TYPE_CHECKING:
     from sada_gym.results.entry import Entry, EntryResult
+    from sada_gym.results.models import EntryMetadata
 
 
 def submit(
@@ -78,26 +79,27 @@ def submit(
             command=command,
         )
         where: dict[str, Any] = {"out": out_folder, "replace": replace}
-        own = {
+        own: dict[str, Any] = {
             "--track": track,
             "--agent": agent,
             "--queries": queries,
             "--adversary": adversary,
             "--options": options,
         }
+        if samples and runs:
+            raise UserError(
+                f"Expected runs or --samples, got both: {runs[0]} and {samples[0]}. Submit "
+                "one after the other, under the same --name."
+            )
         if samples:
-            if runs:
-                raise UserError(
-                    f"Expected runs or --samples, got both: {runs[0]} and {samples[0]}. Submit "
-                    "one after the other, under the same --name."
-                )
             missing = [key for key in ("--track", "--queries", "--adversary") if own[key] is None]
             if missing:
                 raise UserError(
                     f"Expected {' and '.join(missing)} beside --samples, got none. Say where the "
                     "samples belong, and what they cost."
                 )
-            entry = _submit_samples(samples, metadata, own, rule, workers, where)
+            own |= {"--options": _parse_options(options or "{}"), "--rule": rule}
+            entry = _submit_samples(samples, metadata, own, workers=workers, **where)
         else:
             given = [key for key, value in own.items() if value is not None]
             if given:
@@ -109,37 +111,20 @@ def submit(
 
 
 def _submit_samples(
-    samples: list[Path],
-    metadata: Any,
-    own: dict[str, Any],
-    rule: str | None,
-    workers: int,
-    where: dict[str, Any],
+    samples: list[Path], metadata: EntryMetadata, own: dict[str, Any], **keywords: Any
 ) -> Entry:
     from sada_gym.progress import AttackProgress
-    from sada_gym.submission.current import PAPER_BUDGETS, current_target, default_agent
+    from sada_gym.submission.current import current_target, default_agent
     from sada_gym.submission.submit import submit_samples
 
-    track, agent = own["--track"], own["--agent"]
-    options = _parse_options(own["--options"] or "{}")
-    target = current_target(track, default_agent(track) if agent is None else agent)
+    keywords |= {key.removeprefix("--"): value for key, value in own.items() if value is not None}
+    track = keywords["track"]
+    target = current_target(track, keywords.setdefault("agent", default_agent(track)))
     each = f"{len(samples)} x {target.sample_size:,} samples"
     ideal = "" if target.ideal_set is None else " and as many ideal ones"
     say(f"Evaluating {each}{ideal} on {track}, each once.")
     with AttackProgress(out) as progress:
-        return submit_samples(
-            samples,
-            metadata,
-            track=track,
-            agent=agent,
-            adversary=own["--adversary"],
-            queries=own["--queries"],
-            options=options,
-            rule=rule or PAPER_BUDGETS,
-            workers=workers,
-            on_progress=progress,
-            **where,
-        )
+        return submit_samples(samples, metadata, on_progress=progress, **keywords)
 
 
 def _parse_options(text: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import ValidationError
 from typing_extensions import Self
@@ -84,11 +85,13 @@ class EntryResult:
     def with_seed(self, claims: SeedResult, samples: Evaluations | None) -> Self:
         """Return the result with one more seed, or with other claims and samples of a seed."""
         seeds = {old.seed: old for old in self.claimed.seeds} | {claims.seed: claims}
-        all_samples = {s: old for s, old in self.samples.items() if s != claims.seed}
-        if samples is not None:
-            all_samples[claims.seed] = samples
-        result = Result.make(self.claimed.experiment, seeds.values())
-        return replace(self, claimed=result, samples=all_samples, verified=None)
+        all_samples = {**self.samples, claims.seed: samples}
+        return replace(
+            self,
+            claimed=Result.make(self.claimed.experiment, seeds.values()),
+            samples={s: rows for s, rows in sorted(all_samples.items()) if rows is not None},
+            verified=None,
+        )
 
 
 @dataclass(frozen=True)
@@ -119,25 +122,20 @@ class GroupFiles:
         return self.folder / f"{self.group}{VERIFIED}"
 
     def read(self) -> dict[str, EntryResult]:
-        """Read the results, by place; there are none where the files are missing.
+        """Read the results, by place, without seeds that lack claims or samples.
 
-        Seeds that lack claims or samples are left out.
+        There are none where the files are missing.
 
         Raises:
             FileError: If a file cannot be read.
         """
         if not self.claims.exists():
             return {}
-        claimed, samples, findings = self.read_claims(), read_samples(self.samples), {}
-        if self.verified.exists():
-            findings = self.read_verified()
+        claimed = {result.experiment.place: result for result in self.read_claims()}
+        samples, findings = read_samples(self.samples), self.read_verified()
         return {
-            result.experiment.place: _join(
-                result,
-                samples.get(result.experiment.place, {}),
-                findings.get(result.experiment.place),
-            )
-            for result in claimed
+            place: _join(result, samples.get(place, {}), findings.get(place))
+            for place, result in claimed.items()
         }
 
     def read_claims(self) -> tuple[Result, ...]:
@@ -147,10 +145,9 @@ class GroupFiles:
             FileError: If the file cannot be read, is of another format, or was edited by hand.
         """
         path = self.claims
-        content = read_model(path, ClaimedResults)
-        _check_format(path, content.format)
-        check_ascending(path, "results", [result.experiment.place for result in content.results])
-        for result in content.results:
+        results = _read(path, ClaimedResults).results
+        check_ascending(path, "results", [result.experiment.place for result in results])
+        for result in results:
             experiment = result.experiment
             place, group, expected = experiment.place, experiment.group, experiment.sha256
             if result.sha256 != expected:
@@ -164,17 +161,15 @@ class GroupFiles:
                     " Rename it, or make the entry anew."
                 )
             check_ascending(path, f"seeds of {place}", [claims.seed for claims in result.seeds])
-        return content.results
+        return results
 
     def read_verified(self) -> dict[str, Verified]:
-        """Read what the verifier found, by the place of the result.
+        """Read what the verifier found, by the place of the result; nothing without the file.
 
         Raises:
             FileError: If the file cannot be read or is of another format.
         """
-        content = read_model(self.verified, VerifiedResults)
-        _check_format(self.verified, content.format)
-        return content.results
+        return _read(self.verified, VerifiedResults).results if self.verified.exists() else {}
 
     def write(self, results: Iterable[EntryResult]) -> None:
         """Write results; what was verified of other samples is removed.
@@ -193,8 +188,7 @@ class GroupFiles:
 
     def add_verified(self, place: str, verified: Verified) -> None:
         """Write what the verifier found of a result beside what it found of others."""
-        findings = self.read_verified() if self.verified.exists() else {}
-        self._write_verified(findings | {place: verified})
+        self._write_verified(self.read_verified() | {place: verified})
 
     def _write_verified(self, findings: Mapping[str, Verified]) -> None:
         if findings:
@@ -244,15 +238,13 @@ class Entry:
 
 
 def read_entry(folder: Path) -> Entry:
-    """Read an entry; what is wrong with its contents is for `sada_gym.submission.checks` to find.
+    """Read an entry; `sada_gym.submission.checks` finds what is wrong with its contents.
 
     Raises:
         FileError: If a file cannot be read.
     """
-    metadata = read_metadata(folder)
-    results: dict[str, EntryResult] = {}
-    for files in group_files(folder):
-        results |= files.read()
+    metadata, groups = read_metadata(folder), group_files(folder)
+    results = {place: result for files in groups for place, result in files.read().items()}
     return Entry(folder, metadata, results)
 
 
@@ -268,7 +260,7 @@ def read_entries(folder: Path) -> list[Entry]:
 
 
 def write_results(folder: Path, results: Iterable[EntryResult]) -> None:
-    """Write results into an entry; those that are there in the same places are replaced."""
+    """Write results into an entry, in the place of those that it has in the same places."""
     by_group: dict[str, list[EntryResult]] = {}
     for result in results:
         by_group.setdefault(result.group, []).append(result)
@@ -287,6 +279,15 @@ def group_files(folder: Path) -> list[GroupFiles]:
         ]
 
 
+_Content = TypeVar("_Content", ClaimedResults, VerifiedResults)
+
+
+def _read(path: Path, kind: type[_Content]) -> _Content:
+    content = read_model(path, kind)
+    _check_format(path, content.format)
+    return content
+
+
 def _check_format(path: Path, number: object) -> None:
     if number != FORMAT:
         # TOML holds anything, such as integers that are too long to be shown
@@ -297,16 +298,13 @@ def _check_format(path: Path, number: object) -> None:
         )
 
 
-_COMMENT = "# Made by sada-gym. The results are in the files beside this one.\n"
-
-
 def write_metadata(folder: Path, metadata: EntryMetadata) -> None:
     """Write entry.toml."""
-    lines = [_COMMENT]
+    lines = ["# Made by sada-gym. The results are in the files beside this one."]
     for name, value in metadata.model_dump(mode="json").items():
-        # a JSON string is a TOML string too, as long as it is written as it is
-        lines.append(f"{name} = {json.dumps(value, ensure_ascii=False)}\n")
-    write_file(folder / METADATA_FILE, "".join(lines).encode())
+        # a JSON string is a TOML string too, unless characters are escaped
+        lines.append(f"{name} = {json.dumps(value, ensure_ascii=False)}")
+    write_file(folder / METADATA_FILE, "\n".join([*lines, ""]).encode())
 
 
 def read_metadata(folder: Path) -> EntryMetadata:

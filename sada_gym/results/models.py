@@ -150,20 +150,20 @@ class Result(Strict):
 
     @model_validator(mode="after")
     def _check_experiment(self) -> Self:
-        target, adversary = self.experiment.target, self.experiment.adversary
-        if self.experiment.seed is not None:
+        experiment, target = self.experiment, self.experiment.target
+        if experiment.seed is not None:
             raise ValueError(
-                f"expected no seed of the experiment of all seeds, got {self.experiment.seed}"
+                f"expected no seed of the experiment of all seeds, got {experiment.seed}"
             )
-        for name, text in {
-            "track": target.track,
-            "agent": target.agent,
-            "application": target.application.name,
-            "fingerprint": target.application.fingerprint,
-            "adversary": adversary.name,
-            "preset": adversary.preset or "",
-            "rule": self.experiment.protocol.rule,
-        }.items():
+        for name, text in (
+            ("track", target.track),
+            ("agent", target.agent),
+            ("application", target.application.name),
+            ("fingerprint", target.application.fingerprint),
+            ("adversary", experiment.adversary.name),
+            ("preset", experiment.adversary.preset or ""),
+            ("rule", experiment.protocol.rule),
+        ):
             if not text.isprintable() or len(text) > _MAX_TEXT:
                 raise ValueError(
                     f"expected the {name} in one line of at most {_MAX_TEXT} characters, got "
@@ -173,24 +173,14 @@ class Result(Strict):
 
 
 class ClaimedResults(Strict):
-    """The results of an entry on the tracks of one application: GROUP.json.
-
-    Attributes:
-        format: The version of the entry's files.
-        results: The results, by ascending place.
-    """
+    """GROUP.json: the results of an entry on the tracks of one application, by ascending place."""
 
     format: int
     results: tuple[Result, ...]
 
 
 class VerifiedSeed(Strict):
-    """What the verifier found of one seed's samples.
-
-    Attributes:
-        seed: The seed.
-        measures: The measures on fresh evaluation seeds; without novelty, which needs the queries.
-    """
+    """A seed's measures on fresh evaluation seeds; without novelty, which needs the queries."""
 
     seed: int
     measures: Measures
@@ -237,12 +227,7 @@ class Verified(Strict):
 
 
 class VerifiedResults(Strict):
-    """What the verifier found of the results in GROUP.json: GROUP.verified.json.
-
-    Attributes:
-        format: The version of the entry's files.
-        results: The findings, by the place of their result.
-    """
+    """GROUP.verified.json: what the verifier found of the results in GROUP.json, by place."""
 
     format: int
     results: dict[str, Verified]

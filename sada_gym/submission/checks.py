@@ -99,59 +99,43 @@ def check_files(folder: Path, *, submission: bool) -> list[str]:
     Raises:
         UserError: If a file does not belong into the folder, is too large, or lacks its twin.
     """
+    where = f"in {folder}"
     with file_errors("read", folder):
         name = folder.absolute().name
         if not _STEM.fullmatch(name) or _RESERVED.fullmatch(name):
-            raise UserError(
-                "Expected an entry's folder to be named by small letters, digits and - + . _, got "
-                f"{shown(repr(name))}. Rename it."
-            )
+            allowed = "to be named by small letters, digits and - + . _"
+            refuse(allowed, "an entry's folder", shown(repr(name)), "Rename it")
         if folder.is_symlink() or not stat.S_ISDIR(folder.lstat().st_mode):
-            raise UserError(f"Expected the folder of an entry, got {folder}, which is none.")
+            raise UserError(
+                f"Expected the folder of an entry, got {folder}, which is not a folder."
+            )
         with os.scandir(folder) as listed:
             files = list(itertools.islice(listed, MAX_FILES + 1))
         if len(files) > MAX_FILES:
-            raise UserError(
-                f"Expected at most {MAX_FILES:,} files in {folder}, got more. Submit fewer results."
-            )
+            refuse(where, f"at most {MAX_FILES:,} files", "more", "Submit fewer results")
         sizes = {file.name: _measure_file(folder, file, submission) for file in files}
     if METADATA_FILE not in sizes:
-        raise UserError(
-            f"Expected {METADATA_FILE} in {folder}, got none. Make an entry by sada-gym submit."
-        )
-    total = sum(sizes.values())
+        refuse(where, METADATA_FILE, "none", "Make an entry by sada-gym submit")
+    limit, total = MAX_ENTRY_BYTES >> 20, sum(sizes.values())
     if total > MAX_ENTRY_BYTES:
-        raise UserError(
-            f"Expected at most {MAX_ENTRY_BYTES >> 20} MiB in {folder}, got {total >> 20} MiB. "
-            "Submit fewer results."
-        )
+        refuse(where, f"at most {limit} MiB", f"{total >> 20} MiB", "Submit fewer results")
     return _check_pairs(folder, sizes)
 
 
 def _measure_file(folder: Path, file: os.DirEntry[str], submission: bool) -> int:
-    name, ending = file.name, _ending(file.name)
+    path, ending = folder / file.name, _ending(file.name)
     if ending is None:
-        raise UserError(
-            f"Expected only {METADATA_FILE} and results in {folder}, got {shown(repr(name))}. "
-            "Remove it."
-        )
+        only = f"only {METADATA_FILE} and results"
+        refuse(f"in {folder}", only, shown(repr(file.name)), "Remove it")
     status = file.stat(follow_symlinks=False)
     if not stat.S_ISREG(status.st_mode):
-        raise UserError(
-            f"Expected a regular file in {folder / name}, got a link, a folder or a device. "
-            "Put the file itself there."
-        )
+        got, mend = "a link, a folder or a device", "Put the file itself there"
+        refuse(f"in {path}", "a regular file", got, mend)
     if submission and ending == VERIFIED:
-        raise UserError(
-            f"Expected no results of the verifier in a submission, got {folder / name}. Remove it; "
-            "the verifier writes such files."
-        )
-    limit = MAX_BYTES[ending]
-    if status.st_size > limit:
-        raise UserError(
-            f"Expected at most {limit:,} bytes in {folder / name}, got {status.st_size:,}. "
-            "Make the entry anew."
-        )
+        mend = "Remove it; the verifier writes such files"
+        refuse("in a submission", "no results of the verifier", path, mend)
+    if status.st_size > MAX_BYTES[ending]:
+        refuse(f"in {path}", f"at most {MAX_BYTES[ending]:,} bytes", f"{status.st_size:,}")
     return status.st_size
 
 
@@ -170,14 +154,12 @@ def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
         if (ending := _ending(name)) not in (None, METADATA_FILE):
             endings.setdefault(name.removesuffix(ending), set()).add(ending)
     if not set().union(*endings.values()) & {CLAIMS, SAMPLES}:
-        raise UserError(f"Expected at least one result in {folder}, got none.")
+        refuse(f"in {folder}", "at least one result", "none")
     for stem, present in sorted(endings.items()):
         for ending in (CLAIMS, SAMPLES):
             if ending not in present:
-                raise UserError(
-                    f"Expected {stem}{ending} beside {stem}{min(present)} in {folder}, got none. "
-                    "Add it, or remove the other file."
-                )
+                beside, mend = f"beside {stem}{min(present)}", "Add it, or remove the other file"
+                refuse(f"in {folder}", f"{stem}{ending} {beside}", "none", mend)
     return sorted(endings)
 
 
@@ -222,8 +204,7 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
         elif submission:
             raise UserError(
                 f"Expected {place} in {files.claims} to be of today's track, agent, rule and "
-                f"options, but: {changes.rstrip('.')}. Make the result anew with this version of "
-                "sada_gym."
+                f"options, but: {changes.rstrip('.')}. Make the result anew with this version of sada_gym."
             )
         _check_result(files.claims, result, submission)
     samples = _read_samples(files, results, dimensions)
@@ -313,14 +294,7 @@ def _check_together(results: Sequence[tuple[Path, Result]]) -> None:
 def check_same_adversary(
     source: object, adversary: AdversarySpec, other_source: object, other: AdversarySpec
 ) -> None:
-    """Raise a UserError if results are of two adversaries, presets or sets of options.
-
-    Args:
-        source: Where a result is from, for messages.
-        adversary: Its adversary.
-        other_source: Where another result of the entry is from.
-        other: Its adversary.
-    """
+    """Raise a UserError if results from two sources differ in adversary, preset or options."""
     for name, got, expected in (
         ("adversary", adversary.name, other.name),
         ("preset", adversary.preset, other.preset),

@@ -66,21 +66,15 @@ def nearness(mu: Mu, points: Mu, *, seed: int = 0) -> Nearness:
 
 
 def spacing(points: Mu) -> float:
-    """Give the median distance from a point to its nearest other one."""
-    return _spacing(points.astype(np.float64).tobytes(), points.shape[1])
-
-
-@lru_cache(maxsize=8)
-def _spacing(points: bytes, dimension: int) -> float:
+    """Return the median distance from a point to its nearest other one."""
     from scipy.spatial import cKDTree
 
-    array = np.frombuffer(points).reshape(-1, dimension)
+    array = points.astype(np.float64)
     return float(np.median(cKDTree(array).query(array[:1_000], k=2)[0][:, 1]))
 
 
 @lru_cache(maxsize=2)
 def _other_sets(count: int, dimension: int, seed: int) -> list[Any]:
-    """Make k-d trees of other sets of as many points."""
     from scipy.spatial import cKDTree
 
     first = _FIRST_SEED + seed * OTHER_SETS

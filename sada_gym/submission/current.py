@@ -19,44 +19,40 @@ RULES = tuple(TABLES)
 
 
 def board_tracks() -> tuple[str, ...]:
-    """Give the ids of the tracks on which an entry may have results.
+    """Return the ids of the tracks on which an entry may have results.
 
     Applications without tracks, such as SADA-Analytic, take part by their general id.
     """
-    return tuple(env_id for card in cards() for env_id in card.track_ids or (card.id,))
+    return tuple(_applications())
 
 
-def application_of(track: str) -> str:
-    """Give the name of a track's application.
+def shipped_agents(track: str) -> tuple[str, ...]:
+    """Return the names of the agents that are shipped for a track, the default one first.
 
     Raises:
         UserError: If there is no such track.
     """
     check_known("track", [track], board_tracks())
-    return next(card.name for card in cards() if track in (card.track_ids or (card.id,)))
+    return tuple(agents.names(_applications()[track]))
 
 
 def default_agent(track: str) -> str:
-    """Give the name of the agent that a track has by default; empty where it has none.
+    """Return the first of `shipped_agents`; empty where there are none."""
+    return next(iter(shipped_agents(track)), "")
 
-    Raises:
-        UserError: If there is no such track.
-    """
-    return next(iter(agents.names(application_of(track))), "")
+
+def _applications() -> dict[str, str]:
+    return {env_id: card.name for card in cards() for env_id in card.track_ids or (card.id,)}
 
 
 @lru_cache(maxsize=256)
 def current_target(track: str, agent: str) -> OpenTarget:
-    """Describe a track with one of the agents that are shipped for it; it is closed again.
-
-    Args:
-        track: The environment's id.
-        agent: The agent's name; empty where the application has none.
+    """Describe a track with one of its shipped agents, empty without agents; it is closed again.
 
     Raises:
         UserError: If there is no such track, or no such agent is shipped.
     """
-    shipped = agents.names(application_of(track))
+    shipped = shipped_agents(track)
     if shipped:
         check_known(f"agent on {track}", [agent], shipped)
     elif agent:
@@ -67,11 +63,7 @@ def current_target(track: str, agent: str) -> OpenTarget:
 
 
 def find_rule(rule: str) -> Table:
-    """Find the table whose budget a rule names.
-
-    Raises:
-        UserError: If there is no such rule.
-    """
+    """Return the table whose budget a rule names; raise a UserError if there is none."""
     check_known("rule", [rule], RULES)
     return TABLES[rule]
 

@@ -43,7 +43,7 @@ MINIMUM_POINTS = 10
 """The minimum number of distinct nearest points whose mean rank means something."""
 
 MINIMUM_EXACT = 2
-"""So many samples that are a reference point to the last bit are copies; chance makes none."""
+"""So many samples that are reference points to the last bit are copies; chance makes none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +89,16 @@ class Evidence:
     @property
     def claimed(self) -> npt.NDArray[np.bool_]:
         """Which samples fool as claimed, (n,)."""
-        samples = Evaluations.joined([seed.samples for seed in self.seeds])
-        return samples.fooled(self.experiment.target.fooling_threshold)
+        return self.fooled([seed.samples for seed in self.seeds])
 
     @property
     def verified(self) -> npt.NDArray[np.bool_]:
         """Which samples fool on fresh seeds, (n,)."""
-        samples = Evaluations.joined([seed.again for seed in self.seeds])
-        return samples.fooled(self.experiment.target.fooling_threshold)
+        return self.fooled([seed.again for seed in self.seeds])
+
+    def fooled(self, records: Sequence[Evaluations]) -> npt.NDArray[np.bool_]:
+        """Return which evaluations fooled the agent, (n,)."""
+        return Evaluations.joined(records).fooled(self.experiment.target.fooling_threshold)
 
 
 def find_flags(evidence: Evidence) -> dict[str, str]:
@@ -112,7 +114,7 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
         "worse than random": worse_than_random_flag,
     }
     if evidence.experiment.adversary.name == IDEAL:
-        # to draw reference points is what this control is for, and it has no rank
+        # this control draws reference points by design, and has no rank
         checks = {"control": control_flag, "claim": lucky_claim_flag, "constant": constant_flag}
     sentences = {name: check(evidence) for name, check in checks.items()}
     return {name: sentence for name, sentence in sentences.items() if sentence is not None}
@@ -197,15 +199,12 @@ def duplicates_flag(evidence: Evidence) -> str | None:
     from scipy.spatial import cKDTree
 
     mu = evidence.mu.astype(np.float64)
-    tree = cKDTree(mu)
     # the nearest is the sample itself
-    nearest = tree.query(mu, k=2, p=np.inf)[0][:, 1]
+    nearest = cKDTree(mu).query(mu, k=2, p=np.inf)[0][:, 1]
     share = float((nearest <= EQUAL).mean())
     if share >= MINIMUM_SHARE:
         return f"{_percent(share)} of the samples equal another sample of this result"
     for name, others in evidence.neighbours.items():
-        if others.shape[1] != mu.shape[1]:
-            continue
         distances = cKDTree(others.astype(np.float64)).query(mu, p=np.inf)[0]
         share = float((distances <= EQUAL).mean())
         if share >= MINIMUM_SHARE_OF_OTHERS:
@@ -221,10 +220,9 @@ def worse_than_random_flag(evidence: Evidence) -> str | None:
         rate = evidence.reference.uniform_rate
         p = binomtest(fooled, count, rate, alternative="less").pvalue
     else:
-        samples = Evaluations.joined([seed.uniform for seed in evidence.seeds if seed.uniform])
-        uniform = int(samples.fooled(evidence.experiment.target.fooling_threshold).sum())
-        rate = uniform / len(samples)
-        table = [[fooled, count - fooled], [uniform, len(samples) - uniform]]
+        uniform = evidence.fooled([seed.uniform for seed in evidence.seeds if seed.uniform])
+        rate, others = float(uniform.mean()), int(uniform.sum())
+        table = [[fooled, count - fooled], [others, len(uniform) - others]]
         p = fisher_exact(table, alternative="less").pvalue
     if p >= SIGNIFICANCE:
         return None

@@ -21,6 +21,7 @@ from sada_gym.files import first_error, read_model, shown
 from sada_gym.results.entry import METADATA_FILE, EntryResult, read_entry
 from sada_gym.results.models import MAX_SEEDS, Result, SeedResult
 from sada_gym.submission.checks import check_entry, check_same_adversary
+from sada_gym.submission.claims import refuse
 from sada_gym.submission.current import (
     PAPER_BUDGETS,
     RULES,
@@ -88,13 +89,11 @@ def _check_fits(fragment: ResultFragment, others: Sequence[ResultFragment]) -> N
 
 
 def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:
-    seeds = [claims for fragment in fragments for claims in fragment.result.claimed.seeds]
+    results = [fragment.result for fragment in fragments]
+    seeds = [claims for result in results for claims in result.claimed.seeds]
     if len(seeds) > MAX_SEEDS:
-        raise UserError(
-            f"Expected at most {MAX_SEEDS} seeds of {place}, got {len(seeds)}. Submit the first "
-            "ones."
-        )
-    samples = {s: rows for part in fragments for s, rows in part.result.samples.items()}
+        refuse(f"of {place}", f"at most {MAX_SEEDS} seeds", len(seeds), "Submit the first ones")
+    samples = {seed: rows for result in results for seed, rows in result.samples.items()}
     claimed = Result.make(fragments[0].experiment, seeds)
     return EntryResult(claimed, dict(sorted(samples.items())))
 
@@ -115,8 +114,7 @@ def read_fragments(folder: Path, rule: str | None) -> list[ResultFragment]:
         return [_read_attack(folder, rule or PAPER_BUDGETS)]
     if (folder / SETTINGS_FILE).exists():
         raise UserError(
-            f"Expected a finished run, got {folder}, which was stopped. Go on with it by "
-            "sada-gym attack --resume."
+            f"Expected a finished run, got {folder}. Finish it by sada-gym attack --resume."
         )
     raise UserError(
         f"Expected the folder of a run, with {RESULT_FILE}, or of an entry, with {METADATA_FILE}; "
@@ -162,9 +160,8 @@ def _read_attack(folder: Path, rule: str) -> ResultFragment:
     try:
         claims = SeedResult.of(report)
     except ValidationError as error:
-        raise UserError(
-            f"Expected a run that an entry can describe in {folder}, but {first_error(error)}."
-        ) from error
+        reason = first_error(error)
+        raise UserError(f"Expected an entry to be able to hold {folder}, but {reason}.") from error
     result = EntryResult(Result.make(current, [claims]), {claims.seed: samples})
     return ResultFragment(str(folder), result, _command(report.settings, track))
 
@@ -213,8 +210,7 @@ def _command(settings: RunSettings, track: str) -> str:
     experiment = settings.experiment
     adversary = experiment.adversary
     words = ["sada-gym", "attack", track, "--adversary", adversary.name]
-    if adversary.preset is not None:
-        words += ["--preset", adversary.preset]
+    words += [] if adversary.preset is None else ["--preset", adversary.preset]
     for name, value in adversary.options.items():
         words += ["--set", f"{name}={json.dumps(value)}"]
     words += ["--agent", experiment.target.agent] if experiment.target.agent else []

@@ -1,4 +1,4 @@
-"""JSON from strangers: what other programs may read differently is refused."""
+"""Refuses JSON from strangers that other programs may read differently."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def check_strict_json(path: Path, max_bytes: int) -> None:
             beyond 64 bits.
     """
     content = read_file(path, max_bytes)
+    cause: Exception
     try:
         json.loads(
             content.decode(),
@@ -28,18 +29,14 @@ def check_strict_json(path: Path, max_bytes: int) -> None:
             parse_float=_finite,
             parse_int=_bounded,
         )
+        return
     except UnicodeDecodeError as error:
-        raise FileError(
-            f"Expected UTF-8 in {path}, got something else at byte {error.start}. Make the entry "
-            "anew."
-        ) from error
+        expected, got, cause = "UTF-8", f"something else at byte {error.start}", error
     except RecursionError as error:
-        raise FileError(f"Expected plain JSON in {path}, got one nested too deeply.") from error
+        expected, got, cause = "plain JSON", "one nested too deeply", error
     except ValueError as error:
-        raise FileError(
-            f"Expected plain JSON in {path}, got something else: {shown(str(error))}. Make the "
-            "entry anew."
-        ) from error
+        expected, got, cause = "plain JSON", f"something else: {shown(str(error))}", error
+    raise FileError(f"Expected {expected} in {path}, got {got}. Make the entry anew.") from cause
 
 
 def _check_keys(pairs: Sequence[tuple[str, Any]]) -> None:

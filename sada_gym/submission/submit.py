@@ -233,14 +233,7 @@ def _evaluate(
 
 @dataclass(frozen=True)
 class _Draft:
-    """An entry that is to be written.
-
-    Attributes:
-        folder: Its folder.
-        metadata: What it says of itself.
-        first: One of its fragments.
-        replace: Whether its results may replace those of the same place.
-    """
+    """An entry that is to be written; its results replace others of their place if they may."""
 
     folder: Path
     metadata: EntryMetadata
@@ -273,8 +266,9 @@ class _Draft:
         kept = []
         for place, result in read_entry(folder).results.items():
             if place not in places:
-                first, kept_one = self.first.experiment, result.claimed.experiment
-                check_same_adversary(self.first.source, first.adversary, folder, kept_one.adversary)
+                adversary = self.first.experiment.adversary
+                other = result.claimed.experiment.adversary
+                check_same_adversary(self.first.source, adversary, folder, other)
                 kept.append(result)
             elif not self.replace:
                 raise UserError(

@@ -118,13 +118,11 @@ def verify(
                 except UserError as error:
                     yield finding("refused", str(error))
                     continue
-                if not check:
-                    yield finding("verified", verified=new)
-                elif old == new:
-                    yield finding("unchanged", verified=new)
-                else:
+                if check and old != new:
                     reason = "the file does not hold what the verifier finds"
                     yield finding("differs", reason, new)
+                else:
+                    yield finding("unchanged" if check else "verified", verified=new)
 
 
 def _by_target(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
@@ -200,7 +198,7 @@ class Verifier:
             if claims.measures is not None
         )
         folder = entry.folder.absolute().parent if self._against is None else self._against
-        neighbours = _neighbours(folder, entry.metadata.name, experiment)
+        neighbours = _neighbours(folder, entry.metadata.name, experiment, target.dimension)
         evidence = Evidence(experiment, seeds, target.reference, neighbours)
         return Verified.make(
             result.claimed,
@@ -236,7 +234,7 @@ def _uniform(text: str, shape: tuple[int, ...]) -> Mu:
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
-def _neighbours(folder: Path, name: str, experiment: Experiment) -> dict[str, Mu]:
+def _neighbours(folder: Path, name: str, experiment: Experiment, dimension: int) -> dict[str, Mu]:
     """Read the samples that other entries have on a track and agent; broken ones are left out."""
     target = experiment.target
     prefix = f"{place_of(target.track, target.agent, '')}."
@@ -254,7 +252,7 @@ def _neighbours(folder: Path, name: str, experiment: Experiment) -> dict[str, Mu
             for place, samples in places.items()
             if place.startswith(prefix)
             for rows in samples.values()
-            if np.isfinite(rows.mu).all()
+            if rows.mu.shape[1] == dimension and np.isfinite(rows.mu).all()
         ]
         if arrays:
             neighbours[other] = np.concatenate(arrays)

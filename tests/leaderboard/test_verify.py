@@ -25,10 +25,11 @@ from sada_gym import adversaries
 from sada_gym.errors import UserError
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
-from sada_gym.evaluations import evaluation_seeds
+from sada_gym.evaluations import Evaluations, evaluation_seeds
 from sada_gym.experiment.ideal import Ideal
 from sada_gym.results.entry import EntryResult, GroupFiles, read_entry
 from sada_gym.results.models import Result
+from sada_gym.results.samples import samples_bytes
 from sada_gym.submission.current import current_target
 from sada_gym.submission.verification import fresh_seeds, verify
 
@@ -179,6 +180,17 @@ def test_a_broken_neighbour_is_left_out(entry):
     broken = entry.parent / "broken"
     broken.mkdir()
     (broken / f"{GROUP}.npz").write_bytes(b"no archive")
+    other = entry.parent / "other"
+    other.mkdir()
+    samples = {
+        f"{ANALYTIC}.{rule}": {0: Evaluations(mu, np.zeros(9), np.array(test_seeds))}
+        for test_seeds in [evaluation_seeds(0, "test", 0, 9)]
+        for rule, mu in (
+            ("paper-budgets", np.zeros((9, 3), np.float32)),
+            ("equal-queries", np.full((9, 2), np.nan, np.float32)),
+        )
+    }
+    (other / f"{GROUP}.npz").write_bytes(samples_bytes(samples))
     (finding,) = verify([entry], "nonce")
     assert finding.verified.flags == {}
 
