@@ -202,10 +202,9 @@ def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
         if not changes:
             dimensions[place] = current_target(target.track, target.agent).dimension
         elif submission:
-            raise UserError(
-                f"Expected {place} in {files.claims} to be of today's track, agent, rule and "
-                f"options, but: {changes.rstrip('.')}. Make the result anew with this version of sada_gym."
-            )
+            mend = "Make the result anew with this version of sada_gym"
+            current = f"{place} to be of today's track, agent, rule and options"
+            refuse(f"in {files.claims}", current, f"other ones: {changes.rstrip('.')}", mend)
         _check_result(files.claims, result, submission)
     samples = _read_samples(files, results, dimensions)
     for result in results:
