@@ -143,11 +143,12 @@ class Target(Strict):
         application = evaluator.application
         assert application is not None
         now = ApplicationKey.of(application).settings
-        keywords = inspect.signature(
-            type(application)
-        ).parameters  # other settings follow from them
+        # a setting may follow from others, and be no keyword
+        accepted = inspect.signature(type(application)).parameters
         other = {
-            k: v for k, v in self.application.settings.items() if now.get(k) != v and k in keywords
+            name: value
+            for name, value in self.application.settings.items()
+            if now.get(name) != value and name in accepted
         }
         if not other:
             return evaluator

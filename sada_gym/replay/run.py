@@ -83,13 +83,16 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
             f"attacked {shown(target.track)} in an application of yours. {_mend(folder)}"
         )
+    if given is not None and not isinstance(given, Application | str):
+        raise UserTypeError(
+            f"Expected an Application, an environment's id or a TOML file, got {given!r}."
+        )
     try:
         return target.open(given)
-    except UserTypeError:
-        raise
     except UserError as error:
         raise UserError(
-            f"Expected to open what the run in {folder} attacked, but: {error} {_mend(folder)}"
+            f"Expected to open {shown(str(target))} as the run in {folder} did, but: {error} "
+            f"{_mend(folder)}"
         ) from error
 
 

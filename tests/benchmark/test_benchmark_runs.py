@@ -171,7 +171,7 @@ def test_a_group_shares_its_omega(done):
         timing = costs_of(out, label, table)
         assert timing.known >= known
         assert timing.evaluated + timing.known == known + 30
-    with EvaluationStore(store_file(out, plan.groups[0])) as store:
+    with EvaluationStore(store_file(out, plan.groups[0].target, plan.groups[0].seed)) as store:
         train = "SELECT count(*) FROM evaluation WHERE seed & 3 = 0"  # the stream's bits
         # Omega once, and the halves that Picky and Short aim, which agree where they are clipped
         assert 180 < store._connection.execute(train).fetchone()[0] <= 120 + 60 + 30

@@ -118,11 +118,13 @@ def test_attack_ends_with_its_figures(tmp_path):
 def test_attack_passes_everything_on(tmp_path):
     pairs = ["--env-kwargs", "dimension=3", "--env-kwargs", "volume=0.2", "--seed", "7"]
     assert attack(tmp_path / "out", *pairs).exit_code == 0
-    settings = json.loads((tmp_path / "out" / "result.json").read_text())["settings"]
-    assert settings["application_settings"]["dimension"] == 3
-    assert settings["application_settings"]["volume"] == 0.2
-    assert (settings["seed"], settings["budget"], settings["samples"]) == (7, 60, 10)
-    assert settings["adversary"] == "toy:Greedy"
+    report = json.loads((tmp_path / "out" / "result.json").read_text())
+    experiment = report["settings"]["experiment"]
+    assert experiment["target"]["application"]["settings"]["dimension"] == 3
+    assert experiment["target"]["application"]["settings"]["volume"] == 0.2
+    assert experiment["seed"] == 7
+    assert experiment["protocol"] == {"rule": "", "budget": 60, "samples": 10}
+    assert experiment["adversary"]["name"] == "toy:Greedy"
 
 
 def test_a_second_run_needs_resume(tmp_path):
@@ -267,7 +269,7 @@ def test_the_summary_tells_of_coverage_and_the_reference_set(tmp_path):
     result = run(*command, "--workers", 1, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     report = json.loads((tmp_path / "result.json").read_text())
-    rate = 100 * report["settings"]["reference"]["uniform_rate"]
+    rate = 100 * report["settings"]["experiment"]["target"]["reference"]["uniform_rate"]
     assert f"uniform worlds        {rate:.1f} % (reference set of 20,000 points)" in result.stdout
     covered = f"{100 * report['relative_coverage']:.1f} %; ideal samples would be 100 %"
     assert f"coverage              {covered}" in result.stdout
@@ -391,7 +393,7 @@ def test_an_attack_on_a_file(pole, tmp_path):
     assert "CartPole-v1 · random" in done.stdout
     written = tmp_path / "runs" / "pole-random-0" / "result.json"
     first = written.read_bytes()
-    assert json.loads(first)["settings"]["agent"] == "lean-1"
+    assert json.loads(first)["settings"]["experiment"]["target"]["agent"] == "lean-1"
     assert run(*command).exit_code == 2
     assert run(*command, "--resume").exit_code == 0
     assert written.read_bytes() == first

@@ -10,7 +10,8 @@ from sada_gym import adversaries
 from sada_gym.attack import RunProgress, attack
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.store import EvaluationStore
-from sada_gym.experiment.record import RunReport, read_samples
+from sada_gym.experiment.folder import read_samples
+from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
 from sada_gym.oracle import evaluation_seeds
 
@@ -45,8 +46,8 @@ def test_an_attack_writes_its_folder(tmp_path):
     assert report.search.queries == len(result.queries) == 100
     assert 0 < report.search.fooling_rate < report.afr
     assert 0 < report.novelty.minimum <= report.nearest_fooling_query.median
-    assert report.settings.fingerprint == "toy"
-    assert report.settings.application_settings == {"dimension": 3, "offset": 0.0}
+    assert report.settings.experiment.target.application.fingerprint == "toy"
+    assert report.settings.experiment.target.application.settings == {"dimension": 3, "offset": 0.0}
     assert report.settings.packages["numpy"] == np.__version__
 
 
@@ -93,7 +94,7 @@ def test_a_run_that_fails_in_its_first_evaluation_leaves_nothing(tmp_path):
 
 
 def test_the_application_says_how_many_samples(tmp_path):
-    assert run(tmp_path, samples=None).report.settings.samples == 20
+    assert run(tmp_path, samples=None).report.settings.experiment.protocol.samples == 20
 
 
 def test_no_budget_is_no_error_of_ours(tmp_path):
@@ -201,7 +202,7 @@ def test_a_world_that_breaks_at_once_leaves_nothing_behind(tmp_path, workers):
 def test_misspelt_names_are_told_before_anything_is_made(
     tmp_path, monkeypatch, environment, adversary, env_kwargs, message
 ):
-    monkeypatch.setattr("sada_gym.attack.Evaluator", None)
+    monkeypatch.setattr("sada_gym.attack.OpenTarget", None)
     with pytest.raises(ValueError, match=message):
         attack(environment, adversary, env_kwargs=env_kwargs, out=tmp_path / "a")
     assert list(tmp_path.iterdir()) == []

@@ -14,6 +14,7 @@ from toy import Greedy, Toy
 from toy_attacks import contents, run
 
 from sada_gym.attack import attack
+from sada_gym.errors import FileError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.record import RunReport
 from sada_gym.files import read_model
@@ -30,12 +31,12 @@ def test_a_folder_with_a_run_is_refused_and_left_alone(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"budget": 200}, "budget was 100 and is 200"),
-        ({"seed": 4}, "seed was 3 and is 4"),
-        ({"options": {"best": 5}}, "options.best was None and is 5"),
-        ({"problem": Toy(offset=0.1)}, "application_settings.offset was 0.0 and is 0.1"),
-        ({"problem": Toy(agent_id="new")}, "fingerprint was 'toy' and is 'new'"),
-        ({"problem": Toy(version=1)}, "version was 0 and is 1"),
+        ({"budget": 200}, "protocol.budget was 100 and is 200"),
+        ({"seed": 4}, "experiment.seed was 3 and is 4"),
+        ({"options": {"best": 5}}, "adversary.options.best was None and is 5"),
+        ({"problem": Toy(offset=0.1)}, "target.application.settings.offset was 0.0 and is 0.1"),
+        ({"problem": Toy(agent_id="new")}, "application.fingerprint was 'toy' and is 'new'"),
+        ({"problem": Toy(version=1)}, "application.version was 0 and is 1"),
     ],
 )
 def test_resuming_with_other_settings_is_refused(tmp_path, change, message):
@@ -130,16 +131,27 @@ def test_a_damaged_result_is_made_anew(tmp_path):
     assert contents(tmp_path) == before
 
 
-def test_a_result_of_an_earlier_version_is_read(tmp_path):
+def test_a_run_of_an_earlier_version_is_refused_and_left_alone(tmp_path):
+    run(tmp_path)
+    path = tmp_path / "attack.json"
+    settings = json.loads(path.read_text())
+    path.write_text(json.dumps({**settings["experiment"]["target"], "label": "greedy"}))
+    before = path.read_bytes()
+    with pytest.raises(FileError, match=r"Expected .*attack\.json as sada-gym writes it"):
+        run(tmp_path, resume=True)
+    assert path.read_bytes() == before
+    assert (tmp_path / "result.json").exists()
+
+
+def test_a_finished_run_with_a_damaged_result_makes_it_again(tmp_path):
     first = run(tmp_path)
     path = tmp_path / "result.json"
     report = json.loads(path.read_text())
     del report["where"]
     path.write_text(json.dumps(report))
-    assert read_model(path, RunReport).where is None
     again = run(tmp_path, resume=True)
-    assert again.was_finished
-    assert again.report == first.report
+    assert not again.was_finished
+    assert again.report == first.report == read_model(path, RunReport)
 
 
 def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):

@@ -29,7 +29,7 @@ from sada_gym.envs.uav.clip import _ending
 from sada_gym.envs.uav.episodes import RacingStart
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.errors import FileError, UserError
-from sada_gym.experiment.record import read_samples, write_samples
+from sada_gym.experiment.folder import read_samples, write_samples
 from sada_gym.replay import replay
 
 
@@ -92,6 +92,7 @@ def test_one_sample_by_its_row_ends_in_blue_where_the_agent_did_well(analytic):
         ("SADA-Analytic-v0", {"dimension": 3, "volume": 0.2}),
         ("SADA-Digits-v0", {"digit": 3, "parameters": ["scale", "shear"]}),
         ("SADA-Pixel-v0", {"radius": 0.3}),
+        ("SADA-Detection-v0", {"object_class": "bus", "image_size": 64}),
     ],
 )
 def test_settings_open_the_application_again(tmp_path, track, keywords):
@@ -124,20 +125,24 @@ def altered(source: Path, folder: Path, **changes) -> Path:
     """Copy a run with other settings."""
     folder.mkdir()
     settings = json.loads((source / "attack.json").read_text())
-    (folder / "attack.json").write_text(json.dumps({**settings, **changes}))
+    target = settings["experiment"]["target"]
+    for name, value in changes.items():
+        level = next(d for d in (target, target["application"], settings) if name in d)
+        level[name] = value
+    (folder / "attack.json").write_text(json.dumps(settings))
     (folder / "samples.npz").write_bytes((source / "samples.npz").read_bytes())
     return folder
 
 
 def test_another_agent_or_version_is_one_clear_error(tmp_path, analytic):
     folder = altered(analytic, tmp_path / "a", fingerprint="0" * 64)
-    with pytest.raises(UserError, match=r"got others: fingerprint was '000000"):
+    with pytest.raises(UserError, match=r"got another: fingerprint was '000000"):
         replay(folder)
     folder = altered(analytic, tmp_path / "b", version=7)
     with pytest.raises(UserError, match=r"version was 7 and is 0"):
         replay(folder)
     folder = altered(analytic, tmp_path / "c", agent="no-such-agent")
-    with pytest.raises(UserError, match="Expected to open SADA-Analytic-v0 with the agent no-such"):
+    with pytest.raises(UserError, match="Expected to open SADA-Analytic-v0 against no-such-agent as"):
         replay(folder)
 
 
