@@ -90,7 +90,10 @@ def find_outdated(experiment: Experiment) -> str | None:
         current = current_experiment(target.track, target.agent, rule, experiment.adversary)
     except UserError as error:
         return shown(str(error))
-    return shown("; ".join(differences(experiment.model_dump(), current.model_dump()))) or None
+    return (
+        shown("; ".join(differences(experiment.at(None).model_dump(), current.model_dump())))
+        or None
+    )
 
 
 def check_files(folder: Path, *, submission: bool) -> list[str]:

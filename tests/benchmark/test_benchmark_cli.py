@@ -10,7 +10,6 @@ from bench_toys import ANALYTIC, LOGGED, make_reference, suite
 from interrupting import start_interruptible
 from rich.console import Console
 from rich.text import Text
-from sada_gym.submission.entry import read_entries
 from typer.testing import CliRunner
 
 from sada_gym.benchmark.entries import Missing
@@ -21,6 +20,7 @@ from sada_gym.benchmark.suite import SUITES, TABLES
 from sada_gym.cli import app
 from sada_gym.cli.benchmark_progress import BenchmarkProgress
 from sada_gym.experiment.run import RunProgress
+from sada_gym.results.entry import read_entries
 
 SMALL = ["--track", ANALYTIC, "--budget", "60", "--samples", "20", "--images", "0"]
 
@@ -145,7 +145,9 @@ def test_outdated_results_are_counted_and_made_anew(tmp_path, references):
     assert "No result is missing" in run(*chosen, "--budget", 61).stdout
     assert not (tmp_path / "out" / "entries").exists()
     budgets = {
-        entry.about.name: [one.claimed.identity.budget for one in entry.results.values()]
+        entry.metadata.name: [
+            result.claimed.experiment.protocol.budget for result in entry.results.values()
+        ]
         for entry in read_entries(tmp_path / "entries")
     }
     assert budgets == {"random": [61], "ideal": [0], "toy-greedy": [61]}

@@ -1,25 +1,28 @@
 """What a benchmark's entries lack, how runs are added, and which plans have no place in them."""
 
+import json
 import shutil
 
 import pytest
 from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in, suite
-from sada_gym.submission.entry import read_about, read_entry, write_about, write_verified
-from sada_gym.submission.models import MAX_ERROR, SeedResult, Verified
 
-from sada_gym.benchmark.entries import about_of, find_missing
+from sada_gym.benchmark.entries import find_missing
 from sada_gym.benchmark.folder import Timing, claim, read_costs, sole_user
+from sada_gym.benchmark.metadata import metadata_of
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.run import report_benchmark, run_benchmark
 from sada_gym.benchmark.schedule import do_runs
-from sada_gym.benchmark.suite import Contender, choose, find_contender, find_suite
+from sada_gym.benchmark.suite import choose, find_adversary, find_suite
 from sada_gym.errors import UserError
-from sada_gym.experiment.record import RunFailure
-from sada_gym.submission.checks import check_entry, is_outdated
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.record import Experiment, RunFailure
+from sada_gym.results.entry import GroupFiles, read_entry, read_metadata, write_metadata
+from sada_gym.results.models import MAX_ERROR, SeedResult, Verified
+from sada_gym.submission.checks import check_entry, find_outdated
 
 WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)
-STEM = f"{ANALYTIC}.n60"
+PLACE, GROUP = f"{ANALYTIC}.n60", "SADA-Analytic"
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +69,7 @@ def test_a_second_place_with_the_entries_alone_has_nothing_to_do(copied, whole, 
 
 def test_seeds_results_and_entries_that_are_missing_are_made_again(copied, whole, references):
     shutil.rmtree(copied / "entries" / "archive")
-    (copied / "entries" / "ideal" / f"{STEM}.json").unlink()
+    (copied / "entries" / "ideal" / f"{GROUP}.json").unlink()
     first = suite("random", budgets=(60,))
     shutil.rmtree(copied / "entries" / "random")
     work(copied, first, references)  # seed 0 alone
@@ -81,7 +84,7 @@ def test_seeds_results_and_entries_that_are_missing_are_made_again(copied, whole
 
 
 def test_killed_between_samples_and_claims_it_makes_that_seed_again(copied, whole, references):
-    claims = copied / "entries" / "random" / f"{STEM}.json"
+    claims = copied / "entries" / "random" / f"{GROUP}.json"
     shutil.rmtree(claims.parent)
     work(copied, suite("random", budgets=(60,)), references)
     before = claims.read_bytes()
@@ -97,7 +100,7 @@ def test_an_outdated_result_is_replaced(copied, whole, references, tmp_path):
     assert names(missing) == [("random", 0), ("gaussian", 0)]
     assert (missing.lacking, missing.outdated) == (1, 1)
     result, _, samples = run_in(copied / "entries", "random", "n60")
-    assert result.identity.samples == len(samples.mu) == 20
+    assert result.experiment.protocol.samples == len(samples.mu) == 20
     assert [one.seed for one in result.seeds] == [0]  # the other one was of the old result
     others = {name for name in contents(whole) if not name.startswith("random/")}
     assert {name: contents(copied / "entries")[name] for name in others} == {
@@ -113,15 +116,14 @@ def test_what_the_plan_does_not_name_is_left_alone(copied, references):
     before = contents(copied / "entries")
     assert names(work(copied, suite("random", budgets=(60,)), references)) == []
     assert contents(copied / "entries") == before
-    assert ("random", STEM, 2) in made(copied / "entries")
+    assert ("random", PLACE, 2) in made(copied / "entries")
 
 
 @pytest.mark.parametrize("name", ["digits", "robot"])
 def test_what_a_benchmark_makes_is_what_the_checks_expect(name):
     plan = make_plan(find_suite(name))
-    for group in plan.groups:
-        for run in group.runs:
-            assert is_outdated(group.identity(run)) is None, str(run)
+    for run in plan.runs:
+        assert find_outdated(run.experiment) is None, str(run)
 
 
 def test_what_a_benchmark_writes_passes_the_checks(whole):
@@ -131,84 +133,89 @@ def test_what_a_benchmark_writes_passes_the_checks(whole):
 
 def test_a_new_seed_takes_back_what_was_verified(copied, references):
     folder = copied / "entries" / "random"
-    held = read_entry(folder).results[STEM]
-    verified = Verified.make(held.claimed, held.samples, "x")
-    write_verified(folder, STEM, verified)
+    held = read_entry(folder).results[PLACE]
+    verified = Verified.make(held.claimed, held.samples, ("random", "0" * 64), "x")
+    GroupFiles(folder, GROUP).add_verified(PLACE, verified)
     work(copied, WHOLE, references)
-    assert read_entry(folder).results[STEM].verified == verified
+    assert read_entry(folder).results[PLACE].verified == verified
     work(copied, suite("random", budgets=(60,), seeds=3), references)
-    assert read_entry(folder).results[STEM].verified is None
+    assert read_entry(folder).results[PLACE].verified is None
 
 
 def test_an_entry_of_another_adversary_is_not_touched(copied, references):
     folder = copied / "entries" / "random"
-    write_about(folder, read_about(folder).model_copy(update={"adversary": "theirs"}))
+    path = folder / f"{GROUP}.json"
+    claims = json.loads(path.read_text())
+    for result in claims["results"]:
+        result["experiment"]["adversary"]["name"] = "theirs"
+        result["sha256"] = Experiment.model_validate(result["experiment"]).sha256
+    path.write_text(json.dumps(claims))
     before = contents(copied / "entries")
     with pytest.raises(UserError, match=r"of the adversary random, got one of theirs\. Give the"):
         find_missing(copied / "entries", make_plan(WHOLE, references))
     assert contents(copied / "entries") == before
 
 
-def test_an_entry_keeps_its_authors_where_options_change(copied, references):
+def test_an_entry_keeps_its_authors_where_results_are_made_anew(copied, references):
     folder = copied / "entries" / "archive"
-    theirs = read_about(folder).model_copy(update={"authors": ("Ada",), "options": '{"a": 1}'})
-    write_about(folder, theirs)
-    shutil.rmtree(copied / "entries" / "random")
-    (folder / f"{STEM}.json").unlink()
+    theirs = read_metadata(folder).model_copy(update={"authors": ("Ada",), "licence": "CC0-1.0"})
+    write_metadata(folder, theirs)
+    (folder / f"{GROUP}.json").unlink()
     work(copied, WHOLE, references)
-    assert read_about(folder) == theirs.model_copy(update={"options": "{}"})
+    assert read_metadata(folder) == theirs
 
 
-def test_only_our_contenders_have_our_name_and_licence():
-    ours = about_of(find_contender("bbgan (paper)"))
-    assert (ours.name, ours.title, ours.preset) == ("bbgan-paper", "bbgan (paper)", "paper")
+def test_only_our_adversaries_have_our_name_and_licence():
+    label, spec = find_adversary("bbgan (paper)")
+    ours = metadata_of(label, spec)
+    assert (ours.name, ours.title, spec.preset) == ("bbgan-paper", "bbgan (paper)", "paper")
     assert (ours.licence, ours.command) == ("MIT", "sada-gym benchmark -a 'bbgan (paper)'")
-    other = about_of(Contender(label="gp", adversary="gp", options={"subset": 9}))
-    assert (other.authors, other.licence, other.options) == ((), "", '{"subset": 9}')
+    other = metadata_of("gp", AdversarySpec(name="gp", options={"subset": 9}))
+    assert (other.authors, other.licence, other.command) == ((), "", "")
 
 
 @pytest.mark.parametrize(
-    ("contender", "reason"),
+    ("label", "options", "reason"),
     [
-        (Contender(label="ж", adversary="gp"), r"name: .*64 small letters"),
-        (Contender(label="g" * 65, adversary="gp"), r"name: .*64 small letters"),
-        (Contender(label="a\nb", adversary="gp"), r"title: .*control characters"),
-        (
-            Contender(label="gp", adversary="gp", options={"a": {1}}),
-            r"set is not JSON serializable",
-        ),
+        ("ж", {}, r"name: .*64 small letters"),
+        ("g" * 65, {}, r"name: .*64 small letters"),
+        ("a\nb", {}, r"title: .*control characters"),
+        ("gp", {"a": {1}}, r"set is not JSON serializable"),
     ],
 )
-def test_a_contender_that_no_entry_can_describe_is_refused(contender, reason):
+def test_an_adversary_that_no_entry_can_describe_is_refused(label, options, reason):
     with pytest.raises(UserError, match=reason):
-        about_of(contender)
+        metadata_of(label, AdversarySpec(name="gp", options=options))
 
 
 def test_runs_that_would_share_a_place_are_refused(tmp_path):
-    pair = tuple(Contender(label=label, adversary="random") for label in ("Mine", "mine"))
-    chosen = suite("random", budgets=(60,)).model_copy(update={"contenders": pair})
+    pair = {label: AdversarySpec(name="random") for label in ("Mine", "mine")}
+    chosen = suite("random", budgets=(60,)).model_copy(update={"adversaries": pair})
     with pytest.raises(UserError, match=r"got Mine on SADA.* and mine on SADA.*would share one"):
         make_plan(chosen, tmp_path)
     same = find_suite("driving")
     [table] = same.tables
-    twin = table.model_copy(update={"name": "twin"})  # has the rule of the other
-    one = choose(
+    twin = table.model_copy(update={"name": table.name.upper()})  # the same on some file systems
+    both = choose(
         same.model_copy(update={"tables": (table, twin)}),
         tracks=same.tracks[:1],
-        contenders=["random"],
+        chosen=["random"],
     )
-    with pytest.raises(UserError, match=r"paper-budgets and .*twin.*\(--table\)"):
-        make_plan(one, tmp_path)
-    assert make_plan(choose(one, tables=["twin"]), tmp_path)
+    with pytest.raises(UserError, match=r"paper-budgets and .*PAPER-BUDGETS.*\(--table\)"):
+        make_plan(both, tmp_path)
+    assert make_plan(choose(both, tables=["PAPER-BUDGETS"]), tmp_path)
 
 
 @pytest.mark.parametrize(
     ("rule", "reason"),
-    [("a" * 140, "at most 150 characters in all"), ("a" * 201, r"rule: .*at most 200")],
+    [
+        ("a" * 140, "at most 150 characters in all"),
+        ("a" * 201, r"expected the rule in one line of at most 200 characters"),
+    ],
 )
 def test_names_that_no_file_can_have_are_refused(rule, reason, tmp_path):
     chosen = suite("random", budgets=(60,))
-    tables = (chosen.tables[0].model_copy(update={"rule": rule}),)
+    tables = (chosen.tables[0].model_copy(update={"name": rule}),)
     with pytest.raises(UserError, match=rf"{reason}.*shorter names"):
         make_plan(chosen.model_copy(update={"tables": tables}), tmp_path)
 
@@ -216,7 +223,7 @@ def test_names_that_no_file_can_have_are_refused(rule, reason, tmp_path):
 def test_an_error_of_any_text_fits_into_an_entry(references, tmp_path):
     plan = make_plan(suite("random", budgets=(60,)), references)
     [run] = plan.runs
-    failure = RunFailure(settings=run, fooling_threshold=0.3, error="a\x1b[31m\n\tb" + "c" * 9_000)
+    failure = RunFailure(settings=run, error="a\x1b[31m\n\tb" + "c" * 9_000)
     seed = SeedResult.of(failure)
     assert seed.error.startswith("a [31m b")
     assert len(seed.error) == MAX_ERROR

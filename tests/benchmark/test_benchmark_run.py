@@ -44,7 +44,7 @@ def test_it_ends_with_results_tables_and_pictures(done):
     results = done.results
     assert done.entries == done.folder / "entries"
     assert len(results.runs) == 2 * 2 * 3
-    assert [target.seeds for target in results.targets] == [(0, 1)]
+    assert [results.seeds_of(target) for target in results.targets] == [[0, 1]]
     assert results.targets[0].reference.points == 600
     costs = read_costs(done.folder)
     assert len(costs) == 12

@@ -13,7 +13,6 @@ from bench_toys import (
     run_in,
     suite,
 )
-from sada_gym.submission.entry import read_entries
 
 from sada_gym.benchmark.entries import find_missing
 from sada_gym.benchmark.folder import claim, novelty_picture, store_file
@@ -32,6 +31,7 @@ from sada_gym.measures.novelty import novelty
 from sada_gym.measures.rates import mu_std
 from sada_gym.measures.reference import load_reference
 from sada_gym.oracle import evaluation_seeds
+from sada_gym.results.entry import read_entries
 
 
 @pytest.fixture(scope="module")
@@ -69,31 +69,31 @@ def run_of(done, label, table="n120", seed=0):
 def test_each_run_is_in_its_entry(done):
     out, plan, _ = done
     assert len(list(plan.runs)) == 2 * 2 * 6
-    names = {run.label: plan.abouts[run.label].name for run in plan.runs}
+    names = {run.label: plan.metadata[run.label].name for run in plan.runs}
     assert sorted(made(out / "entries")) == sorted(
-        (names[run.label], f"{ANALYTIC}.{run.table}", run.seed) for run in plan.runs
+        (names[run.label], f"{ANALYTIC}.{run.key.table}", run.seed) for run in plan.runs
     )
     folder = out / "entries" / "gaussian"
     assert sorted(path.name for path in folder.iterdir()) == [
-        f"{ANALYTIC}.n120.json",
-        f"{ANALYTIC}.n120.npz",
-        f"{ANALYTIC}.n60.json",
-        f"{ANALYTIC}.n60.npz",
+        "SADA-Analytic.json",
+        "SADA-Analytic.npz",
         "entry.toml",
     ]
     result, seed, _ = run_in(out / "entries", "gaussian", "n120", 1)
     assert seed.packages["numpy"] == np.__version__
-    assert (result.identity.budget, result.identity.samples) == (120, 30)
-    assert "time" not in (folder / f"{ANALYTIC}.n120.json").read_text()
+    assert (result.experiment.protocol.budget, result.experiment.protocol.samples) == (120, 30)
+    assert "time" not in (folder / "SADA-Analytic.json").read_text()
 
 
 def test_an_entry_says_who_made_it(done):
-    abouts = {entry.about.name: entry.about for entry in read_entries(done[0] / "entries")}
-    ours, theirs = abouts["gaussian"], abouts["bench_toys-picky"]
-    assert (ours.title, ours.adversary, ours.licence) == ("gaussian", "gaussian", "MIT")
-    assert ours.authors == ("sada_gym's developers",)
-    assert ours.command == "sada-gym benchmark -a gaussian"
-    assert (theirs.title, theirs.authors, theirs.licence) == ("bench_toys:Picky", (), "")
+    entries = {entry.metadata.name: entry for entry in read_entries(done[0] / "entries")}
+    ours, theirs = entries["gaussian"], entries["bench_toys-picky"]
+    assert (ours.adversary.name, theirs.adversary.name) == ("gaussian", "bench_toys:Picky")
+    assert (ours.metadata.title, ours.metadata.licence) == ("gaussian", "MIT")
+    assert ours.metadata.authors == ("sada_gym's developers",)
+    assert ours.metadata.command == "sada-gym benchmark -a gaussian"
+    credits = theirs.metadata
+    assert (credits.title, credits.authors, credits.licence) == ("bench_toys:Picky", (), "")
 
 
 def test_the_figures_are_those_of_the_samples(done, references):
@@ -132,7 +132,7 @@ def test_others_are_read_by_the_ideal(done, references):
     assert ideal.relative_coverage == 1.0
     assert ideal.novelty is None
     assert seed.queries == seed.search.queries == 0
-    assert run_in(done[0] / "entries", "ideal", "n120")[0].identity.budget == 0
+    assert run_in(done[0] / "entries", "ideal", "n120")[0].experiment.protocol.budget == 0
     gaussian = run_of(done, "gaussian")[0].measures
     share = gaussian.coverage / ideal.coverage
     assert gaussian.relative_coverage == share
@@ -268,7 +268,7 @@ def test_images_are_compared_on_the_first_seed(tmp_path, references):
     first, second = (run for run in plan.runs if run.label != "ideal")
     assert (first.seed, second.seed) == (0, 1)
     of_first, of_second = (
-        run_in(tmp_path / "entries", run.label, run.table, run.seed, LOGGED)[1].measures
+        run_in(tmp_path / "entries", run.label, run.key.table, run.seed, LOGGED)[1].measures
         for run in (first, second)
     )
     images = of_first.image_novelty

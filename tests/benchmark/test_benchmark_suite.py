@@ -7,12 +7,12 @@ from sada_gym.adversaries.bbgan import split_budget
 from sada_gym.benchmark import suite as suites
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.suite import (
-    CONTENDERS,
+    ADVERSARIES,
+    CONTROLS,
     SUITES,
     Budget,
-    Contender,
     choose,
-    find_contender,
+    find_adversary,
     find_suite,
 )
 from sada_gym.experiment.ideal import IDEAL
@@ -21,22 +21,19 @@ from sada_gym.results import paper
 
 
 def made(label, dimension):
-    contender = find_contender(label)
-    preset = {"preset": contender.preset} if contender.preset else {}
-    return adversaries.make(contender.adversary, dimension, seed=0, **preset)
+    return find_adversary(label)[1].make(dimension, seed=0, ideal_set=None)
 
 
 def queries(budget, label, dimension):
-    return budget.of(find_contender(label).adversary, made(label, dimension))
+    return budget.of(find_adversary(label)[1].name, made(label, dimension))
 
 
 def test_the_suites_name_what_there_is():
     for one in SUITES:
         assert set(one.tracks) <= set(tracks())
-    assert {c.adversary for c in CONTENDERS} == {IDEAL, *adversaries.names()}
-    labels = [c.label for c in CONTENDERS]
-    assert len(set(labels)) == len(labels)
-    assert {c.label for c in CONTENDERS if not c.ranked} == {"ideal", "archive"}
+    assert {spec.name for spec in ADVERSARIES.values()} == {IDEAL, *adversaries.names()}
+    assert all(spec.label == label for label, spec in ADVERSARIES.items())
+    assert {"ideal", "archive"} == CONTROLS
 
 
 SEEDS_OF_DETECTION = {f"SADA-Detection-{name}-v0": 3 for name in ("Bicycle", "Motorbike", "Truck")}
@@ -56,7 +53,7 @@ def test_an_application_s_suite(name, application, table, seeds, seeds_of):
     one = find_suite(name)
     assert set(one.tracks) == {track for track in tracks() if f"-{application}-" in track}
     assert [(each.name, each.agents) for each in one.tables] == [(table, "default")]
-    assert one.contenders == CONTENDERS
+    assert one.adversaries == ADVERSARIES
     for track in one.tracks:
         assert one.seeds_on(track) == range(seeds_of.get(track, seeds)), track
 
@@ -65,7 +62,7 @@ def test_the_quick_suite():
     one = find_suite("quick")
     assert set(one.tracks) == set(SEEDS_OF_DETECTION)
     assert [(table.name, table.agents) for table in one.tables] == [("equal-queries", "default")]
-    assert one.contenders == CONTENDERS
+    assert one.adversaries == ADVERSARIES
     assert [len(one.seeds_on(track)) for track in one.tracks] == [1, 1, 1]
 
 
@@ -82,7 +79,7 @@ def test_the_budgets_of_the_tables():
         assert queries(others.budget, label, 8) == 1_000
         assert queries(others.budget_of["SADA-Detection"], label, 8) == 2_000
     assert set(equal.budget_of) == set()
-    assert {table.rule for table in suites.TABLES.values()} == set(suites.TABLES)
+    assert {table.name for table in suites.TABLES.values()} == set(suites.TABLES)
 
 
 def test_the_suites_of_table_1_share_their_rule_with_those_of_the_applications():
@@ -91,11 +88,11 @@ def test_the_suites_of_table_1_share_their_rule_with_those_of_the_applications()
     assert set(columns.tracks) == tracks_of_columns
     assert set(rows.tracks) == tracks_of_columns | set(paper.CLASS_COLUMNS.values())
     assert set(rows.tracks) <= set(tracks())
-    assert {c.label for c in rows.contenders} == {IDEAL, *paper.ROWS} - {paper.FULL_SET}
-    assert columns.contenders == CONTENDERS
+    assert set(rows.adversaries) == {IDEAL, *paper.ROWS} - {paper.FULL_SET}
+    assert columns.adversaries == ADVERSARIES
     # one folder of entries serves them all, because the rule is the same
     for one in (rows, columns, find_suite("driving"), find_suite("racing")):
-        assert [table.rule for table in one.tables] == ["paper-budgets"]
+        assert [table.name for table in one.tables] == ["paper-budgets"]
         assert one.tables[0].agents == "default"
 
 
@@ -108,8 +105,8 @@ def test_the_suite_of_agents_attacks_the_others_of_every_application_that_has_an
         for track in tracks()
         if track.split("-")[1] in {"Detection", "Driving", "UAV", "Robot"}
     }
-    taking_part = {c.label for c in one.contenders if table.includes(c)}
-    assert taking_part == set(table.contenders)  # each is a row that there is
+    taking_part = {label for label in one.adversaries if table.includes(label)}
+    assert taking_part == set(table.adversaries)  # each is a row that there is
 
 
 @pytest.mark.parametrize(
@@ -148,9 +145,9 @@ def test_boosting_comes_on_top(label, count):
         ("ideal", "ideal", "ideal", None),
     ],
 )
-def test_contenders_by_what_people_write(text, label, adversary, preset):
-    found = find_contender(text)
-    assert (found.label, found.adversary, found.preset) == (label, adversary, preset)
+def test_adversaries_by_what_people_write(text, label, adversary, preset):
+    found, spec = find_adversary(text)
+    assert (found, spec.name, spec.preset) == (label, adversary, preset)
 
 
 def test_a_choice_changes_what_is_given_and_nothing_else():
@@ -161,13 +158,13 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
     changed = choose(
         one,
         tracks=["x"],
-        contenders=["level-set", "bbgan:paper"],
+        chosen=["level-set", "bbgan:paper"],
         agents=["surveyor"],
         seeds=2,
         budget=9,
     )
     assert changed.tracks == ("x",)
-    assert [c.label for c in changed.contenders] == ["level-set", "bbgan (paper)"]
+    assert list(changed.adversaries) == ["level-set", "bbgan (paper)"]
     assert {table.agents for table in changed.tables} == {("surveyor",)}
     assert changed.seeds_on("SADA-Detection-Truck-v0") == range(2)
     assert [table.budget.queries for table in changed.tables] == [9, 9]
@@ -182,7 +179,8 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
     ("changes", "message"),
     [
         ({"tables": ["equal"]}, "Expected the table to be one of equal-queries; got 'equal'"),
-        ({"contenders": ["bbgn"]}, "Did you mean bbgan"),
+        ({"chosen": ["bbgn"]}, "Did you mean bbgan"),
+        ({"chosen": ["gp", "gp:default"]}, "Expected distinct adversaries, got 'gp' twice"),
         ({"seeds": 0}, "Expected seeds of at least 1, got 0"),
         ({"budget": 0}, "Expected budget of at least 1, got 0"),
         ({"samples": 0}, "Expected samples of at least 1, got 0"),
@@ -197,22 +195,21 @@ def test_bad_choices_are_refused(changes, message):
 def test_a_plan_is_checked_beforehand(tmp_path):
     for chosen, message in (
         (suite("bbgan:papr"), "Expected an adversary's name or module:Class"),
-        (choose(suite("random"), contenders=["bbgan:papr"]), "preset"),
+        (choose(suite("random"), chosen=["bbgan:papr"]), "preset"),
         (suite("random", track="SADA-Nothing-v0"), "Expected a registered environment id"),
         (choose(suite("random"), agents=["surveyor"]), "Expected the keyword of SADA-Analytic-v0"),
-        (suite("random", "random"), "Expected distinct contenders, got 'random' twice"),
         (suite("ideal"), "got nothing. SADA-Analytic-v0 has no reference set"),
     ):
         with pytest.raises(ValueError, match=message):
             make_plan(chosen, tmp_path)
 
 
-def test_what_lacks_its_package_is_left_out(tmp_path):
-    lacking = Contender(label="cma-mae", adversary="cma-mae", requires="no_such_package")
-    chosen = suite("random").model_copy(update={"contenders": (lacking, find_contender("random"))})
-    plan = make_plan(chosen, tmp_path)
+def test_what_lacks_its_package_is_left_out(tmp_path, monkeypatch):
+    packages = {"gaussian": "no_such_package"}
+    monkeypatch.setattr("sada_gym.adversaries.registry._PACKAGES", packages)
+    plan = make_plan(suite("gaussian", "random"), tmp_path)
     assert {run.label for run in plan.runs} == {"random"}
-    assert "cma-mae is left out: it needs the package no_such_package" in plan.notes[0]
+    assert "gaussian is left out: it needs the package no_such_package" in plan.notes[0]
 
 
 def test_tables_choose_the_agents(tmp_path):
@@ -220,23 +217,23 @@ def test_tables_choose_the_agents(tmp_path):
     chosen = suite("random", track=track, budgets=(9, 8))
     tables = (chosen.tables[0], chosen.tables[1].model_copy(update={"agents": "all"}))
     plan = make_plan(chosen.model_copy(update={"tables": tables}), tmp_path)
-    assert [(group.agent, group.keywords) for group in plan.groups] == [
-        ("photographer", {}),
-        ("surveyor", {"agent": "surveyor"}),
+    assert [group.target.agent for group in plan.groups] == ["photographer", "surveyor"]
+    assert [[run.key.table for run in group.runs] for group in plan.groups] == [
+        ["n9", "n8"],
+        ["n8"],
     ]
-    assert [[run.table for run in group.runs] for group in plan.groups] == [["n9", "n8"], ["n8"]]
-    assert len({run.fingerprint for run in plan.runs}) == 2
+    assert len({run.experiment.target.application.fingerprint for run in plan.runs}) == 2
     with pytest.raises(ValueError, match="Did you mean 'surveyor'"):
         make_plan(choose(chosen, agents=["surveyr"]), tmp_path)
 
 
-def test_tables_choose_their_contenders(tmp_path):
+def test_tables_choose_their_adversaries(tmp_path):
     track = "SADA-Detection-Bicycle-v0"
     chosen = suite("random", "gaussian", track=track, budgets=(9, 8))
-    few = {"agents": "others", "contenders": ("gaussian",)}
+    few = {"agents": "others", "adversaries": ("gaussian",)}
     tables = (chosen.tables[0], chosen.tables[1].model_copy(update=few))
     plan = make_plan(chosen.model_copy(update={"tables": tables}), tmp_path)
-    assert [(run.agent, run.table, run.label) for run in plan.runs] == [
+    assert [(run.key.agent, run.key.table, run.label) for run in plan.runs] == [
         ("photographer", "n9", "random"),
         ("photographer", "n9", "gaussian"),
         ("surveyor", "n8", "gaussian"),
@@ -245,7 +242,7 @@ def test_tables_choose_their_contenders(tmp_path):
 
 def test_the_longest_groups_come_first_and_a_seed_at_a_time(tmp_path):
     chosen = suite("random", seeds=2).model_copy(update={"tracks": (ANALYTIC, "toy:Toy-v0")})
-    order = [(group.track, group.seed) for group in make_plan(chosen, tmp_path).groups]
+    order = [(group.target.track, group.seed) for group in make_plan(chosen, tmp_path).groups]
     assert order == [(ANALYTIC, 0), ("toy:Toy-v0", 0), (ANALYTIC, 1), ("toy:Toy-v0", 1)]
 
 
@@ -253,7 +250,7 @@ def test_the_papers_tables_are_whole():
     assert {len(row) for row in paper.TABLE_1.values()} == {len(paper.TABLE_1_COLUMNS)} == {10}
     assert {len(row.afr) for row in paper.CLASS_TABLE.values()} == {12}
     assert set(paper.CLASS_COLUMNS.values()) == {t for t in tracks() if "Detection" in t}
-    assert set(paper.ROWS) <= {paper.FULL_SET, *(c.label for c in suites.CONTENDERS)}
+    assert set(paper.ROWS) <= {paper.FULL_SET, *ADVERSARIES}
     for name, row in paper.CLASS_TABLE.items():
         if name not in {"Full Set", "GP Regression"}:  # printed so, though it is not their mean
             assert np.mean(row.afr) == pytest.approx(row.average, abs=0.1), name
@@ -270,7 +267,9 @@ def test_too_few_samples_to_measure_by_are_refused_beforehand(tmp_path):
     for samples, fits in ((5, False), (6, True)):
         chosen = choose(suite("ideal", "random"), samples=samples)
         if fits:
-            assert {run.samples for run in make_plan(chosen, tmp_path).runs} == {6}
+            assert {
+                run.experiment.protocol.samples for run in make_plan(chosen, tmp_path).runs
+            } == {6}
             continue
         with pytest.raises(ValueError, match=r"at least 6 test samples on SADA-Analytic-v0.*got 5"):
             make_plan(chosen, tmp_path)

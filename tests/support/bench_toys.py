@@ -9,19 +9,21 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
-from sada_gym.submission.entry import read_entries
-from sada_gym.submission.models import entry_name, result_stem
 from toy import Greedy, Toy
 
 from sada_gym.adversaries.base import Query
 from sada_gym.application import Application
 from sada_gym.benchmark.folder import read_costs
 from sada_gym.benchmark.progress import BenchmarkCallback
-from sada_gym.benchmark.suite import Budget, Contender, Suite, Table
+from sada_gym.benchmark.suite import Budget, Suite, Table
 from sada_gym.envs.adversary import AdversaryEnv
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluation.problems import make_application
+from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.record import place_of
 from sada_gym.measures.reference import reference_mu, reference_seeds, write_reference
+from sada_gym.results.entry import read_entries
+from sada_gym.results.models import entry_name
 
 ANALYTIC = "SADA-Analytic-v0"
 LOGGED = "bench_toys:Logged-v0"
@@ -126,19 +128,19 @@ def make_reference(folder: Path, track: str, points: int = 600, seeds: int = 2) 
 def made(entries: Path) -> list[tuple[str, str, int]]:
     """Return the entry, the result and the seed of all finished runs."""
     return [
-        (entry.about.name, stem, one.seed)
+        (entry.metadata.name, place, claims.seed)
         for entry in read_entries(entries)
-        for stem, result in entry.results.items()
-        for one in result.claimed.seeds
+        for place, result in entry.results.items()
+        for claims in result.claimed.seeds
     ]
 
 
 def run_in(entries: Path, label: str, rule: str, seed: int = 0, track: str = ANALYTIC):
     """Return what the entries hold of a run: its result, its seed there, and its samples."""
-    [entry] = [one for one in read_entries(entries) if one.about.name == entry_name(label)]
-    result = entry.results[result_stem(track, "", rule)]
-    [found] = [one for one in result.claimed.seeds if one.seed == seed]
-    return result.claimed, found, result.samples.get(seed)
+    [entry] = [e for e in read_entries(entries) if e.metadata.name == entry_name(label)]
+    result = entry.results[place_of(track, "", rule)]
+    [claims] = [claims for claims in result.claimed.seeds if claims.seed == seed]
+    return result.claimed, claims, result.samples.get(seed)
 
 
 def costs_of(out: Path, label: str, table: str, seed: int = 0):
@@ -158,7 +160,6 @@ def contents(out: Path) -> dict[str, bytes]:
 
 def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes) -> Suite:
     """A small suite, a table for each budget."""
-    controls = ("ideal", "archive")
     tables = tuple(
         Table(name=f"n{budget}", title=f"Budget {budget}", note="", budget=Budget(queries=budget))
         for budget in budgets
@@ -167,9 +168,6 @@ def suite(*adversaries: str, track: str = ANALYTIC, budgets=(120, 60), **changes
         name="small",
         tracks=(track,),
         tables=tuple(table.model_copy(update={"samples": 30}) for table in tables),
-        contenders=tuple(
-            Contender(label=name, adversary=name, ranked=name not in controls)
-            for name in adversaries
-        ),
+        adversaries={name: AdversarySpec(name=name) for name in adversaries},
         **{"images": 0, **changes},
     )
