@@ -277,7 +277,7 @@ def test_images_are_compared_on_the_first_seed(tmp_path, references):
     assert images.ratio == images.median / images.ideal
     assert of_second.image_novelty is None
     [picture] = (tmp_path / "pictures").rglob("*.png")
-    assert picture == novelty_picture(tmp_path, first)
+    assert picture == novelty_picture(tmp_path, first.key)
     assert picture.stat().st_size > 1000
 
 
