@@ -131,14 +131,16 @@ def make_board(
         for result in entry.results.values()
         if (reason := find_outdated(result.claimed.experiment)) is not None
     ]
-    late = {id(one.result) for one in outdated}
+    left_out = {id(late.result) for late in outdated}
 
     def outdated_of(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
-        return tuple(one for one in outdated if group_of.get(track_of(one.result)) == group)
+        return tuple(late for late in outdated if group_of.get(track_of(late.result)) == group)
 
     def current(entry: Entry, group: TrackGroup) -> Entry:
         tracks = group.tracks
-        return entry.keeping(lambda result: track_of(result) in tracks and id(result) not in late)
+        return entry.keeping(
+            lambda result: track_of(result) in tracks and id(result) not in left_out
+        )
 
     with_suite = {card.name for card in cards() if card.suite is not None}
     boards = []
@@ -152,7 +154,7 @@ def make_board(
         # every entry goes in, so that two of one title are told apart on every page
         results = {tier: results_of(chosen, tables_of(rules), tier=tier) for tier in TIERS}
         with_results = tuple(entry for entry in chosen if entry.results)
-        left_out = outdated_of(group)
-        if with_results or left_out or group.application in with_suite:
-            boards.append(GroupBoard(group, with_results, results, left_out))
+        late = outdated_of(group)
+        if with_results or late or group.application in with_suite:
+            boards.append(GroupBoard(group, with_results, results, late))
     return Board(tuple(entries), tuple(boards), outdated_of(None))

@@ -122,7 +122,7 @@ def ranking_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> 
             "control" if row.control else "ranked" if row.rank else "unranked",
             text_cell(row.label, href=f"entries/{row.entry}.html"),
             _cells(row, [run for run in runs if run.entry == row.entry], entries[row.entry]),
-            _rates([one for one in on_tracks if one.entry == row.entry]),
+            _rates([by_track for by_track in on_tracks if by_track.entry == row.entry]),
         )
         for row in rows
     ]

@@ -86,7 +86,7 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
     return EntryPage(
         metadata=metadata,
         adversary=adversary,
-        tiers=tuple(t for t in TIERS if any(one.tier == t for one in entry.results.values())),
+        tiers=tuple(t for t in TIERS if t in {result.tier for result in entry.results.values()}),
         options=_options(adversary.options if adversary is not None else {}),
         links={name: url for name, url in links.items() if is_web(url)},
         sections=tuple(
@@ -99,7 +99,7 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
 
 
 def is_web(url: str) -> bool:
-    """Say whether an address leads to a web page; a page links to nothing else."""
+    """Whether an address leads to a web page; a page links to nothing else."""
     return url.startswith(("https://", "http://"))
 
 
@@ -146,7 +146,7 @@ def _lines(
 ) -> Iterator[Line]:
     for track, result in results.items():
         seeds: Sequence[VerifiedSeed | SeedResult] = (result.verified or result.claimed).seeds
-        texts = [f"{100 * one.measures.afr:.1f}" if one.measures else "failed" for one in seeds]
+        texts = [f"{100 * s.measures.afr:.1f}" if s.measures else "failed" for s in seeds]
         cells = {
             "track": text_cell(track),
             "tier": text_cell(result.tier),

@@ -69,8 +69,11 @@ class Pictures:
         """
         if not self.drawing:
             return ()
-        held = {track: result for track, result in results.items() if result.samples}
-        opened = {track: result.claimed.experiment.target.open() for track, result in held.items()}
+        opened = {
+            track: result.claimed.experiment.target.open()
+            for track, result in results.items()
+            if result.samples
+        }
         applications = {track: target.application for track, target in opened.items()}
         pictures = []
         for tracks in _alike(applications):
@@ -128,10 +131,10 @@ def _fooled(
 ) -> bytes:
     """Draw fooled worlds, in turn from each track."""
     by_track = [
-        [(track, int(i)) for i in np.flatnonzero(samples[track].fooled(one.fooling_threshold))]
-        for track, one in applications.items()
+        [(track, int(i)) for i in np.flatnonzero(samples[track].fooled(app.fooling_threshold))]
+        for track, app in applications.items()
     ]
-    in_turn = [one for turn in itertools.zip_longest(*by_track) for one in turn if one is not None]
+    in_turn = [world for turn in itertools.zip_longest(*by_track) for world in turn if world]
     chosen = in_turn[:MAX_FRAMES]
     try:
         frames = [

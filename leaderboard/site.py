@@ -63,7 +63,7 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
 
 
 def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
-    """Give the site's files: each one's place and content."""
+    """Return the site's files: each one's place and content."""
     render = partial(_render, _environment(), board)
     sheets = [board.strongest, entries_sheet(board)]
     for group in board.groups:
@@ -193,7 +193,7 @@ def _render(
 
 
 def table_script() -> Iterator[tuple[str, bytes]]:
-    """Give the script that sorts and filters tables, DataTables, and its licence.
+    """Return the script that sorts and filters tables, DataTables, and its licence.
 
     itables has it as a module, which browsers do not load from a file. Here it is a plain script
     that defines `jQuery` alone.
@@ -216,13 +216,13 @@ def table_script() -> Iterator[tuple[str, bytes]]:
     text = files["dt_bundle.js"].read_text(encoding="utf-8")
     export = re.compile(r"\bexport\s*\{([^{}]*)\};?")
     names = export.findall(text)
-    found = re.search(r"([\w$]+) as jQuery\b", names[0]) if len(names) == 1 else None
-    if found is None:
+    jquery = re.search(r"([\w$]+) as jQuery\b", names[0]) if len(names) == 1 else None
+    if jquery is None:
         raise UserError(
             "Expected dt_bundle.js of itables to export jQuery once, got another form. Install the "
             "version of itables that constraints.txt names."
         )
-    script = export.sub(f"globalThis.jQuery={found[1]};", text)
+    script = export.sub(f"globalThis.jQuery={jquery[1]};", text)
     yield "static/datatables.js", f"(()=>{{{script}\n}})();\n".encode()
     yield "static/datatables.LICENSE.txt", files["LICENSE"].read_text(encoding="utf-8").encode()
 

@@ -189,14 +189,12 @@ def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
     Raises:
         KeyError: If a page marks the place of a table that nothing makes.
     """
-    found = {}
-    for name in dict.fromkeys(page for page, _ in BLOCKS.values()):
-        text = (docs / name).read_text(encoding="utf-8")
-        found[docs / name] = _BLOCK.sub(
-            lambda match: "\n".join((match[1].rstrip(), *BLOCKS[match[2]][1](entries), match[3])),
-            text,
-        )
-    return found
+
+    def filled(match: re.Match[str]) -> str:
+        return "\n".join((match[1].rstrip(), *BLOCKS[match[2]][1](entries), match[3]))
+
+    paths = dict.fromkeys(docs / page for page, _ in BLOCKS.values())
+    return {path: _BLOCK.sub(filled, path.read_text(encoding="utf-8")) for path in paths}
 
 
 def main() -> None:

@@ -79,13 +79,13 @@ def _show(finding: Finding) -> None:
     say(f"{where}: {says[finding.state]}", lead="[bold red]" if bad else "")
     if verified is None:
         return
-    for one in verified.seeds:
-        measures = one.measures
+    for seed in verified.seeds:
+        measures = seed.measures
         low, high = measures.afr_interval_95
         covered = measures.relative_coverage
         coverage = "no coverage" if covered is None else f"coverage {100 * covered:.1f} %"
         rate = f"AFR {100 * measures.afr:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
-        say(f"  seed {one.seed}: {rate}, {coverage}")
+        say(f"  seed {seed.seed}: {rate}, {coverage}")
     for name, sentence in verified.flags.items():
         say(f"{name}: {sentence}.", lead="  [yellow]")
 

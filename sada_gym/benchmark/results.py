@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from sada_gym import agents
@@ -69,26 +70,42 @@ def results_of(
     versions: dict[str, set[str]] = {}
     for entry in entries:
         for result in entry.results.values():
-            showing = [table for table in tables if table.shows(result.claimed.experiment)]
+            experiment = result.claimed.experiment
+            target, verified = experiment.target, result.verified if tier == "verified" else None
+            showing = [table for table in tables if table.shows(experiment)]
             seeds = list(_seeds(result, tier))
             if not showing or not seeds:
                 continue
-            _add_target(targets, result.claimed.experiment.target)
+            check_same_record(
+                f"results of one version of {target.track} and of its agent",
+                targets.setdefault((target.track, target.agent), target).model_dump(),
+                target.model_dump(),
+                "Leave those out that are outdated, or make them anew.",
+            )
             for claims in seeds:
                 for name, version in claims.packages.items():
                     versions.setdefault(name, set()).add(version)
                 runs += [
-                    _summary(table.name, entry, labels[entry.metadata.name], result, claims, tier)
+                    RunSummary(
+                        table=table.name,
+                        label=labels[entry.metadata.name],
+                        entry=entry.metadata.name,
+                        experiment=experiment.at(claims.seed),
+                        claims=claims,
+                        control=experiment.adversary.name in CONTROLS,
+                        disqualified=verified is not None
+                        and not DISQUALIFYING.isdisjoint(verified.flags),
+                    )
                     for table in showing
                 ]
-    names = [table.name for table in tables]
-    runs.sort(key=lambda run: _run_order(run, names))
-    shown = dict.fromkeys((run.track, run.agent) for run in runs)
-    ordered = in_order({name: ", ".join(sorted(found)) for name, found in versions.items()})
+    runs.sort(key=partial(_run_order, tables=[table.name for table in tables]))
+    ordered = in_order({name: ", ".join(sorted(several)) for name, several in versions.items()})
     return Results(
         tables=tuple(tables),
         packages={name: tuple(sorted(versions[name])) for name in ordered},
-        targets=tuple(targets[key] for key in shown),
+        targets=tuple(
+            targets[key] for key in dict.fromkeys((run.track, run.agent) for run in runs)
+        ),
         rows=tuple(rows_of_runs(runs)),
         runs=tuple(runs),
     )
@@ -106,53 +123,22 @@ def _labels(entries: Sequence[Entry]) -> dict[str, str]:
 
 
 def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
-    """Give the seeds of a result, with the measures of a tier."""
+    """Return the claims of each seed, with the verifier's measures and flags in its tier."""
     if tier == "claimed":
         yield from result.claimed.seeds
     elif result.verified is not None:
-        measures = {one.seed: one.measures for one in result.verified.seeds}
+        measures = {seed.seed: seed.measures for seed in result.verified.seeds}
         flags = tuple(f"{name}: {text}" for name, text in result.verified.flags.items())
-        for one in result.claimed.seeds:
-            if one.measures is None:
-                yield one
-            elif one.seed in measures:
-                found = {"measures": measures[one.seed], "flags": (*one.flags, *flags)}
-                yield one.model_copy(update=found)
-
-
-def _add_target(targets: dict[tuple[str, str], Target], target: Target) -> None:
-    """Add what a result attacks, unless it is known.
-
-    Raises:
-        UserError: If another version of it is known.
-    """
-    known = targets.setdefault((target.track, target.agent), target)
-    check_same_record(
-        f"results of one version of {target.track} and of its agent",
-        known.model_dump(),
-        target.model_dump(),
-        "Leave those out that are outdated, or make them anew.",
-    )
-
-
-def _summary(
-    table: str, entry: Entry, label: str, result: EntryResult, claims: SeedResult, tier: Tier
-) -> RunSummary:
-    experiment = result.claimed.experiment
-    flags = result.verified.flags if tier == "verified" and result.verified is not None else {}
-    return RunSummary(
-        table=table,
-        label=label,
-        entry=entry.metadata.name,
-        experiment=experiment.at(claims.seed),
-        claims=claims,
-        control=experiment.adversary.name in CONTROLS,
-        disqualified=not DISQUALIFYING.isdisjoint(flags),
-    )
+        for claims in result.claimed.seeds:
+            if claims.measures is None:
+                yield claims
+            elif claims.seed in measures:
+                changes = {"measures": measures[claims.seed], "flags": (*claims.flags, *flags)}
+                yield claims.model_copy(update=changes)
 
 
 def _run_order(run: RunSummary, tables: Sequence[str]) -> tuple[Any, ...]:
-    """Give a key to sort runs by: known names in their order, then other names."""
+    """Return a key to sort runs by: known names in their order, then other names."""
 
     def place(name: str, known: Sequence[str]) -> tuple[int, str]:
         return (known.index(name) if name in known else len(known), name)

@@ -33,7 +33,7 @@ class Curve:
     """An anytime curve.
 
     Attributes:
-        labels: The contenders whose queries were these.
+        labels: The adversaries whose queries were these.
         queries: (n,) queries spent.
         found: (n,) distinct fooling points among them.
         coverage: (n,) share of the fooling set that these cover; None without a reference set.
@@ -47,10 +47,10 @@ class Curve:
 
 @dataclass(frozen=True)
 class NoveltyRatios:
-    """A contender's novelty over that of ideal samples, one figure a run.
+    """An adversary's novelty over that of ideal samples, one figure a run.
 
     Attributes:
-        label: The contender's label.
+        label: The adversary's label.
         median: Ratios of the median distances in mu.
         fifth: Ratios of the fifth percentiles.
         image: Ratios of the images' median distances.
@@ -117,11 +117,11 @@ def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
 def marginal_strips(
     space: ParameterSpace, samples: Mapping[str, Mu], fooling_set: Mu | None, title: str
 ) -> Figure:
-    """Draw how each contender's samples spread over each parameter, as strips of colour.
+    """Draw how each adversary's samples spread over each parameter, as strips of colour.
 
     Args:
         space: The d parameters, of which the first 16 are drawn.
-        samples: The samples of each contender, (n, d).
+        samples: The samples of each adversary, (n, d).
         fooling_set: Points known to fool, (m, d), drawn as the first strip; None for none.
         title: The line above the chart.
     """
@@ -171,34 +171,34 @@ def marginal_strips(
     return figure
 
 
-def novelty_ratios(contenders: Sequence[NoveltyRatios], title: str) -> Figure:
-    """Draw each contender's novelty over that of ideal samples: a dot a run, a bar the mean.
+def novelty_ratios(adversaries: Sequence[NoveltyRatios], title: str) -> Figure:
+    """Draw each adversary's novelty over that of ideal samples: a dot a run, a bar the mean.
 
     Args:
-        contenders: At least one contender.
+        adversaries: At least one.
         title: The line above the chart.
     """
     panels = [
-        ("median distance in μ / ideal's", [one.median for one in contenders]),
-        ("fifth percentile in μ / ideal's", [one.fifth for one in contenders]),
-        ("median distance between images / ideal's", [one.image for one in contenders]),
+        ("median distance in μ / ideal's", [ratios.median for ratios in adversaries]),
+        ("fifth percentile in μ / ideal's", [ratios.fifth for ratios in adversaries]),
+        ("median distance between images / ideal's", [ratios.image for ratios in adversaries]),
     ]
     panels = [(name, values) for name, values in panels if any(values)]
-    figure = new_figure(2.0 + 3.2 * len(panels), 0.27 * len(contenders) + 1.3)
+    figure = new_figure(2.0 + 3.2 * len(panels), 0.27 * len(adversaries) + 1.3)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for axes, (name, values) in zip(grid, panels, strict=True):
-        for row, (one, ratios) in enumerate(zip(contenders, values, strict=True)):
+        for row, (adversary, ratios) in enumerate(zip(adversaries, values, strict=True)):
             if not ratios:  # nothing drawn unclipped would spoil the layout
                 continue
-            colour, rows = _colour(one.label), [row] * len(ratios)
+            colour, rows = _colour(adversary.label), [row] * len(ratios)
             axes.plot(ratios, rows, "o", color=(colour, 0.35), markersize=5, clip_on=False)
             mean = float(np.mean(ratios))
             axes.plot(mean, row, "|", color=colour, markersize=11, mew=2.2, clip_on=False)
         axes.axvline(1.0, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)))
         axes.set_xlim(0, max(1.1, 1.05 * max(ratio for ratios in values for ratio in ratios)))
         axes.set_xlabel(name)
-        axes.set_yticks(range(len(contenders)), [one.label for one in contenders])
-        axes.set_ylim(len(contenders) - 0.4, -0.6)
+        axes.set_yticks(range(len(adversaries)), [adversary.label for adversary in adversaries])
+        axes.set_ylim(len(adversaries) - 0.4, -0.6)
         tidy(axes, grid="y")
         axes.spines["left"].set_visible(False)
         axes.tick_params(axis="y", length=0)
@@ -217,7 +217,7 @@ def _styles(colours: Sequence[str]) -> list[object]:
 
 
 def _short_names(curves: Sequence[Curve]) -> tuple[list[str], list[str]]:
-    """Name curves; one that many contenders share gets a mark, explained in a note."""
+    """Name curves; one that many adversaries share gets a mark, explained in a note."""
     names, notes = [], list[str]()
     for curve in curves:
         if not _is_shared(curve):
@@ -241,13 +241,19 @@ def _families(figure: Figure, labels: Sequence[str]) -> None:
     """Explain the colours and the marks that occur."""
     from matplotlib.lines import Line2D
 
-    there = {family_of(label) for label in labels}
+    shown = {family_of(label) for label in labels}
     handles = [
         Line2D(
-            [], [], color=one.colour, marker=one.marker, linestyle="", markersize=6, label=one.name
+            [],
+            [],
+            color=family.colour,
+            marker=family.marker,
+            linestyle="",
+            markersize=6,
+            label=family.name,
         )
-        for one in FAMILIES
-        if one in there
+        for family in FAMILIES
+        if family in shown
     ]
     figure.legend(handles=handles, loc="outside lower right", ncols=5, frameon=False, fontsize=8.5)
 

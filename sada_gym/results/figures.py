@@ -20,7 +20,7 @@ Draws = npt.NDArray[np.float64]
 
 
 class Figure(Strict):
-    """A figure of a contender.
+    """A figure of an adversary.
 
     Attributes:
         value: The mean over seeds, then over tracks.
@@ -90,7 +90,7 @@ def ranks_of(figures: Mapping[str, Figure], unranked: Collection[str]) -> dict[s
         return {}
     values = {name: figure.value for name, figure in figures.items()}
     standings = shared_ranks(values, intervals, controls=unranked)
-    return {one.name: one.label for one in standings if one.rank}
+    return {standing.name: standing.label for standing in standings if standing.rank}
 
 
 def _pooled(runs: Runs) -> Figure:

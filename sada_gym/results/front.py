@@ -37,11 +37,11 @@ text { fill: #1d2329; } .grid { stroke: #e3e1dc; } .tick, .axis, .title { fill: 
 
 @dataclass(frozen=True)
 class Point:
-    """A contender.
+    """An adversary.
 
     Attributes:
         row: Its figures.
-        front: Whether no other ranked contender has both a higher AFR and a higher coverage.
+        front: Whether no other ranked adversary has both a higher AFR and a higher coverage.
         x: Its place from the left; coverage grows to the right.
         y: Its place from the top; the AFR grows upwards.
         bars: The ends of its 95 % intervals, (x1, y1, x2, y2).
@@ -78,7 +78,7 @@ class Chart:
 
     Attributes:
         title: What it shows.
-        points: The contenders.
+        points: The adversaries.
         front: Those on the front, from the highest AFR to the highest coverage.
         end: The highest coverage that there is room for, as a share.
         floor: The AFR at the lower end of the chart, as a share.
@@ -150,7 +150,7 @@ class Chart:
 
 
 def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
-    """Lay out the contenders that have both figures; None where fewer than two have.
+    """Lay out the adversaries that have both figures; None where fewer than two have.
 
     Args:
         rows: The rows.

@@ -119,7 +119,7 @@ ROWS: dict[str, str] = {
     "bbgan-boost": "BBGAN (boost)",
     "bbgan-boost (paper)": "BBGAN (boost)",
 }
-"""The paper's row that each contender of ours is compared with, by the contender's label."""
+"""The paper's row that each adversary of ours is compared with, by the adversary's label."""
 
 
 def table_1(label: str, column: str) -> float | None:

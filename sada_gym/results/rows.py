@@ -1,4 +1,4 @@
-"""A contender's figures in a table: over the seeds and tracks of its runs, with its rank."""
+"""An adversary's figures in a table: over the seeds and tracks of its runs, with its rank."""
 
 from __future__ import annotations
 
@@ -63,20 +63,20 @@ class RunSummary(Strict):
 
 
 class Row(Strict):
-    """A contender's figures in a table: on one track, or over all.
+    """An adversary's figures in a table: on one track, or over all.
 
     Attributes:
         table: The table's name.
         agent: The agent's name.
         track: The environment's id; None for all tracks.
-        label: The contender's label.
+        label: The adversary's label.
         entry: The name of its entry.
         control: Whether it is a control, which has no rank.
         disqualified: Whether the verifier found what takes its rank on any of these tracks.
         tracks: The number of tracks that it has runs on.
         runs: The number of its runs.
         failed: The number of further runs that ended with an error.
-        complete: Whether it has runs on all tracks that any contender has, and none that failed.
+        complete: Whether it has runs on all tracks that any adversary has, and none that failed.
             Only then it is ranked.
         rank: `1`, or shared `1=`, by F1; by AFR where a track has no coverage. None for controls,
             and for what is incomplete or disqualified.

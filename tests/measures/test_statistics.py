@@ -115,6 +115,19 @@ def test_tracks_may_have_their_own_number_of_samples():
     assert estimate(values, samples=10).interval == wide
 
 
+def test_draws_stand_in_for_what_test_samples_would_change():
+    draws = np.random.default_rng(0).normal(0.5, 0.1, (1, 1_000))
+    lone = estimate([[0.5]], draws=draws, resamples=1_000)
+    assert lone.resampled == "test samples"
+    assert lone.interval == pytest.approx(tuple(np.quantile(draws, [0.025, 0.975])))
+    alike = estimate([[0.5, 0.51, 0.49]], draws=draws, resamples=1_000)
+    assert alike.resampled == "test samples"
+    apart = estimate([[0.1, 0.5, 0.9]], draws=draws, resamples=1_000)
+    assert apart.resampled == "seeds"
+    with pytest.raises(ValueError, match=r"draws of shape \(tracks, resamples\) = \(1, 10000\)"):
+        estimate([[0.5]], draws=draws)
+
+
 def test_the_seed_fixes_the_interval():
     values = np.random.default_rng(0).random((4, 5))
     assert estimate(values, seed=1) == estimate(values, seed=1)

@@ -87,8 +87,8 @@ def _pictures(
 
 
 def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
-    """Average the searches of each contender over its tracks; equal curves become one."""
-    found: dict[bytes, Curve] = {}
+    """Average the searches of each adversary over its tracks; equal curves become one."""
+    curves: dict[bytes, Curve] = {}
     for label in dict.fromkeys(run.label for run in runs):
         searched = [
             (run.track, run.claims.search.curve)
@@ -106,13 +106,13 @@ def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
         covered = np.array([[point.coverage for point in row] for row in of_runs], np.float64)
         coverage = None if np.isnan(covered).any() else np.array([shares @ row for row in covered])
         key = np.array([queries, mean, mean if coverage is None else coverage]).tobytes()
-        labels = (*(found[key].labels if key in found else ()), label)
-        found[key] = Curve(labels, np.array(queries, np.float64), mean, coverage)
-    return list(found.values())
+        labels = (*(curves[key].labels if key in curves else ()), label)
+        curves[key] = Curve(labels, np.array(queries, np.float64), mean, coverage)
+    return list(curves.values())
 
 
 def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
-    there = []
+    ratios_of = []
     for label in dict.fromkeys(run.label for run in runs if run.label != IDEAL):
         measured = [run.measures for run in runs if run.label == label and run.measures]
         median, fifth, image = (
@@ -120,12 +120,12 @@ def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
             for name in ("novelty_ratio", "novelty_fifth_ratio", "image_novelty_ratio")
         )
         if median:
-            there.append(NoveltyRatios(label, median, fifth, image))
-    return there
+            ratios_of.append(NoveltyRatios(label, median, fifth, image))
+    return ratios_of
 
 
 def _samples(entries: Sequence[Entry], runs: Sequence[RunSummary]) -> dict[str, Mu]:
-    """Give the test samples of all seeds by contender."""
+    """Return the test samples of all seeds by adversary."""
     of_entry = {entry.metadata.name: entry for entry in entries}
     parts: dict[str, list[Mu]] = {}
     for run in runs:

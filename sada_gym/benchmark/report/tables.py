@@ -81,7 +81,7 @@ def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
         yield from _coverages(by_track)
     yield from _targets(results)
     yield from _remarks(results, notes)
-    versions = (f"{name} {' and '.join(found)}" for name, found in results.packages.items())
+    versions = (f"{name} {' and '.join(several)}" for name, several in results.packages.items())
     yield from ("## Versions", "", ", ".join(versions), "")
 
 
@@ -183,14 +183,16 @@ class _ByTrack:
         return {key: figure.value for key, figure in figures.items() if figure is not None}
 
     def fronts(self) -> dict[str, Cell]:
-        """Count the tracks on which each ranked contender is on the front of AFR and coverage."""
-        held, tracks = Counter[str](), Counter[str]()
+        """Count the tracks on which each ranked adversary is on the front of AFR and coverage."""
+        on_front, tracks = Counter[str](), Counter[str]()
         for track in self.tracks:
             of_track = {row.entry: row for (name, _), row in self.rows.items() if name == track}
             for entry, is_on_front in front_of(of_track.values()).items():
                 tracks[of_track[entry].label] += 1
-                held[of_track[entry].label] += is_on_front
-        return {label: text_cell(f"{held[label]} of {count}") for label, count in tracks.items()}
+                on_front[of_track[entry].label] += is_on_front
+        return {
+            label: text_cell(f"{on_front[label]} of {count}") for label, count in tracks.items()
+        }
 
     def rates(
         self, columns: Sequence[_TrackColumn], spread: Callable[[str], Cell] | None = None
@@ -225,7 +227,7 @@ class _ByTrack:
 
 
 def _heads(columns: Sequence[_TrackColumn]) -> tuple[Column, ...]:
-    return (*row_columns("adversary"), *(Column(one.title, one.title) for one in columns))
+    return (*row_columns("adversary"), *(Column(column.title, column.title) for column in columns))
 
 
 def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
@@ -255,7 +257,7 @@ def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iter
 
 
 def _rates(by_track: _ByTrack) -> Iterator[str]:
-    """Give the AFR of every track, beside the paper's appendix where that has the class."""
+    """Show the AFR of every track, beside the paper's appendix where that has the class."""
     if set(by_track.tracks) <= set(_CLASSES):
         yield from ("### By class: AFR in %, ours / the paper's appendix", "")
     else:
@@ -280,7 +282,7 @@ def _rates(by_track: _ByTrack) -> Iterator[str]:
 
 
 def _coverages(by_track: _ByTrack) -> Iterator[str]:
-    """Give the coverage of every track that has a reference set."""
+    """Show the coverage of every track that has a reference set."""
     covered = {track for track, _ in by_track.values("relative_coverage")}
     tracks = [track for track in by_track.tracks if track in covered]
     kind = "class" if set(tracks) <= set(_CLASSES) else "track"
