@@ -93,12 +93,12 @@ class Batched(Toy):
 
 
 def test_failures_are_drawn_in_one_batch_after_the_first_and_evaluated_never(tmp_path):
-    application, told = Batched(2), []
+    application, progress = Batched(2), []
     draw_attack(
-        application, drawn(90, 2), drawn(9, 2), tmp_path, on_progress=lambda *n: told.append(n)
+        application, drawn(90, 2), drawn(9, 2), tmp_path, on_progress=lambda *n: progress.append(n)
     )
     assert application.batches == [1, 8]
-    assert told == [(done, 9) for done in range(1, 10)]
+    assert progress == [(done, 9) for done in range(1, 10)]
 
 
 def test_a_headline_stands_on_top(tmp_path):

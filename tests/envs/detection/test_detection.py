@@ -85,9 +85,9 @@ def test_the_number_of_threads_does_not_matter():
     threads = torch.get_num_threads()
     try:
         torch.set_num_threads(1)
-        one = CAR.evaluate(MU, SEEDS).score
+        single = CAR.evaluate(MU, SEEDS).score
         torch.set_num_threads(2)
-        np.testing.assert_array_equal(CAR.evaluate(MU, SEEDS).score, one)
+        np.testing.assert_array_equal(CAR.evaluate(MU, SEEDS).score, single)
     finally:
         torch.set_num_threads(threads)
 

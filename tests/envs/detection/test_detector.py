@@ -16,15 +16,15 @@ from sada_gym.envs.detection.shapes import CLASSES
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_torchvisions_convention(name):
     model = agents.load(name, "SADA-Detection")
-    found = model([torch.rand(3, 128, 128), torch.rand(3, 128, 128)])
-    assert len(found) == 2
-    for one in found:
-        count = len(one["scores"])
-        assert one["boxes"].shape == (count, 4)
-        assert one["labels"].shape == (count,)
-        assert one["labels"].dtype == torch.int64
-        assert ((one["scores"] >= 0) & (one["scores"] <= 1)).all()
-        assert (one["scores"].diff() <= 0).all()
+    detections = model([torch.rand(3, 128, 128), torch.rand(3, 128, 128)])
+    assert len(detections) == 2
+    for answer in detections:
+        count = len(answer["scores"])
+        assert answer["boxes"].shape == (count, 4)
+        assert answer["labels"].shape == (count,)
+        assert answer["labels"].dtype == torch.int64
+        assert ((answer["scores"] >= 0) & (answer["scores"] <= 1)).all()
+        assert (answer["scores"].diff() <= 0).all()
     assert model.labels == {name: i + 1 for i, name in enumerate(CLASSES)}
 
 
@@ -94,11 +94,11 @@ def pictures():
     return [*shown, rng.choice(np.array([0, 255], np.uint8), shown[0].shape)]
 
 
-def assert_equal(found, expected):
-    for one, other in zip(found, expected, strict=True):
+def assert_equal(detections, expected):
+    for answer, other in zip(detections, expected, strict=True):
         for key in ("boxes", "labels", "scores"):
-            np.testing.assert_array_equal(one[key], other[key])
-            assert one[key].dtype == other[key].dtype
+            np.testing.assert_array_equal(answer[key], other[key])
+            assert answer[key].dtype == other[key].dtype
 
 
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
@@ -106,11 +106,11 @@ def test_the_folded_network_finds_what_the_network_finds(name, pictures):
     model = agents.load(name, "SADA-Detection")
     folded = DetectorAgent(model).act(pictures)
     plain = DetectorAgent(lambda images: model(images), 4).act(pictures)
-    for one, other in zip(folded, plain, strict=True):
-        np.testing.assert_array_equal(one["labels"], other["labels"])
-        np.testing.assert_allclose(one["scores"], other["scores"], atol=5e-6)
-        np.testing.assert_allclose(one["boxes"], other["boxes"], atol=1e-3)
-    assert max(len(one["scores"]) for one in folded) > 1
+    for answer, other in zip(folded, plain, strict=True):
+        np.testing.assert_array_equal(answer["labels"], other["labels"])
+        np.testing.assert_allclose(answer["scores"], other["scores"], atol=5e-6)
+        np.testing.assert_allclose(answer["boxes"], other["boxes"], atol=1e-3)
+    assert max(len(answer["scores"]) for answer in folded) > 1
 
 
 @pytest.mark.parametrize("tile", [DETECTOR_TILE, 1, 5, 16])
@@ -130,12 +130,12 @@ def test_folding_leaves_the_network_and_its_weights_alone():
     model = agents.load("photographer", "SADA-Detection")
     before, image = model.state_dict(), torch.rand(3, 64, 64)
     before = {name: value.clone() for name, value in before.items()}
-    found = model([image])[0]["scores"]
+    scores = model([image])[0]["scores"]
     agent = DetectorAgent(model)
     assert agent.fingerprint == agents.fingerprint(model)
     assert before.keys() == model.state_dict().keys()
     assert all(torch.equal(model.state_dict()[name], value) for name, value in before.items())
-    assert torch.equal(model([image])[0]["scores"], found)
+    assert torch.equal(model([image])[0]["scores"], scores)
 
 
 class Silent(Detector):
@@ -151,7 +151,9 @@ class Silent(Detector):
 def test_a_subclass_is_called_as_it_is(pictures):
     model = Silent(CLASSES).eval()
     model.load_state_dict(agents.load("photographer", "SADA-Detection").state_dict())
-    assert [len(one["scores"]) for one in DetectorAgent(model).act(pictures)] == [0] * len(pictures)
+    assert [len(answer["scores"]) for answer in DetectorAgent(model).act(pictures)] == [0] * len(
+        pictures
+    )
 
 
 def test_a_detector_keeps_its_floor_and_its_number_of_detections(pictures):
@@ -160,9 +162,9 @@ def test_a_detector_keeps_its_floor_and_its_number_of_detections(pictures):
     for settings in ({}, {"floor": 0.5}, {"floor": 0.0, "top": 40}, {"top": 1}):
         model = Detector(CLASSES, **settings).eval()
         model.load_state_dict(weights)
-        found = DetectorAgent(model).act(pictures)
-        assert all((one["scores"] >= model.floor).all() for one in found)
-        counts.append(sum(len(one["scores"]) for one in found))
+        answers = DetectorAgent(model).act(pictures)
+        assert all((answer["scores"] >= model.floor).all() for answer in answers)
+        counts.append(sum(len(answer["scores"]) for answer in answers))
     assert counts[3] <= len(pictures) < counts[0] < counts[2] <= 20 * len(pictures)
     assert counts[1] < counts[0]
 

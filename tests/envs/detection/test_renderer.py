@@ -79,8 +79,8 @@ def test_the_box_is_the_projection_of_the_shape(azimuth, aim):
     expected = np.concatenate(
         [((plane * [1, -1]).min(0) + 1) * 64, ((plane * [1, -1]).max(0) + 1) * 64]
     )
-    found = default_renderer().render(this, 128).box
-    np.testing.assert_allclose(found, expected, atol=0.75)
+    box = default_renderer().render(this, 128).box
+    np.testing.assert_allclose(box, expected, atol=0.75)
 
 
 def test_front_side_and_mirror_image():
@@ -142,18 +142,20 @@ def test_a_batch_equals_its_scenes_one_by_one():
     shapes = [CAR, None, benchmark_shapes("boat")[0], benchmark_shapes("car")[1], CAR]
     scenes = [scene(shape, seed) for seed, shape in enumerate(shapes)]
     batch = default_renderer().render_batch(scenes, 64)
-    for one, found in zip(scenes, batch, strict=True):
-        np.testing.assert_array_equal(default_renderer().render(one, 64).image, found.image)
+    for world, rendering in zip(scenes, batch, strict=True):
+        np.testing.assert_array_equal(default_renderer().render(world, 64).image, rendering.image)
     assert default_renderer().render_batch([], 64) == []
 
 
 def test_a_large_shape_is_drawn_where_it_is():
     ball = trimesh.creation.icosphere(6)
     assert len(ball.faces) == 81_920
-    found = render(assemble("test/ball", "ball", [Part(ball)]), size=64)
+    rendering = render(assemble("test/ball", "ball", [Part(ball)]), size=64)
     side = 5 / np.sqrt(3) / 2 / (9 * np.tan(np.radians(21))) * 32
-    np.testing.assert_allclose(found.box, [32 - side, 32 - side, 32 + side, 32 + side], atol=1.5)
-    np.testing.assert_allclose(found.mask.sum(), np.pi * side**2, rtol=0.05)
+    np.testing.assert_allclose(
+        rendering.box, [32 - side, 32 - side, 32 + side, 32 + side], atol=1.5
+    )
+    np.testing.assert_allclose(rendering.mask.sum(), np.pi * side**2, rtol=0.05)
 
 
 def test_triangles_without_area_or_numbers_are_left_out():
@@ -170,20 +172,20 @@ def test_triangles_without_area_or_numbers_are_left_out():
         materials=np.append(cuboid.materials, [0, 0, 0, 0, 0]),
     )
     flawed.__dict__.update(height=cuboid.height)  # of NaN there is none
-    for found, expected in (
+    for rendering, expected in (
         (render(flawed, camera_pitch_deg=p), render(cuboid, camera_pitch_deg=p))
         for p in (0.0, 50.0)
     ):
-        np.testing.assert_array_equal(found.image, expected.image)
+        np.testing.assert_array_equal(rendering.image, expected.image)
 
 
 def test_no_faces_are_an_empty_place():
     cuboid = box_shape((2.0, 2.0, 2.0))
     empty = dataclasses.replace(cuboid, faces=cuboid.faces[:0], materials=cuboid.materials[:0])
-    found = render(empty)
-    assert found.box is None
-    assert not found.mask.any()
-    assert found.image.std() > 0
+    rendering = render(empty)
+    assert rendering.box is None
+    assert not rendering.mask.any()
+    assert rendering.image.std() > 0
 
 
 def test_what_is_behind_the_camera_is_not_seen():
@@ -219,9 +221,9 @@ def test_a_face_that_reaches_behind_the_camera_is_cut_off_at_it():
         double_sided=True,
     )
     floor.__dict__.update(height=2.0)  # the camera's height is half of it
-    found = render(floor, camera_pitch_deg=0.0, camera_azimuth_deg=0.0)
-    assert found.mask[70:].all()
-    assert not found.mask[:62].any()
+    rendering = render(floor, camera_pitch_deg=0.0, camera_azimuth_deg=0.0)
+    assert rendering.mask[70:].all()
+    assert not rendering.mask[:62].any()
 
 
 def test_open_surfaces_show_from_behind_only_if_they_are_double_sided():
@@ -247,9 +249,9 @@ def test_open_surfaces_show_from_behind_only_if_they_are_double_sided():
 
 @pytest.mark.parametrize("size", [8, 33, 101, 130])
 def test_pictures_of_any_size(size):
-    found = render(CAR, size=size)
-    assert found.image.shape == (size, size, 3)
-    np.testing.assert_allclose(found.box / size, render(CAR).box / 128, atol=1.5 / size)
+    rendering = render(CAR, size=size)
+    assert rendering.image.shape == (size, size, 3)
+    np.testing.assert_allclose(rendering.box / size, render(CAR).box / 128, atol=1.5 / size)
 
 
 def test_meshes_that_are_none_are_refused():
@@ -280,7 +282,7 @@ def test_places_vary_with_the_seed():
 @pytest.mark.parametrize("name", family(CLASSES, "car"))
 def test_every_benchmark_shape_is_in_sight_and_inside_the_frame(name):
     for shape in benchmark_shapes(name):
-        found = render(shape, camera_distance=8.0, size=64)
-        assert found.mask.sum() > 30, shape.name
-        assert (found.box >= 0).all()
-        assert (found.box <= 64).all()
+        rendering = render(shape, camera_distance=8.0, size=64)
+        assert rendering.mask.sum() > 30, shape.name
+        assert (rendering.box >= 0).all()
+        assert (rendering.box <= 64).all()

@@ -383,5 +383,5 @@ def test_tiles():
     assert ClassifierAgent(network).tile == CLASSIFIER_TILE
     alone = np.concatenate([ClassifierAgent(network).act(image[None]) for image in images])
     np.testing.assert_array_equal(ClassifierAgent(network).act(images), alone)
-    one = ClassifierAgent(network, tile=1).act(images)
-    np.testing.assert_allclose(one, alone, atol=1e-4)
+    answers = ClassifierAgent(network, tile=1).act(images)
+    np.testing.assert_allclose(answers, alone, atol=1e-4)

@@ -100,11 +100,11 @@ def test_the_agent_is_the_digits():
 def test_golden_scores():
     """Scores that published results rest on; other processors differ in the last digits."""
     mu = np.sign(np.random.default_rng(42).uniform(-1, 1, (6, 64)))
-    found = [
+    scores = [
         PixelApplication(image, radius=0.4).evaluate(row[None], [0]).score[0]
         for image, row in zip((0, 3, 8, 50, 100, 200), mu, strict=True)
     ]
-    np.testing.assert_allclose(found, GOLDEN, atol=1e-5)
+    np.testing.assert_allclose(scores, GOLDEN, atol=1e-5)
 
 
 GOLDEN = [0.999339, 0.996588, 0.999979, 0.0, 0.0, 0.988319]
