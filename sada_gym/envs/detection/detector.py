@@ -53,8 +53,8 @@ class DetectorAgent:
         image_size: The pixels a side of the images to come, if they are known and square.
 
     Raises:
-        UserError: If the network is in training mode, the tile is no int from 1 to `MAX_TILE`, or
-            the shipped architecture cannot take images of that size.
+        UserError: If the network is in training mode, the tile is not an int from 1 to `MAX_TILE`,
+            or the shipped architecture cannot take images of that size.
     """
 
     def __init__(

@@ -37,8 +37,8 @@ class ClassifierAgent:
         tile: Images in one call; by default 16 for the shipped architecture and 1 for others.
 
     Raises:
-        UserError: If the network cannot be called or is in training mode, or the tile is no int
-            from 1 to `MAX_TILE`.
+        UserError: If the network cannot be called or is in training mode, or the tile is not an
+            int from 1 to `MAX_TILE`.
     """
 
     def __init__(self, network: ClassifierLike, tile: int | None = None) -> None:

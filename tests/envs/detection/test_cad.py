@@ -367,11 +367,11 @@ def test_what_is_no_file_is_a_sentence(tmp_path: Path) -> None:
     """A FIFO would be waited for, and /dev/zero has no end."""
     (tmp_path / "car").mkdir()
     os.mkfifo(tmp_path / "car" / "pipe.obj")
-    with pytest.raises(UserError, match=r"pipe\.obj, got something that is no file"):
+    with pytest.raises(UserError, match=r"pipe\.obj, got something that is not a file"):
         load_folder(tmp_path)
     (tmp_path / "car" / "pipe.obj").unlink()
     (tmp_path / "car" / "zero.obj").symlink_to("/dev/zero")
-    with pytest.raises(UserError, match=r"zero\.obj, got something that is no file"):
+    with pytest.raises(UserError, match=r"zero\.obj, got something that is not a file"):
         load_folder(tmp_path)
 
 

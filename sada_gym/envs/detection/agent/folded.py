@@ -48,7 +48,7 @@ class FoldedDetector:
             (n, top, 6): x0 y0 x1 y1 in pixels, label, score; best first, doubles among them.
 
         Raises:
-            UserError: If H or W is no multiple of 16.
+            UserError: If H or W is not a multiple of 16.
         """
         check_size(*images.shape[1:3])
         pixels = torch.from_numpy(np.ascontiguousarray(images)).permute(0, 3, 1, 2)

@@ -111,7 +111,7 @@ class Detector(nn.Module):
         """Detect: see the class.
 
         Raises:
-            UserError: If H or W is no multiple of 16.
+            UserError: If H or W is not a multiple of 16.
         """
         batch = torch.stack(list(images))
         check_size(*batch.shape[2:])
@@ -124,7 +124,7 @@ class Detector(nn.Module):
 
 
 def check_size(height: int, width: int) -> None:
-    """Raise `UserError` for images whose sides are no multiples of 16 pixels."""
+    """Raise `UserError` for images whose sides are not multiples of 16 pixels."""
     if height % MULTIPLE or width % MULTIPLE:
         raise UserError(
             f"Expected images whose sides are multiples of {MULTIPLE} pixels for this detector, "
@@ -156,8 +156,8 @@ def boxes_at(reach: Tensor, cell: Tensor) -> Tensor:
 def unique(boxes: Tensor, labels: Tensor, alive: Tensor, overlap: float = 0.5) -> Tensor:
     """Say which of boxes (b, n, 4), best first, with labels (b, n) are the best where they lie.
 
-    A box is left out that is not `alive`, (b, n) bool, or that overlaps a better one of its class
-    by more than `overlap`.
+    A box is left out if it is not `alive`, (b, n) bool, or overlaps a better one of its class by
+    more than `overlap`.
     """
     doubles = iou(boxes[:, :, None], boxes[:, None]) > overlap
     doubles &= labels[:, :, None] == labels[:, None]

@@ -81,7 +81,7 @@ def validate_renderer(renderer: Any) -> Renderer:
     """Return a user's renderer.
 
     Raises:
-        UserError: If it is no `Renderer`, or its identity is no text.
+        UserError: If it is not a `Renderer`, or its identity is not a text.
     """
     if not isinstance(renderer, Renderer):
         raise UserError(

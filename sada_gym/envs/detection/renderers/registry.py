@@ -25,7 +25,7 @@ def find_renderer(renderer: Any) -> Renderer:
             renderer.
 
     Raises:
-        UserError: If there is no such renderer, or it is none.
+        UserError: If there is no such renderer, or it is not a `Renderer`.
     """
     if not isinstance(renderer, str):
         return validate_renderer(renderer)

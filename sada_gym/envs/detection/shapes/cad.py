@@ -126,7 +126,7 @@ def fingerprint(shapes: Iterable[Shape]) -> str:
 def _class_folders(root: Path) -> list[str]:
     if not root.is_dir():
         raise UserError(
-            f"Expected a folder of CAD files, got {root}, which is no folder; give the one "
+            f"Expected a folder of CAD files, got {root}, which is not a folder; give the one "
             "that holds one folder a class."
         )
     folders = [entry for entry in root.iterdir() if entry.is_dir() and entry.name[0] != "."]

@@ -43,7 +43,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
 
 def _read(file: Path) -> trimesh.Trimesh:
     if not file.is_file():
-        raise UserError("something that is no file")
+        raise UserError("something that is not a file")
     if file.stat().st_size > MAX_BYTES:
         raise UserError(f"a file of more than {MAX_BYTES // 2**20:,} MB")
     suffix = file.suffix.lower()
