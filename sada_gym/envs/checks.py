@@ -54,32 +54,32 @@ def check_evaluation_mode(network: Any, kind: str) -> None:
             )
 
 
-def check_number(name: str, given: Any, least: float, greatest: float) -> None:
+def check_number(name: str, given: Any, low: float, high: float) -> None:
     """Check that an argument is a number in a range.
 
     Raises:
-        ValueError: If it is not a number from least to greatest.
+        ValueError: If it is not a number from low to high.
     """
-    if not is_number(given) or not least <= given <= greatest:
-        raise UserError(f"Expected {name} from {least:g} to {greatest:g}, got {given!r}.")
+    if not is_number(given) or not low <= given <= high:
+        raise UserError(f"Expected {name} from {low:g} to {high:g}, got {given!r}.")
 
 
-def check_range(name: str, given: Any, least: float, greatest: float) -> None:
-    """Check that an argument is a tuple of two numbers; ints if least and greatest are ints.
+def check_range(name: str, given: Any, low: float, high: float) -> None:
+    """Check that an argument is a tuple of two numbers; ints if low and high are ints.
 
     Raises:
-        ValueError: If it is not a tuple (low, high) between least and greatest.
+        ValueError: If it is not a tuple of two such numbers in order.
     """
-    whole = isinstance(least, int)
+    whole = isinstance(low, int)
     if (
         not isinstance(given, tuple)
         or len(given) != 2
         or not all(isinstance(end, int) if whole else is_number(end) for end in given)
-        or not least <= given[0] <= given[1] <= greatest
+        or not low <= given[0] <= given[1] <= high
     ):
         raise UserError(
             f"Expected {name} to be a tuple of two {'ints' if whole else 'numbers'}, low and high, "
-            f"from {least:g} to {greatest:g}, got {given!r}."
+            f"from {low:g} to {high:g}, got {given!r}."
         )
 
 

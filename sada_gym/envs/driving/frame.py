@@ -118,7 +118,7 @@ def _map(
 ) -> Image.Image:
     picture = chart.picture.copy()
     draw, unit = ImageDraw.Draw(picture), chart.picture.width / 100
-    of = font(4.6 * unit, bold=True)
+    face = font(4.6 * unit, bold=True)
     routes = {i: chart.pixels(rollout.start.route.points) for i, rollout in rollouts.items()}
     shown = slice(None if until is None else until + 1)
     ways = {i: chart.pixels(rollout["states"][shown, :2]) for i, rollout in rollouts.items()}
@@ -138,7 +138,7 @@ def _map(
                 (x + 3 * unit, y - 3 * unit),
                 str(i + 1),
                 fill=INK_RGB,
-                font=of,
+                font=face,
                 anchor="mm",
                 stroke_width=round(0.4 * unit),
                 stroke_fill="white",
@@ -178,12 +178,12 @@ def _chart(width: int) -> _Chart:
     return _Chart(shown, whole.corner + low * texel, texel * part.width / width)
 
 
-def town_plan(of: TownCamera) -> _Chart:
+def town_plan(town_camera: TownCamera) -> _Chart:
     """Draw the ground with the buildings' roofs and the trees."""
-    picture = Image.fromarray(of.plan(_MAP_LEVEL).copy())
-    chart = _Chart(picture, of.ground.origin, of.ground.texel_m * 2**_MAP_LEVEL)
+    picture = Image.fromarray(town_camera.plan(_MAP_LEVEL).copy())
+    chart = _Chart(picture, town_camera.ground.origin, town_camera.ground.texel_m * 2**_MAP_LEVEL)
     draw = ImageDraw.Draw(picture)
-    for kind, x, y, ax, ay, length, width, _, *colour, _ in of.scenery.objects:
+    for kind, x, y, ax, ay, length, width, _, *colour, _ in town_camera.scenery.objects:
         fill = tuple(int(255 * np.sqrt(0.8 * c)) for c in colour)
         if kind == BUILDING:
             axis, across = np.array([ax, ay]), np.array([-ay, ax])

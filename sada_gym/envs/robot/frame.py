@@ -133,14 +133,17 @@ def _overview(rollouts: Rollouts, first: int) -> Image.Image:
     return chart.finished()
 
 
-def _conditions(of: Conditions) -> str:
-    ahead = "ahead" if of.payload_offset_m >= 0 else "behind"
+def _conditions(physics: Conditions) -> str:
+    ahead = "ahead" if physics.payload_offset_m >= 0 else "behind"
+    turned = _left(physics.lidar_yaw_deg, "°")
+    aside = _left(100 * physics.lidar_offset_m, " cm")
     return (
-        f"friction {of.floor_friction:.2f}, payload {of.payload_kg:.1f} kg, "
-        f"{100 * abs(of.payload_offset_m):.0f} cm {ahead}\n"
-        f"wheels {100 * of.wheel_gain:+.0f} %, latency {of.latency_s:.2f} s, {of.barrels} barrels\n"
-        f"lidar: turned {_left(of.lidar_yaw_deg, '°')}, {_left(100 * of.lidar_offset_m, ' cm')},\n"
-        f"noise {100 * of.lidar_noise_m:.0f} cm, {100 * of.lidar_dropout:.0f} % of its rays lost"
+        f"friction {physics.floor_friction:.2f}, payload {physics.payload_kg:.1f} kg, "
+        f"{100 * abs(physics.payload_offset_m):.0f} cm {ahead}\n"
+        f"wheels {100 * physics.wheel_gain:+.0f} %, latency {physics.latency_s:.2f} s, "
+        f"{physics.barrels} barrels\nlidar: turned {turned}, {aside},\n"
+        f"noise {100 * physics.lidar_noise_m:.0f} cm, "
+        f"{100 * physics.lidar_dropout:.0f} % of its rays lost"
     )
 
 

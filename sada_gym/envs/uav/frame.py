@@ -100,9 +100,9 @@ def shown_step(rollout: Rollout[RacingStart]) -> tuple[int, str]:
     to_gate = centre - flown[:, :3]
     before = to_gate[:, :2] @ [np.cos(heading), np.sin(heading)] > 0
     far = np.abs(np.sqrt((to_gate**2).sum(axis=1)) - _SEEN_FROM_M)
-    of = camera()
-    places = np.concatenate([of.project(state, centre[None]) for state in flown])
-    off = np.hypot(*(places - [of.columns / 2, of.rows / 2]).T) * of.pixel
+    lens = camera()
+    places = np.concatenate([lens.project(state, centre[None]) for state in flown])
+    off = np.hypot(*(places - [lens.columns / 2, lens.rows / 2]).T) * lens.pixel
     in_view = off < np.tan(np.deg2rad(_IN_VIEW_DEG))  # never behind the camera: NaN there
     if not (in_view & before).any():  # a drone that leans far may never have it in view
         far = np.nan_to_num(off, nan=np.inf)
@@ -139,9 +139,9 @@ def _track(rollout: Rollout[RacingStart]) -> str:
 
 def observation(start: RacingStart, state: Floats) -> Frame:
     """Draw what the drone's camera sees, large, from a state (13,)."""
-    of = camera(VIEW_ROWS, VIEW_COLUMNS)
+    lens = camera(VIEW_ROWS, VIEW_COLUMNS)
     frame: Frame
-    (frame,) = of.draw(start.gates[None], state[None], [start.seed])
+    (frame,) = lens.draw(start.gates[None], state[None], [start.seed])
     return frame
 
 
@@ -182,14 +182,14 @@ class Plan:
         for way in flown:
             draw.line(self._pixels(way), fill=_FLOWN, width=4)
         codes = np.zeros(len(self.gates), int) if endings is None else np.asarray(endings)
-        of = font(19 * _FINER, bold=True)
+        face = font(19 * _FINER, bold=True)
         for number, (gate, code) in enumerate(zip(self.gates, codes.tolist(), strict=True), 1):
             colour = _AHEAD if code == GateOutcome.AHEAD else _MISSED
             colour = _PASSED if code == GateOutcome.PASSED else colour
             self._gate(draw, gate, colour, code)
             aside = gate[:2] + 3.2 * np.array([np.sin(gate[3]), -np.cos(gate[3])])
             (place,) = self._pixels(aside[None])
-            draw.text(place, str(number), fill=colour, font=of, anchor="mm")
+            draw.text(place, str(number), fill=colour, font=face, anchor="mm")
         for x, y in self._pixels(np.empty((0, 2)) if hits is None else hits):
             cross(draw, (x, y), _CROSS, INK_RGB, (14, 6))
         if drone is not None:

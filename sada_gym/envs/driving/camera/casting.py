@@ -75,10 +75,10 @@ def cast(
                             normal = -2.0 * sy  # across it
                 if distance < 0.3 or distance > reach:
                     continue
-                known = False
+                met = False
                 for j in range(count):
-                    known |= hits[j, 1] == i
-                if known or (count == MOST_HITS and distance >= hits[count - 1, 0]):
+                    met |= hits[j, 1] == i
+                if met or (count == MOST_HITS and distance >= hits[count - 1, 0]):
                     continue
                 j = min(count, MOST_HITS - 1)
                 while j > 0 and hits[j - 1, 0] > distance:

@@ -143,7 +143,7 @@ class _Site:
 
 def _indexed(objects: Floats, ground: Ground) -> Scenery:
     rows, columns = (math.ceil(size * ground.texel_m / CELL_M) for size in ground.shape[0])
-    held: list[list[int]] = [[] for _ in range(rows * columns)]
+    cells: list[list[int]] = [[] for _ in range(rows * columns)]
     for i, (kind, x, y, ax, ay, half_length, half_width, *_) in enumerate(objects):
         reach_x = half_length if kind == TREE else abs(ax) * half_length + abs(ay) * half_width
         reach_y = half_length if kind == TREE else abs(ay) * half_length + abs(ax) * half_width
@@ -154,12 +154,12 @@ def _indexed(objects: Floats, ground: Ground) -> Scenery:
         )
         for row in range(max(0, int(low[1])), min(rows - 1, int(high[1])) + 1):
             for column in range(max(0, int(low[0])), min(columns - 1, int(high[0])) + 1):
-                held[row * columns + column].append(i)
-    counts = [len(items) for items in held]
+                cells[row * columns + column].append(i)
+    counts = [len(items) for items in cells]
     return Scenery(
         objects=objects,
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        items=np.array([i for items in held for i in items], np.int64),
+        items=np.array([i for items in cells for i in items], np.int64),
         origin=ground.origin,
         cells=np.array([rows, columns], np.int64),
     )

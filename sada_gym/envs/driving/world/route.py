@@ -69,10 +69,10 @@ def make_route(
     """
     for pair in pairwise(corners):
         if pair not in town.streets:
-            known = ", ".join(town.layout.neighbours(pair[0])) or "none"
+            neighbours = ", ".join(town.layout.neighbours(pair[0])) or "none"
             raise UserError(
                 f"Expected a street from {pair[0]} to {pair[1]}, got none. From {pair[0]} streets "
-                f"lead to: {known}."
+                f"lead to: {neighbours}."
             )
     lanes: list[AbstractLane] = []
     junctions: list[tuple[float, float, int]] = []

@@ -17,13 +17,13 @@ SEES_M = 0.9
 @kernel
 def places_of(lanes: Floats, carts: Floats) -> Floats:
     """Return where carts are, (n, c, 2): lanes (n, c, 4), carts (n, c, 2), see `drive`."""
-    found = np.empty(carts.shape)
+    places = np.empty(carts.shape)
     for i in range(carts.shape[0]):
         for k in range(carts.shape[1]):
             for axis in range(2):
                 start = lanes[i, k, axis]
-                found[i, k, axis] = start + carts[i, k, 0] * (lanes[i, k, axis + 2] - start)
-    return found
+                places[i, k, axis] = start + carts[i, k, 0] * (lanes[i, k, axis + 2] - start)
+    return places
 
 
 @kernel

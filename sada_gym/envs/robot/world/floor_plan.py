@@ -151,15 +151,15 @@ def _draw_round(
     lanes: Floats,
 ) -> Floats:
     """Draw pillars or barrels: they stand free, or against one rack or wall."""
-    found = np.zeros((count, 3))
+    circles = np.zeros((count, 3))
     placed = 0
     for _ in range(_TRIES):
         if placed == count:
             break
         candidates = rng.random((256, 6))
         candidates[:, 2] = radii[0] + candidates[:, 2] * (radii[1] - radii[0])
-        placed = _place(candidates, np.array(HALL_M), racks, pillars, lanes, found, placed)
-    return found[:placed]
+        placed = _place(candidates, np.array(HALL_M), racks, pillars, lanes, circles, placed)
+    return circles[:placed]
 
 
 @kernel
@@ -169,16 +169,16 @@ def _place(
     racks: Floats,
     pillars: Floats,
     lanes: Floats,
-    found: Floats,
+    circles: Floats,
     placed: int,
 ) -> int:
     """Keep those candidates whose gaps are wide enough or shut; return how many are placed now.
 
     A candidate, a row of (n, 6), is x, y, radius, and three numbers from 0 to 1: whether it stands
-    at a rack, at which, and on which side. `found` (m, 3) is filled from `placed` on.
+    at a rack, at which, and on which side. `circles` (m, 3) is filled from `placed` on.
     """
     for n in range(len(candidates)):
-        if placed == len(found):
+        if placed == len(circles):
             break
         radius = candidates[n, 2]
         x = radius + candidates[n, 0] * (hall[0] - 2 * radius)
@@ -199,7 +199,7 @@ def _place(
                 gap = rectangle_distance(x, y, racks[i]) - radius
             elif i < len(racks) + len(pillars) + placed:
                 i -= len(racks)
-                other = pillars[i] if i < len(pillars) else found[i - len(pillars)]
+                other = pillars[i] if i < len(pillars) else circles[i - len(pillars)]
                 gap = math.sqrt((x - other[0]) ** 2 + (y - other[1]) ** 2) - other[2] - radius
             else:
                 i -= len(racks) + len(pillars) + placed
@@ -211,6 +211,6 @@ def _place(
             if not fits:
                 break
         if fits:
-            found[placed, 0], found[placed, 1], found[placed, 2] = x, y, radius
+            circles[placed, 0], circles[placed, 1], circles[placed, 2] = x, y, radius
             placed += 1
     return placed

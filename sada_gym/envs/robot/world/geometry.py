@@ -76,8 +76,8 @@ def spread_from(
     cost[start] = 0.0
     heap = [(0.0, start)]
     while len(heap):
-        known, cell = heapq.heappop(heap)
-        if known > cost[cell]:
+        cost_here, cell = heapq.heappop(heap)
+        if cost_here > cost[cell]:
             continue
         column, row = cell % columns, cell // columns
         for dy in range(-1, 2):
@@ -88,7 +88,7 @@ def spread_from(
                 if not 0 <= other < len(cells) or cells[other] < least_m:
                     continue
                 tight = max(0.0, 1.0 - cells[other] / room_m)
-                new = known + CELL_M * math.sqrt(dx * dx + dy * dy) * (1.0 + 2.0 * tight)
+                new = cost_here + CELL_M * math.sqrt(dx * dx + dy * dy) * (1.0 + 2.0 * tight)
                 if new < cost[other] - 1e-9:
                     cost[other], before[other] = new, cell
                     heapq.heappush(heap, (new, other))

@@ -93,12 +93,12 @@ def scan(
         for k in range(RAYS):
             believed = heading + 2 * math.pi * k / RAYS
             angle = believed + mounts[i, 0]
-            found = distance(x, y, math.cos(angle), math.sin(angle), hall, racks[i], circles[i])
+            range_m = distance(x, y, math.cos(angle), math.sin(angle), hall, racks[i], circles[i])
             points[i, k, 0] = points[i, k, 1] = math.nan
-            if found < RANGE_M and not lost[i, k]:
-                found = max(0.0, found + noise_m[i, k])
-                points[i, k, 0] = poses[i, 0] + found * math.cos(believed)
-                points[i, k, 1] = poses[i, 1] + found * math.sin(believed)
+            if range_m < RANGE_M and not lost[i, k]:
+                range_m = max(0.0, range_m + noise_m[i, k])
+                points[i, k, 0] = poses[i, 0] + range_m * math.cos(believed)
+                points[i, k, 1] = poses[i, 1] + range_m * math.sin(believed)
 
 
 @kernel

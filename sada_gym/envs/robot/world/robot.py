@@ -119,16 +119,16 @@ def velocities(
         rims: (n, steps, 2) the commanded speeds.
         dt_s: The time of one step.
     """
-    found = np.empty((len(poses), rims.shape[1], 3))
+    moved = np.empty((len(poses), rims.shape[1], 3))
     worn = np.empty(2)
     for i in range(len(poses)):
         heading = poses[i, 2]
         for k in range(rims.shape[1]):
             worn[0], worn[1] = rims[i, k, 0] * (1.0 - gain[i]), rims[i, k, 1] * (1.0 + gain[i])
             move(velocity[i], heading, payload[i], friction[i], worn, dt_s)
-            found[i, k] = velocity[i]
+            moved[i, k] = velocity[i]
             heading += velocity[i, 2] * dt_s
-    return found
+    return moved
 
 
 @kernel

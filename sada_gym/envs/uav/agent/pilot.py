@@ -93,8 +93,8 @@ class WaypointPilot:
                 f"Expected answers of shape {shape} from {type(self.network).__name__}, got "
                 f"{tuple(answers.shape)}."
             )
-        known: Floats32 = answers.numpy()
-        return np.where(np.isfinite(known), known, np.float32(np.nan))
+        numbers: Floats32 = answers.numpy()
+        return np.where(np.isfinite(numbers), numbers, np.float32(np.nan))
 
 
 def as_pilot(agent: Any) -> Pilot:

@@ -133,7 +133,7 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
     rows, columns = picture.shape[0], picture.shape[1]
     x, y, pz = view.place[0] + view.shift[0], view.place[1] + view.shift[1], view.place[2]
     size, clouds, hills, scales = field.size, field.clouds, field.hills, field.scales
-    levels, many = len(field.first), len(clouds)
+    levels, size_of_clouds = len(field.first), len(clouds)
     unit = (pixel * scales[0]) ** 2
     zenith = (70.0, 125.0, 205.0)
     ground_light = view.ambient + view.direct * view.sun[2]
@@ -177,8 +177,8 @@ def _background(picture: Bytes, view: View, pixel: float, field: Field) -> None:
                     continue
             high = dz / (0.35 * flat + dz)
             over = 60.0 / (dz + 0.12 * flat)
-            i = math.floor(over * dx + x) & (many - 1)
-            j = math.floor(over * dy + y) & (many - 1)
+            i = math.floor(over * dx + x) & (size_of_clouds - 1)
+            j = math.floor(over * dy + y) & (size_of_clouds - 1)
             cloud = min(5 * high, 1.0) * clouds[i, j]
             for channel in range(3):
                 sky = haze[channel] + high * (zenith[channel] - haze[channel])
@@ -252,13 +252,13 @@ def _clipped(corners: Floats, out: Floats) -> int:
     count = 0
     for i in range(4):
         k = (i + 1) & 3
-        here, there = corners[i, 0] - NEAR_M, corners[k, 0] - NEAR_M
-        if here >= 0:
+        depth, next_depth = corners[i, 0] - NEAR_M, corners[k, 0] - NEAR_M
+        if depth >= 0:
             for axis in range(3):
                 out[count, axis] = corners[i, axis]
             count += 1
-        if (here >= 0) != (there >= 0):
-            share = here / (here - there)
+        if (depth >= 0) != (next_depth >= 0):
+            share = depth / (depth - next_depth)
             for axis in range(3):
                 out[count, axis] = corners[i, axis] + share * (corners[k, axis] - corners[i, axis])
             out[count, 0] = NEAR_M

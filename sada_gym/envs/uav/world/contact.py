@@ -68,8 +68,8 @@ def _meet(own: Floats, x: float, y: float, z: float, width: float, height: float
             return False
         for k in range(3):
             c, d = (k + 1) % 3, (k + 2) % 3
-            most = bar[a] * size[b, k] + bar[b] * size[a, k]
-            most += _HALF[c] * size[i, d] + _HALF[d] * size[i, c]
-            if abs(off[b] * own[a, k] - off[a] * own[b, k]) > most:
+            reach = bar[a] * size[b, k] + bar[b] * size[a, k]
+            reach += _HALF[c] * size[i, d] + _HALF[d] * size[i, c]
+            if abs(off[b] * own[a, k] - off[a] * own[b, k]) > reach:
                 return False
     return True

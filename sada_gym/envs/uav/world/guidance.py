@@ -34,17 +34,17 @@ BACK_M = 3.0
 @kernel
 def waypoints(gates: Floats, states: Floats) -> Floats:
     """Return the true waypoints, (n, 4): gates (n, 4) in the level frames of drones (n, 13)."""
-    found = np.empty((len(states), 4))
+    seen = np.empty((len(states), 4))
     for i in range(len(states)):
         s = states[i]
         heading = heading_of(s[3], s[4], s[5], s[6])
         cosine, sine = math.cos(heading), math.sin(heading)
         dx, dy = gates[i, 0] - s[0], gates[i, 1] - s[1]
-        found[i, 0] = dx * cosine + dy * sine
-        found[i, 1] = -dx * sine + dy * cosine
-        found[i, 2] = gates[i, 2] - s[2]
-        found[i, 3] = _wrapped(gates[i, 3] - heading)
-    return found
+        seen[i, 0] = dx * cosine + dy * sine
+        seen[i, 1] = -dx * sine + dy * cosine
+        seen[i, 2] = gates[i, 2] - s[2]
+        seen[i, 3] = _wrapped(gates[i, 3] - heading)
+    return seen
 
 
 @kernel

@@ -43,32 +43,32 @@ class GateOutcome(IntEnum):
 @kernel
 def observed_gates(waypoints: Floats) -> Floats32:
     """Return waypoints (n, 4) as observed: place over `UNIT_M`, cosine and sine of the heading."""
-    found = np.empty((len(waypoints), 5), np.float32)
+    observed = np.empty((len(waypoints), 5), np.float32)
     for i in range(len(waypoints)):
         for k in range(3):
-            found[i, k] = min(max(waypoints[i, k] / UNIT_M, -1.0), 1.0)
-        found[i, 3], found[i, 4] = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])
-    return found
+            observed[i, k] = min(max(waypoints[i, k] / UNIT_M, -1.0), 1.0)
+        observed[i, 3], observed[i, 4] = math.cos(waypoints[i, 3]), math.sin(waypoints[i, 3])
+    return observed
 
 
 @kernel
 def observed_motion(states: Floats) -> Floats32:
     """Return velocity in the level frame, the world's up in the body's frame, and body rates."""
-    found = np.empty((len(states), 9))
+    observed = np.empty((len(states), 9))
     for i in range(len(states)):
         s = states[i]
         heading = heading_of(s[3], s[4], s[5], s[6])
         cosine, sine = math.cos(heading), math.sin(heading)
         r = rotation(s[3], s[4], s[5], s[6])
-        found[i, 0] = (s[7] * cosine + s[8] * sine) / TOP_SPEED_M_S
-        found[i, 1] = (s[8] * cosine - s[7] * sine) / TOP_SPEED_M_S
-        found[i, 2] = s[9] / TOP_SPEED_M_S
+        observed[i, 0] = (s[7] * cosine + s[8] * sine) / TOP_SPEED_M_S
+        observed[i, 1] = (s[8] * cosine - s[7] * sine) / TOP_SPEED_M_S
+        observed[i, 2] = s[9] / TOP_SPEED_M_S
         for k in range(3):
-            found[i, 3 + k] = r[2, k]
-            found[i, 6 + k] = (r[0, k] * s[10] + r[1, k] * s[11] + r[2, k] * s[12]) / UNIT_RAD_S
+            observed[i, 3 + k] = r[2, k]
+            observed[i, 6 + k] = (r[0, k] * s[10] + r[1, k] * s[11] + r[2, k] * s[12]) / UNIT_RAD_S
         for k in range(9):
-            found[i, k] = min(max(found[i, k], -1.0), 1.0)
-    return found.astype(np.float32)
+            observed[i, k] = min(max(observed[i, k], -1.0), 1.0)
+    return observed.astype(np.float32)
 
 
 @kernel

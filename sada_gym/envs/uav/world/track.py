@@ -161,10 +161,10 @@ def to_frame(gate: Floats, x: float, y: float) -> float:
 
 
 @kernel
-def _cross(one: Floats, other: Floats) -> bool:
-    ax, ay = -math.sin(one[3]), math.cos(one[3])
+def _cross(gate: Floats, other: Floats) -> bool:
+    ax, ay = -math.sin(gate[3]), math.cos(gate[3])
     bx, by = -math.sin(other[3]), math.cos(other[3])
-    dx, dy = other[0] - one[0], other[1] - one[1]
+    dx, dy = other[0] - gate[0], other[1] - gate[1]
     across = ax * by - ay * bx
     if abs(across) < 1e-12:
         return False
