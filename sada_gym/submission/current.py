@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from sada_gym import agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.suite import TABLES, Table
+from sada_gym.benchmark.suite import TABLES
 from sada_gym.cards import cards
 from sada_gym.errors import MissingExtra, UserError, check_known
 from sada_gym.experiment.adversary import AdversarySpec
@@ -62,12 +62,6 @@ def current_target(track: str, agent: str) -> OpenTarget:
         return target
 
 
-def find_rule(rule: str) -> Table:
-    """Return the table whose budget a rule names; raise a UserError if there is none."""
-    check_known("rule", [rule], RULES)
-    return TABLES[rule]
-
-
 def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySpec) -> Experiment:
     """Return the experiment as the benchmark would make it now.
 
@@ -80,8 +74,8 @@ def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySp
     Raises:
         UserError: If one of them is unknown, or one of our adversaries refuses the options.
     """
-    target, table = current_target(track, agent), find_rule(rule)
-    solver = None
+    target, solver = current_target(track, agent), None
+    check_known("rule", [rule], RULES)
     if adversary.is_ours:
         adversary = adversary.resolve()
         solver = _make(adversary, target)
@@ -90,7 +84,7 @@ def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySp
     return Experiment(
         target=target.target,
         adversary=adversary,
-        protocol=table.protocol(target, adversary, solver),
+        protocol=TABLES[rule].protocol(target, adversary, solver),
     )
 
 

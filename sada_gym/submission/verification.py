@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from typing_extensions import Self
 
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations, seed_of
 from sada_gym.experiment.record import Experiment, place_of
-from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.experiment.target import OpenTarget
 from sada_gym.parameters import Mu
-from sada_gym.results.entry import SAMPLES, Entry, GroupFiles, read_entry
+from sada_gym.results.entry import SAMPLES, Entry, EntryResult, GroupFiles, read_entry
 from sada_gym.results.models import SeedResult, Verified, VerifiedSeed
 from sada_gym.results.samples import read_samples
 from sada_gym.submission.checks import check_entry, find_outdated
@@ -88,33 +89,39 @@ def verify(
             "Expected a nonce, got none. Choose a text that nobody could know before the entries "
             "were submitted."
         )
-    entries = []
+    results: list[tuple[Entry, EntryResult]] = []
     for folder in folders:
         try:
             check_entry(folder, submission=False)
-            entries.append(read_entry(folder))
+            entry = read_entry(folder)
         except UserError as error:
             yield Finding(folder.absolute().name, "", "refused", str(error))
-    with Verifier(workers=workers, against=against) as verifier:
-        for entry, place in _by_target(entries):
-            finding = functools.partial(Finding, entry.metadata.name, place)
-            result = entry.results[place]
-            old = result.verified
-            chosen = old.nonce if nonce is None and old is not None else nonce
-            outdated = find_outdated(result.claimed.experiment)
-            if outdated:
-                yield finding("outdated", outdated)
-            elif chosen is None:
-                yield finding("differs", "nothing of these samples is verified")
-            elif old and not again and not check and (missing or old.nonce == chosen):
-                yield finding("unchanged", verified=old)
-            else:
+        else:
+            results += [(entry, result) for result in entry.results.values()]
+    for _, same_target in itertools.groupby(sorted(results, key=_attacked), _attacked):
+        with ExitStack() as stack:
+            target: OpenTarget | None = None
+            for entry, result in same_target:
+                finding = functools.partial(Finding, entry.metadata.name, result.place)
+                experiment, old = result.claimed.experiment, result.verified
+                chosen = old.nonce if nonce is None and old else nonce
+                if outdated := find_outdated(experiment):
+                    yield finding("outdated", outdated)
+                    continue
+                if chosen is None:
+                    yield finding("differs", "nothing of these samples is verified")
+                    continue
+                if old and not again and not check and (missing or old.nonce == chosen):
+                    yield finding("unchanged", verified=old)
+                    continue
                 # what was verified under another name is checked under that name
-                salt = old.salt if check and old else None
+                salt = old.salt if check and old else (entry.metadata.name, result.claimed.sha256)
                 try:
-                    new = verifier.verify(entry, place, chosen, salt=salt)
+                    if target is None:
+                        target = stack.enter_context(experiment.target.open(workers=workers))
+                    new = _verify_result(target, entry, result, salt, chosen, against)
                     if not check:
-                        GroupFiles(entry.folder, result.group).add_verified(place, new)
+                        GroupFiles(entry.folder, result.group).add_verified(result.place, new)
                 except UserError as error:
                     yield finding("refused", str(error))
                     continue
@@ -125,15 +132,9 @@ def verify(
                     yield finding("unchanged" if check else "verified", verified=new)
 
 
-def _by_target(entries: Sequence[Entry]) -> list[tuple[Entry, str]]:
-    """List all results so that those of one track and agent follow each other."""
-
-    def key(listed: tuple[Entry, str]) -> tuple[str, str]:
-        entry, place = listed
-        target = entry.results[place].claimed.experiment.target
-        return target.track, target.agent
-
-    return sorted(((entry, place) for entry in entries for place in entry.results), key=key)
+def _attacked(listed: tuple[Entry, EntryResult]) -> tuple[str, str]:
+    target = listed[1].claimed.experiment.target
+    return target.track, target.agent
 
 
 def fresh_seeds(salt: tuple[str, str], nonce: str, seed: int, count: int) -> list[int]:
@@ -147,73 +148,27 @@ def fresh_seeds(salt: tuple[str, str], nonce: str, seed: int, count: int) -> lis
     return [seed_of(hashlib.sha256(t.encode()).digest()[:4], "test") for t in texts]
 
 
-class Verifier:
-    """Scores samples again; it keeps one track with one agent open at a time.
-
-    Args:
-        workers: The number of processes that evaluate.
-        against: The folder of the entries whose samples are compared; None takes the neighbours of
-            each entry.
-    """
-
-    def __init__(self, *, workers: int = 1, against: Path | None = None) -> None:
-        self._workers, self._against = workers, against
-        self._opened: OpenTarget | None = None
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close what is open."""
-        self.close()
-
-    def close(self) -> None:
-        """Stop the workers and close the application."""
-        opened, self._opened = self._opened, None
-        if opened is not None:
-            opened.close()
-
-    def verify(
-        self, entry: Entry, place: str, nonce: str, *, salt: tuple[str, str] | None = None
-    ) -> Verified:
-        """Score the samples of a result again, each once, and measure them.
-
-        Args:
-            entry: The entry, which passed `check_entry`.
-            place: The place of the result in the entry.
-            nonce: What makes the evaluation seeds fresh.
-            salt: The names that go into them; None takes those of the entry and of the result.
-
-        Raises:
-            UserError: If the track or its reference set cannot be opened.
-        """
-        result = entry.results[place]
-        experiment = result.claimed.experiment
-        salt = salt or (entry.metadata.name, result.claimed.sha256)
-        target = self._open(experiment.target)
-        seeds = tuple(
-            _seed_evidence(target, claims, result.samples[claims.seed], salt, nonce)
-            for claims in result.claimed.seeds
-            if claims.measures is not None
-        )
-        folder = entry.folder.absolute().parent if self._against is None else self._against
-        neighbours = _neighbours(folder, entry.metadata.name, experiment, target.dimension)
-        evidence = Evidence(experiment, seeds, target.reference, neighbours)
-        return Verified.make(
-            result.claimed,
-            result.samples,
-            salt,
-            nonce,
-            (VerifiedSeed(seed=seed.claimed.seed, measures=seed.measures) for seed in seeds),
-            find_flags(evidence),
-        )
-
-    def _open(self, target: Target) -> OpenTarget:
-        if self._opened is None or self._opened.target != target:
-            self.close()
-            self._opened = target.open(workers=self._workers)
-        return self._opened
+def _verify_result(
+    target: OpenTarget,
+    entry: Entry,
+    result: EntryResult,
+    salt: tuple[str, str],
+    nonce: str,
+    against: Path | None,
+) -> Verified:
+    """Score the samples of a result again, each once, measure them, and look for flags."""
+    experiment = result.claimed.experiment
+    seeds = tuple(
+        _seed_evidence(target, claims, result.samples[claims.seed], salt, nonce)
+        for claims in result.claimed.seeds
+        if claims.measures is not None
+    )
+    folder = entry.folder.absolute().parent if against is None else against
+    neighbours = _neighbours(folder, entry.metadata.name, experiment, target.dimension)
+    evidence = Evidence(experiment, seeds, target.reference, neighbours)
+    measured = [VerifiedSeed(seed=seed.claimed.seed, measures=seed.measures) for seed in seeds]
+    flags = find_flags(evidence)
+    return Verified.make(result.claimed, result.samples, salt, nonce, measured, flags)
 
 
 def _seed_evidence(

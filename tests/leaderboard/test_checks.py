@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from made_entries import PACKAGES, make_entry, only_result, replace_result, with_changes
 
+from sada_gym.benchmark.suite import TABLES
 from sada_gym.errors import FileError, UserError
 from sada_gym.experiment.adversary import AdversarySpec
 from sada_gym.results.entry import EntryResult, GroupFiles, write_results
 from sada_gym.results.models import Result, SeedResult, Verified
 from sada_gym.submission.checks import check_entry, find_outdated
-from sada_gym.submission.current import board_tracks, current_experiment, find_rule
+from sada_gym.submission.current import board_tracks, current_experiment
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_the_budget_of_boosting_comes_on_top(digits):
     assert find_outdated(experiment) is None
     assert budget_of("SADA-Digits-3-v0", "cnn", "equal-queries", "gp") == 2_000
     assert budget_of("SADA-Detection-Car-v0", "surveyor", "paper-budgets", "x") == (
-        find_rule("paper-budgets").budget_of["SADA-Detection"].queries
+        TABLES["paper-budgets"].budget_of["SADA-Detection"].queries
     )
     assert budget_of("SADA-Digits-3-v0", "cnn", "paper-budgets", "ideal") == 0
 

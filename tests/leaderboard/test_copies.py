@@ -18,10 +18,10 @@ def test_honest_samples_are_no_copies_wherever_they_lie(dimension, width):
     rng = np.random.default_rng(7)
     for _ in range(3):
         mu = rng.uniform(-width, width, (300, dimension)).astype(np.float32)
-        found = nearness(mu, points_of(dimension))
-        assert not is_near(found)
-        assert found.p > 1e-3
-        assert found.exact == 0
+        near = nearness(mu, points_of(dimension))
+        assert not is_near(near)
+        assert near.p > 1e-3
+        assert near.exact == 0
 
 
 def test_samples_at_the_corners_are_no_copies():
@@ -37,9 +37,9 @@ def test_points_with_jitter_are_copies(dimension, jitter):
     step = rng.standard_normal((100, dimension))
     step *= jitter * spacing(points) / np.linalg.norm(step, axis=1, keepdims=True)
     chosen = points[rng.choice(len(points), 100, replace=False)]
-    found = nearness(np.clip(chosen + step, -1, 1).astype(np.float32), points)
-    assert is_near(found)
-    assert found.mean_rank < 0.3
+    near = nearness(np.clip(chosen + step, -1, 1).astype(np.float32), points)
+    assert is_near(near)
+    assert near.mean_rank < 0.3
 
 
 def test_points_to_the_last_bit_are_counted():
