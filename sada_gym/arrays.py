@@ -1,4 +1,4 @@
-"""Arrays that users hand over: what NumPy would misread is refused here, with a sentence."""
+"""Checks arrays that users hand over: what NumPy would misread raises an error."""
 
 from __future__ import annotations
 

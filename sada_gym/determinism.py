@@ -63,7 +63,7 @@ def single_threaded() -> Iterator[None]:
     many small products. Threads that wait for one another take longer, many times longer where
     other programs need the cores, and more threads give other last bits.
     """
-    # not for a second caller, in this thread or another: he would restore what the first one set
+    # only the first caller sets the limit: a second one would restore the first one's
     first = _limiting.acquire(blocking=False)
     try:
         with ExitStack() as entered:

@@ -165,7 +165,7 @@ def _place_beside(path: Path, ending: str = "tmp") -> Path:
     if beside.is_dir() and not beside.is_symlink():
         shutil.rmtree(beside)
     else:
-        beside.unlink(missing_ok=True)  # of a link, never what it points to
+        beside.unlink(missing_ok=True)  # removes a link, never what it points to
     return beside
 
 

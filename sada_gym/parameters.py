@@ -38,7 +38,7 @@ class Parameter:
     directions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a name that is no text, and an empty range."""
+        """Check the name, the range and the directions."""
         if not isinstance(self.name, str) or not self.name:
             raise UserTypeError(f"Expected a parameter's name to be a text, got {self.name!r}.")
         numbers = all(isinstance(end, int | float | np.number) for end in (self.low, self.high))

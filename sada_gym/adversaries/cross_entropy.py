@@ -153,9 +153,7 @@ class CrossEntropy(FittedAdversary):
         return arrays
 
     def _restore(self, arrays: Arrays) -> None:
-        self._log_odds, self._ceiling = (
-            float(value) for value in validate_array(arrays, "odds", 2)
-        )
+        self._log_odds, self._ceiling = map(float, validate_array(arrays, "odds", 2))
         self._mixture, *self._classes = (
             Mixture.from_arrays(
                 {n: arrays[f"{i}.{n}"] for n in ("weights", "means", "factors")}, self.dimension
