@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from sada_gym.errors import UserError, UserTypeError
 
+AnyFloats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -57,7 +58,7 @@ def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
     return array
 
 
-def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
+def real_scores(given: Any, source: str) -> Floats:
     """Return scores from a user's code, the `source`, as float64; booleans count as 0 and 1.
 
     Raises:
@@ -72,16 +73,12 @@ def real_scores(given: Any, source: str) -> npt.NDArray[np.float64]:
     return scores.astype(np.float64)
 
 
-def shaped(
+def validate_shape(
     given: Any, shape: tuple[int, ...] | None, what: str, noun: str = "mu"
 ) -> npt.NDArray[Any]:
-    """Return an action, or one an environment, as an array of this shape.
+    """Return a user's action, or actions, as an array of this shape.
 
-    Args:
-        given: What a user handed over.
-        shape: The shape of the space that it belongs to.
-        what: What messages on its shape call it: `an action` or `actions`.
-        noun: What messages on its content call it.
+    `what` is its name in messages on the shape: `an action` or `actions`; `noun` in others.
 
     Raises:
         UserError: If it is of another shape, ragged or masked.

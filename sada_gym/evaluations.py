@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args, overload
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import AnyFloats, Bools, Floats, Indices, Integers
 from sada_gym.parameters import Mu
 
 Stream = Literal["train", "test", "validation", "verification"]
@@ -24,10 +24,8 @@ _STREAMS: tuple[str, ...] = get_args(Stream)
 @overload
 def fools(score: float, threshold: float) -> bool: ...
 @overload
-def fools(score: npt.NDArray[np.floating], threshold: float) -> npt.NDArray[np.bool_]: ...
-def fools(
-    score: float | npt.NDArray[np.floating], threshold: float
-) -> bool | npt.NDArray[np.bool_]:
+def fools(score: AnyFloats, threshold: float) -> Bools: ...
+def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
     """Return whether the agent is fooled: Q <= epsilon.
 
     Args:
@@ -49,11 +47,11 @@ class Evaluations:
     """
 
     mu: Mu
-    score: npt.NDArray[np.float64]
-    seed: npt.NDArray[np.int64]
+    score: Floats
+    seed: Integers
 
     @classmethod
-    def unseeded(cls, mu: Mu, score: npt.NDArray[np.float64]) -> Evaluations:
+    def unseeded(cls, mu: Mu, score: Floats) -> Evaluations:
         """Make a record without seeds, which an adversary does not know: all `UNKNOWN_SEED`."""
         return cls(mu, score, np.full(len(score), UNKNOWN_SEED, np.int64))
 
@@ -71,7 +69,7 @@ class Evaluations:
             np.concatenate([record.seed for record in records]),
         )
 
-    def fooled(self, threshold: float) -> npt.NDArray[np.bool_]:
+    def fooled(self, threshold: float) -> Bools:
         """Return which evaluations fooled the agent, (n,) bool: Q <= threshold."""
         return fools(self.score, threshold)
 
@@ -79,9 +77,7 @@ class Evaluations:
         """Count the evaluations."""
         return len(self.score)
 
-    def __getitem__(
-        self, rows: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
-    ) -> Evaluations:
+    def __getitem__(self, rows: slice | Bools | Indices) -> Evaluations:
         """Select evaluations."""
         return Evaluations(self.mu[rows], self.score[rows], self.seed[rows])
 

@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sada_gym.arrays import Bools, Floats, Indices, shaped
+from sada_gym.arrays import Bools, Floats, Indices, validate_shape
 from sada_gym.errors import UserError, check_integer
 from sada_gym.frames import Frame
 from sada_gym.resets import check_reset_options, reset_mask, spread_seeds, validate_seed
@@ -89,7 +89,7 @@ class Lockstep(ABC, Generic[Observed]):
         Raises:
             UserError: If they are no such actions.
         """
-        return shaped(actions, shape, what)
+        return validate_shape(actions, shape, what)
 
     @abstractmethod
     def begin(

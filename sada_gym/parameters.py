@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import as_array, real_numbers
+from sada_gym.arrays import Floats, Floats32, as_array, real_numbers
 from sada_gym.errors import UserError, UserTypeError
 
 Mu = npt.NDArray[np.float32]
@@ -119,13 +119,13 @@ class ParameterSpace:
         """Return mu as `validate_mu` does, in this space's dimension."""
         return validate_mu(mu, len(self))
 
-    def physical(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def physical(self, mu: npt.ArrayLike) -> Floats:
         """Map mu, (n, d) or (d,) in [-1, 1], to physical values of the same shape, float64."""
         share = (as_array(mu, "mu").astype(np.float32).astype(np.float64) + 1.0) / 2.0
-        physical: npt.NDArray[np.float64] = self._low + share * (self._high - self._low)
+        physical: Floats = self._low + share * (self._high - self._low)
         return physical
 
-    def normalised(self, physical: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    def normalised(self, physical: npt.ArrayLike) -> Floats32:
         """Map physical values, (n, d) or (d,), to mu of the same shape: the inverse of `physical`.
 
         The result is rounded to float32; it is in [-1, 1] where the values lie in their range.
@@ -133,7 +133,7 @@ class ParameterSpace:
         share = (as_array(physical, "physical").astype(np.float64) - self._low) / (
             self._high - self._low
         )
-        mu: npt.NDArray[np.float32] = (2.0 * share - 1.0).astype(np.float32)
+        mu: Floats32 = (2.0 * share - 1.0).astype(np.float32)
         return mu
 
     def describe(self, mu: npt.ArrayLike) -> dict[str, float]:

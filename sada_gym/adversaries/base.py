@@ -12,6 +12,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.adversaries.options import Options, choose_options
+from sada_gym.arrays import Floats
 from sada_gym.errors import check_integer
 from sada_gym.parameters import Mu
 
@@ -32,7 +33,7 @@ class Query(Protocol):
         """The fooling threshold: the agent is fooled where Q <= threshold."""
         ...
 
-    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def __call__(self, mu: npt.ArrayLike) -> Floats:
         """Score mu (n, d) in [-1, 1]: (n,) float64 in [0, 1]. It costs n queries."""
         ...
 

@@ -12,9 +12,10 @@ from scipy.stats import qmc
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import Arrays, FittedAdversary, validate_array
-from sada_gym.adversaries.models.mixture import Array, reflect
+from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
+from sada_gym.arrays import Floats
 from sada_gym.errors import MissingExtra
 from sada_gym.evaluations import Evaluations
 
@@ -127,7 +128,7 @@ class CMAMAE(FittedAdversary):
         self._odds = weight / weight.sum()
         self._deviations = np.minimum(0.5 * nearest / np.sqrt(self.dimension), self.options.sigma)
 
-    def _draw(self, n: int) -> Array:
+    def _draw(self, n: int) -> Floats:
         row = self.rng.choice(len(self._points), n, p=self._odds)
         step = self._deviations[row, None] * self.rng.normal(size=(n, self.dimension))
         return reflect(self._points[row] + step)

@@ -11,9 +11,10 @@ from scipy.special import expit, logsumexp
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import NONE_FOOLED, Arrays, FittedAdversary, validate_array
-from sada_gym.adversaries.models.mixture import Array, Mixture, fit_best_mixture
+from sada_gym.adversaries.models.mixture import Mixture, fit_best_mixture
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import FALLBACK_SIZE, evaluate, evaluate_uniform
+from sada_gym.arrays import Floats
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluations import Evaluations
 
@@ -111,28 +112,28 @@ class CrossEntropy(FittedAdversary):
         return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
 
     def _log_density(
-        self, points: Array, count: int, mixture: Mixture | None, mass: float
-    ) -> Array:
+        self, points: Floats, count: int, mixture: Mixture | None, mass: float
+    ) -> Floats:
         """Return the log density of a stage's points at points (n, d), up to a constant: (n,)."""
         if mixture is None:
             return np.full(len(points), math.log(count))
         truncated = mixture.log_density(points) - math.log(mass)
         truncated += points.shape[1] * math.log(2.0)
         uniform = self.options.defensive
-        mixed: Array = np.logaddexp(math.log(uniform), math.log1p(-uniform) + truncated)
+        mixed: Floats = np.logaddexp(math.log(uniform), math.log1p(-uniform) + truncated)
         return math.log(count) + mixed
 
     @property
     def _sizes(self) -> list[int]:
         return [2**i for i in range(self.options.components.bit_length())]
 
-    def _odds(self, points: Array) -> Array:
+    def _odds(self, points: Floats) -> Floats:
         """Estimate the probability that points (n, d) fool: (n,)."""
         below, above = (mixture.log_density(points) for mixture in self._classes)
-        probability: Array = expit(self._log_odds + below - above)
+        probability: Floats = expit(self._log_odds + below - above)
         return probability
 
-    def _draw(self, n: int) -> Array:
+    def _draw(self, n: int) -> Floats:
         # a tenth of the mixture's draws are kept for sure, unless a file says otherwise
         for _ in range(_TRIES):
             points = self._mixture.sample(2 * n + 64, self.rng)

@@ -23,13 +23,13 @@ from sada_gym.adversaries.query_pool import (
     evaluate_uniform,
     select_fooling,
 )
+from sada_gym.arrays import AnyFloats
 from sada_gym.errors import UserError, check_known
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import OneLine, Strict, write_file, write_model
 from sada_gym.parameters import Mu
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-Floats = npt.NDArray[np.floating[Any]]
 
 NONE_FOOLED = "no point of Omega fooled: learnt from the lowest scores instead"
 
@@ -77,7 +77,7 @@ class FittedAdversary(Adversary):
         """Learn from all points evaluated; `threshold` is known."""
 
     @abstractmethod
-    def _draw(self, n: int) -> Floats:
+    def _draw(self, n: int) -> AnyFloats:
         """Draw about n candidates from what was learnt, (m, d) in [-1, 1], at least one."""
 
     def _arrays(self) -> Arrays:
@@ -88,7 +88,7 @@ class FittedAdversary(Adversary):
         """Restore what `_arrays` gave; `queries` is known. Here it fits again."""
         self._fit(self.queries)
 
-    def _propose(self, n: int, noise: float) -> Floats:
+    def _propose(self, n: int, noise: float) -> AnyFloats:
         """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn

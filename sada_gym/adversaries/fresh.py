@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import AnyFloats
 from sada_gym.errors import AdversaryError
 from sada_gym.parameters import Mu
 
@@ -24,7 +23,7 @@ def row_keys(mu: Mu) -> set[bytes]:
 
 
 def fresh_rows(
-    propose: Callable[[int, float], npt.NDArray[np.floating[Any]]],
+    propose: Callable[[int, float], AnyFloats],
     shape: tuple[int, int],
     excluded: set[bytes],
 ) -> Mu:

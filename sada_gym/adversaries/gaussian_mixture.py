@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sada_gym.adversaries.fitted import FittedAdversary
-from sada_gym.adversaries.models.mixture import Array, Mixture, fit_mixture
+from sada_gym.adversaries.models.mixture import Mixture, fit_mixture
 from sada_gym.adversaries.options import Options, option
+from sada_gym.arrays import Floats
 from sada_gym.evaluations import Evaluations
 
 
@@ -29,7 +30,7 @@ class MixtureAdversary(FittedAdversary):
 
     _mixture: Mixture
 
-    def _draw(self, n: int) -> Array:
+    def _draw(self, n: int) -> Floats:
         return self._mixture.sample(n, self.rng)
 
 

@@ -6,15 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from sada_gym.adversaries.fitted import Arrays, Floats, validate_array
-from sada_gym.adversaries.models.exact_gp import (
-    Array,
-    Kernel,
-    fit_kernel,
-    fit_weights,
-    predict_mean,
-)
+from sada_gym.adversaries.fitted import Arrays, validate_array
+from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel, fit_weights, predict_mean
 from sada_gym.adversaries.selection import Selection
+from sada_gym.arrays import AnyFloats, Floats
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
 
@@ -52,7 +47,7 @@ class GP(Selection):
         self._kernel = fit_kernel(x[: self.options.subset], y[: self.options.subset])
         self._weights = scale * fit_weights(self._kernel, x, y)
 
-    def _predict(self, mu: Array) -> Floats:
+    def _predict(self, mu: Floats) -> AnyFloats:
         x = self.queries.mu[: len(self._weights)].astype(np.float64)
         return self._mean + predict_mean(self._kernel, x, self._weights, mu)
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary, Floats
-from sada_gym.adversaries.models.mixture import Array, reflect
+from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
+from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.surrogate import MODELS, Surrogate
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
+from sada_gym.arrays import AnyFloats, Floats, Indices
 from sada_gym.errors import BudgetTooSmall
 from sada_gym.evaluations import Evaluations
 from sada_gym.measures.coverage import density_and_coverage
@@ -100,7 +100,7 @@ class LevelSet(FittedAdversary):
         odds = (1.0 - self.options.explore) * odds / odds.sum() + self.options.explore / len(pool)
         return pool[self.rng.choice(len(pool), count, replace=False, p=odds)]
 
-    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Array) -> Array:  # noqa: ARG002
+    def _acquisition(self, surrogate: Surrogate, pool: Mu, p: Floats) -> Floats:  # noqa: ARG002
         """Return the value of querying each mu of the pool, which fools with chance p: (m,)."""
         return p * (1.0 - p)
 
@@ -123,7 +123,7 @@ class LevelSet(FittedAdversary):
         self._share = float(inside.mean())
         self._starts = pool[inside][:_MIN_SET]
 
-    def _raise_level(self, pool: Mu, p: Array, rows: npt.NDArray[np.intp], highest: float) -> None:
+    def _raise_level(self, pool: Mu, p: Floats, rows: Indices, highest: float) -> None:
         real, others = pool[rows[:_MIN_SET]], rows[_MIN_SET:]
         least = self.options.coverage * self._predict_coverage(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
@@ -132,7 +132,7 @@ class LevelSet(FittedAdversary):
                 return
             self.level = level
 
-    def _predict_pool(self, size: int) -> tuple[Mu, Array]:
+    def _predict_pool(self, size: int) -> tuple[Mu, Floats]:
         pool, p = self._uniform(0), np.zeros(0)
         for _ in range(_MAX_POOLS):
             drawn = self._uniform(size)
@@ -144,8 +144,8 @@ class LevelSet(FittedAdversary):
     def _predict_coverage(
         self,
         pool: Mu,
-        p: Array,
-        rows: npt.NDArray[np.intp],
+        p: Floats,
+        rows: Indices,
         real: Mu,
     ) -> float:
         covered = []
@@ -156,13 +156,13 @@ class LevelSet(FittedAdversary):
             covered.append(density_and_coverage(reference, fooling).coverage)
         return float(np.mean(covered))
 
-    def _draw(self, n: int) -> Floats:
+    def _draw(self, n: int) -> AnyFloats:
         if self._share < _RARE:
             return self._walk(n)
         pool = self._uniform(min(int(1.2 * n / self._share) + 100, _MAX_POOLS * _MAX_POOL))
         return pool[self._surrogate(pool) >= self.level]
 
-    def _walk(self, n: int) -> Floats:
+    def _walk(self, n: int) -> AnyFloats:
         """Walk within {p >= level} from the points known to lie in it (Metropolis; Ter Braak 2006).
 
         Steps are differences of two random points of the set, so that they have its shape.

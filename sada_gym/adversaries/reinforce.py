@@ -13,9 +13,9 @@ from scipy.special import softmax
 from torch import Tensor
 
 from sada_gym.adversaries.fitted import Arrays, validate_array
-from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
+from sada_gym.arrays import Floats
 from sada_gym.determinism import one_thread
 
 
@@ -73,7 +73,7 @@ class Reinforce(RLAdversary):
             action = means[chosen] + np.exp(log_deviations[chosen]) * noise
         return PolicySteps(np.zeros_like(action), action)
 
-    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         with one_thread():
             log_density = self._log_density(torch.as_tensor(steps.action))
             reward = torch.as_tensor(rewards) - self.options.entropy * log_density.detach()

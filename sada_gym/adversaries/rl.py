@@ -11,9 +11,10 @@ from scipy.spatial import KDTree
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
-from sada_gym.adversaries.models.mixture import Array, reflect
+from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
+from sada_gym.arrays import Floats
 from sada_gym.errors import BudgetTooSmall, TrainingDiverged
 from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
@@ -51,8 +52,8 @@ class PolicySteps:
         action: The step from there, (n, d).
     """
 
-    start: Array
-    action: Array
+    start: Floats
+    action: Floats
 
     @property
     def mu(self) -> Mu:
@@ -80,10 +81,10 @@ class RLAdversary(FittedAdversary):
         """Let the policy propose n rows; all randomness comes from the adversary's generator."""
 
     @abstractmethod
-    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         """Improve the policy by its last rollout; return whether all weights are finite."""
 
-    def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
+    def _learn_uniform(self, queries: Evaluations, rewards: Floats) -> None:
         """Learn from the uniform queries, if the algorithm can learn from such actions."""
 
     def _train(self, oracle: Query) -> Evaluations:
@@ -125,7 +126,7 @@ class RLAdversary(FittedAdversary):
         uniform = max(1, math.ceil(self.options.uniform_share * budget))
         return (budget - uniform) // self.options.rollout
 
-    def _rewards(self, asked: Evaluations, seen: Evaluations) -> Array:
+    def _rewards(self, asked: Evaluations, seen: Evaluations) -> Floats:
         o = self.options
         return failure_rewards(
             asked, seen, self.threshold, rank=o.rank, dissimilarity=o.dissimilarity
@@ -144,7 +145,7 @@ class RLAdversary(FittedAdversary):
 
 def failure_rewards(
     asked: Evaluations, seen: Evaluations, threshold: float, *, rank: float, dissimilarity: float
-) -> Array:
+) -> Floats:
     """Return the rewards of a rollout's queries: (n,).
 
     A query that fooled gets 1. Any other gets a part of `rank`: the share of all queries that
@@ -165,14 +166,14 @@ def failure_rewards(
     misses = np.sort(known.score[~known.fooled(threshold)])
     places = sum(np.searchsorted(misses, asked.score, side=side) for side in ("left", "right"))
     above = 1.0 - 0.5 * np.asarray(places, np.float64) / max(len(misses), 1)
-    rewards: Array = np.where(fooled, 1.0, rank * above)
+    rewards: Floats = np.where(fooled, 1.0, rank * above)
     if dissimilarity and fooled.any():
         failures = seen.mu[seen.fooled(threshold)][-MEMORY:]
         rewards[fooled] += dissimilarity * novelties(asked.mu[fooled], failures)
     return rewards
 
 
-def novelties(mu: Mu, failures: Mu) -> Array:
+def novelties(mu: Mu, failures: Mu) -> Floats:
     """Return how far each mu (n, d) lies from known failures (m, d): (n,) in [0, 1].
 
     It is the share of the failures whose nearest other failure is closer than the mu's nearest
@@ -183,5 +184,5 @@ def novelties(mu: Mu, failures: Mu) -> Array:
         return np.ones(len(mu))
     tree = KDTree(failures)
     usual = np.sort(tree.query(failures, k=2)[0][:, 1])
-    shares: Array = np.searchsorted(usual, tree.query(mu)[0], side="left") / len(usual)
+    shares: Floats = np.searchsorted(usual, tree.query(mu)[0], side="left") / len(usual)
     return shares

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from sada_gym.adversaries.fitted import Arrays, without_prefix
-from sada_gym.adversaries.models.mixture import Array
 from sada_gym.adversaries.options import option
 from sada_gym.adversaries.rl import PolicySteps, RLAdversary, RLOptions
+from sada_gym.arrays import Floats
 from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.evaluations import Evaluations
 
@@ -59,7 +59,7 @@ class SB3Adversary(RLAdversary):
     def _moments(self, start: Tensor) -> tuple[Tensor, Tensor]:
         """Return mean and standard deviation of the actions at the starts (n, d), each (n, d)."""
 
-    def _squash(self, drawn: Array) -> Array:
+    def _squash(self, drawn: Floats) -> Floats:
         """Turn draws of the Gaussian, (n, d), into actions."""
         return drawn
 
@@ -165,7 +165,7 @@ class PPO(SB3Adversary):
         normal = self._model.policy.get_distribution(start).distribution
         return normal.mean, normal.stddev
 
-    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         rows = steps.start, steps.action
         tensors = (torch.as_tensor(array, dtype=torch.float32) for array in rows)
         with torch.no_grad():
@@ -202,19 +202,19 @@ class OffPolicyAdversary(SB3Adversary):
     def _settings(self, budget: int) -> dict[str, Any]:
         return {"buffer_size": budget}
 
-    def _learn_uniform(self, queries: Evaluations, rewards: Array) -> None:
+    def _learn_uniform(self, queries: Evaluations, rewards: Floats) -> None:
         mu = queries.mu.astype(np.float64)
         start = np.zeros_like(mu)
         if self.options.starts == "uniform":  # an action reaches no further than 1
             start = self.rng.uniform(np.maximum(mu - 1.0, -1.0), np.minimum(mu + 1.0, 1.0))
         self._remember(PolicySteps(start, mu - start), rewards)
 
-    def _learn(self, steps: PolicySteps, rewards: Array) -> bool:
+    def _learn(self, steps: PolicySteps, rewards: Floats) -> bool:
         self._remember(steps, rewards)
         updates = max(1, round(self.options.updates * self.options.rollout))
         return self._update(gradient_steps=updates, batch_size=self.options.batch)
 
-    def _remember(self, steps: PolicySteps, rewards: Array) -> None:
+    def _remember(self, steps: PolicySteps, rewards: Floats) -> None:
         over = np.ones(1)
         for start, action, reward in zip(steps.start, steps.action, rewards, strict=True):
             self._model.replay_buffer.add(start, start, action, reward, over, [{}])
@@ -257,7 +257,7 @@ class SAC(OffPolicyAdversary):
         mean, log_deviation, _ = self._model.actor.get_action_dist_params(start)
         return mean, log_deviation.exp()
 
-    def _squash(self, drawn: Array) -> Array:
+    def _squash(self, drawn: Floats) -> Floats:
         return np.tanh(drawn)
 
 

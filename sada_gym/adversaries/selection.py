@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
-from sada_gym.adversaries.fitted import FittedAdversary, Floats
+from sada_gym.adversaries.fitted import FittedAdversary
 from sada_gym.adversaries.options import Options, option
+from sada_gym.arrays import AnyFloats, Floats
 from sada_gym.evaluations import Evaluations
 
 NONE_FOOLED_BUT_ALL_LEARNT = "no point of Omega fooled: the lowest predicted scores may not either"
@@ -47,7 +47,7 @@ class Selection(FittedAdversary):
     options: SelectionOptions
 
     @abstractmethod
-    def _predict(self, mu: npt.NDArray[np.float64]) -> Floats:
+    def _predict(self, mu: Floats) -> AnyFloats:
         """Predict a value for mu (n, d): (n,). The samples are the mu of the lowest values."""
 
     def _train(self, oracle: Query) -> Evaluations:
@@ -59,7 +59,7 @@ class Selection(FittedAdversary):
             self._fit(queries)
         return queries
 
-    def _draw(self, n: int) -> Floats:
+    def _draw(self, n: int) -> AnyFloats:
         size = max(self.options.pool or len(self.queries), _MIN_POOL * n)
         pool = self.rng.uniform(-1.0, 1.0, (size, self.dimension))
         with threadpool_limits(1):

@@ -12,9 +12,10 @@ from threadpoolctl import threadpool_limits
 
 from sada_gym.adversaries.base import Query
 from sada_gym.adversaries.fitted import FittedAdversary
-from sada_gym.adversaries.models.mixture import Array, reflect
+from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.options import Options, option
 from sada_gym.adversaries.query_pool import evaluate, evaluate_uniform
+from sada_gym.arrays import Floats
 from sada_gym.evaluations import Evaluations
 
 _SMALLEST_STEP, _LARGEST_STEP = 0.01, 2.0
@@ -106,9 +107,9 @@ class SMC(FittedAdversary):
             self._scale = min(max(self._scale * growth, _SMALLEST_STEP), _LARGEST_STEP)
         return states, proposals
 
-    def _draw(self, n: int) -> Array:
+    def _draw(self, n: int) -> Floats:
         first = self.rng.integers(len(self._points), size=n)
         second = self._nearest[first, self.rng.integers(self._nearest.shape[1], size=n)]
         way = self.rng.random((n, 1))
-        drawn: Array = self._points[first] + way * (self._points[second] - self._points[first])
+        drawn: Floats = self._points[first] + way * (self._points[second] - self._points[first])
         return drawn

@@ -7,17 +7,14 @@ from itertools import combinations, product
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.distance import cdist
 from sklearn.svm import SVC
 
-from sada_gym.adversaries.fitted import Arrays, Floats, validate_array
-from sada_gym.adversaries.models.mixture import Array
+from sada_gym.adversaries.fitted import Arrays, validate_array
 from sada_gym.adversaries.selection import Selection
+from sada_gym.arrays import AnyFloats, Floats, Integers
 from sada_gym.errors import UserError
 from sada_gym.evaluations import Evaluations
-
-Labels = npt.NDArray[np.int64]
 
 ONE_CLASS = "all scores of Omega fall into one of the five bins: samples are uniform"
 
@@ -67,7 +64,7 @@ class SVM(Selection):
         if len(self._classes) == 2:  # scikit-learn turns the sign of a single pair
             self._coefficients, self._intercepts = -self._coefficients, -self._intercepts
 
-    def _predict(self, mu: Array) -> Floats:
+    def _predict(self, mu: Floats) -> AnyFloats:
         votes = np.zeros((len(mu), len(self._classes)))
         x = _UNIT_VARIANCE * mu
         for start in range(0, len(mu), _BLOCK):
@@ -77,7 +74,7 @@ class SVM(Selection):
             for pair, (a, b) in enumerate(combinations(range(len(self._classes)), 2)):
                 votes[rows, a] += decisions[:, pair] > 0
                 votes[rows, b] += decisions[:, pair] <= 0
-        predicted: Array = self._classes[votes.argmax(axis=1)].astype(np.float64)
+        predicted: Floats = self._classes[votes.argmax(axis=1)].astype(np.float64)
         return predicted
 
     def _arrays(self) -> Arrays:
@@ -108,7 +105,7 @@ def _machine(penalty: float, gamma: float) -> SVC:
     )
 
 
-def _cross_validate(x: Array, label: Labels, fold: Labels) -> tuple[float, float]:
+def _cross_validate(x: Floats, label: Integers, fold: Integers) -> tuple[float, float]:
     best, choice = -1.0, (_PENALTIES[0], _WIDTHS[0] / x.shape[1])
     for penalty, width in product(_PENALTIES, _WIDTHS):
         gamma = width / x.shape[1]
@@ -124,7 +121,7 @@ def _cross_validate(x: Array, label: Labels, fold: Labels) -> tuple[float, float
     return choice
 
 
-def _coefficients(machine: SVC) -> Array:
+def _coefficients(machine: SVC) -> Floats:
     """Spread the dual coefficients to a column for each pair of classes: (vectors, pairs).
 
     libsvm keeps, for a vector of class a, the coefficients against every other class in order.

@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary, Floats
+from sada_gym.adversaries.fitted import NONE_FOOLED, FittedAdversary
 from sada_gym.adversaries.options import Options, option
+from sada_gym.arrays import AnyFloats
 from sada_gym.evaluations import Evaluations
 
 _POOL, _PART = 200_000, 20_000
@@ -50,7 +51,7 @@ class Trees(FittedAdversary):
             self.options.trees, random_state=int(self.rng.integers(2**31))
         ).fit(queries.mu, fooled)
 
-    def _draw(self, n: int) -> Floats:
+    def _draw(self, n: int) -> AnyFloats:
         pool, p = self._uniform(0), np.zeros(0)
         while len(pool) < _POOL:
             drawn = self._uniform(_PART)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.application import Application, check_declared
+from sada_gym.arrays import Floats, Indices
 from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
@@ -111,7 +111,7 @@ class Evaluator:
 
     def evaluate(
         self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
-    ) -> tuple[npt.NDArray[np.float64], int]:
+    ) -> tuple[Floats, int]:
         """Score a batch.
 
         If it is interrupted, or a chunk fails, the store has all scores up to then.
@@ -131,7 +131,7 @@ class Evaluator:
         missing = np.flatnonzero(np.isnan(scores))
         cached = done = len(mu) - len(missing)
 
-        def settle(chunk: Chunk, values: npt.NDArray[np.float64]) -> None:
+        def settle(chunk: Chunk, values: Floats) -> None:
             nonlocal done
             if self.store is not None:
                 self.store.commit(self._context, chunk.mu, chunk.seeds, values)
@@ -149,7 +149,7 @@ class Evaluator:
                 settle(chunk, score(self._scorer, chunk.mu, chunk.seeds))
         return scores, cached
 
-    def _split(self, mu: Mu, seeds: Sequence[int], missing: npt.NDArray[np.intp]) -> list[Chunk]:
+    def _split(self, mu: Mu, seeds: Sequence[int], missing: Indices) -> list[Chunk]:
         workers = 1 if self._dispatcher is None else self._dispatcher.workers
         size = self._chunk_size or _chunk_size(len(missing), workers)
         parts = [missing[start : start + size] for start in range(0, len(missing), size)]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
+from sada_gym.arrays import Floats
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.problems import Problem
@@ -130,7 +131,7 @@ class Oracle:
         """All queries so far, in their order."""
         return Evaluations.joined(self._record)
 
-    def __call__(self, mu: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def __call__(self, mu: npt.ArrayLike) -> Floats:
         """Score mu.
 
         Args:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from typing_extensions import Self
 
+from sada_gym.arrays import Floats
 from sada_gym.errors import StoreError, UserTypeError
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.store_errors import check_usable, corrupt, explained
@@ -181,7 +181,7 @@ class EvaluationStore:
             ).fetchone()
         return int(row_id[0])
 
-    def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+    def lookup(self, context: int, mu: Mu, seeds: Sequence[int]) -> Floats:
         """Return the stored scores, (n,) float64, NaN where nothing is stored.
 
         Args:
@@ -219,9 +219,7 @@ class EvaluationStore:
         score = np.array([score for _, score in rows], np.float64)
         return Evaluations(mu, score, np.array(seeds, np.int64))
 
-    def commit(
-        self, context: int, mu: Mu, seeds: Sequence[int], scores: npt.NDArray[np.float64]
-    ) -> None:
+    def commit(self, context: int, mu: Mu, seeds: Sequence[int], scores: Floats) -> None:
         """Store the scores of one chunk in one transaction, whole or not at all.
 
         Args:

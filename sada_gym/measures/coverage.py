@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Floats, Indices, as_array
 from sada_gym.errors import UserError
 
 NEAREST = 5
@@ -18,7 +18,6 @@ NEAREST = 5
 DRAWS = 20
 """The number of times that the reference points are drawn anew."""
 
-Points = npt.NDArray[np.float64]
 
 _BLOCK = 2**22  # distances held at once: 32 MiB
 
@@ -97,7 +96,7 @@ def fooling_coverage(
     Args:
         samples: The test samples, (M, d).
         fooled: Which of them fooled the agent, (M,) bool.
-        fooling_set: Points known to fool, (R, d) with R > k, uniform in the true fooling set.
+        fooling_set: Floats known to fool, (R, d) with R > k, uniform in the true fooling set.
         seed: The seed of the draws.
         draws: The number of draws.
         k: The number of the neighbour that sets a point's radius.
@@ -151,7 +150,7 @@ def relative_coverage(coverage: float, ideal: float) -> float:
     return coverage / ideal
 
 
-def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> npt.NDArray[np.intp]:
+def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> Indices:
     """Draw rows of a fooling set without replacement: (draws, min(wanted, available))."""
     if draws < 1:
         raise UserError(f"Expected at least 1 draw, got {draws}.")
@@ -159,7 +158,7 @@ def reference_draws(available: int, wanted: int, *, draws: int, seed: int) -> np
     return np.array([rng.choice(available, size, replace=False) for _ in range(draws)], np.intp)
 
 
-def neighbourhood_radii(points: Points, k: int) -> Points:
+def neighbourhood_radii(points: Floats, k: int) -> Floats:
     """Measure each point's distance to its k-th nearest other point: (n,)."""
     # the point itself is the nearest, at distance 0
     return np.concatenate(
@@ -167,13 +166,13 @@ def neighbourhood_radii(points: Points, k: int) -> Points:
     )
 
 
-def nearest_distances(points: Points, others: Points) -> Points:
+def nearest_distances(points: Floats, others: Floats) -> Floats:
     """Measure each point's distance to the nearest of others: (n,), infinite without any."""
     parts = [part.min(axis=1, initial=np.inf) for _, part in _distances(points, others)]
     return np.concatenate(parts)
 
 
-def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Points, Points]:
+def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[Floats, Floats]:
     """Return reference points (n, d), n > k, and samples (m, d) as float64; else ValueError."""
     reference = as_array(real, "real").astype(np.float64)
     samples = as_array(fake, "fake").astype(np.float64)
@@ -188,7 +187,7 @@ def validate_points(real: npt.ArrayLike, fake: npt.ArrayLike, k: int) -> tuple[P
     return reference, samples
 
 
-def _distances(points: Points, others: Points) -> Iterator[tuple[slice, Points]]:
+def _distances(points: Floats, others: Floats) -> Iterator[tuple[slice, Floats]]:
     """Measure how far points (n, d) lie from others (m, d), block by block of (rows, m)."""
     from scipy.spatial.distance import cdist  # `import sada_gym.attack` stays light
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from sada_gym.arrays import Bools, Floats, Indices
 from sada_gym.files import OneLine, Strict
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -31,8 +31,6 @@ _MIN_CELLS = 10
 _MAX_CELLS = 50
 """Of more choices in an order neighbours share a cell: all ranges are tried."""
 _OCTANTS = 8
-
-Array = npt.NDArray[np.float64]
 
 
 class Condition(Strict):
@@ -130,13 +128,13 @@ def _too_few(failures: int, different: int) -> str:
 class _Grid:
     """The cells into which a parameter's range is cut, and the sets of cells that are tried."""
 
-    edges: Array  # (k + 1,) physical values; cell i lies between edges i and i + 1
-    sets: npt.NDArray[np.bool_] | None  # (m, k); None tries all sets, for choices
+    edges: Floats  # (k + 1,) physical values; cell i lies between edges i and i + 1
+    sets: Bools | None  # (m, k); None tries all sets, for choices
 
     @property
-    def weights(self) -> Array:
+    def weights(self) -> Floats:
         """(k,) the shares of uniform worlds in the cells."""
-        widths: Array = np.diff(self.edges) / (self.edges[-1] - self.edges[0])
+        widths: Floats = np.diff(self.edges) / (self.edges[-1] - self.edges[0])
         return widths
 
     @property
@@ -152,16 +150,16 @@ class _Finding:
     """A set of cells in which failures crowd."""
 
     grid: _Grid
-    cells: npt.NDArray[np.bool_]  # (k,)
+    cells: Bools  # (k,)
     uniform: float  # the share of uniform worlds in it
 
 
 def _strongest(
     space: ParameterSpace,
-    values: Array,
-    among: npt.NDArray[np.bool_],
+    values: Floats,
+    among: Bools,
     findings: dict[int, _Finding],
-) -> tuple[int, _Finding, npt.NDArray[np.bool_]] | None:
+) -> tuple[int, _Finding, Bools] | None:
     open_ = [index for index in range(len(space)) if index not in findings]
     best, best_ratio = None, 0.0
     for index in open_:
@@ -189,7 +187,7 @@ def _strongest(
     return best
 
 
-def _likelihood_ratio(share: Array, uniform: Array) -> Array:
+def _likelihood_ratio(share: Floats, uniform: Floats) -> Floats:
     """Return the log likelihood ratio of a failure: KL(share, uniform), 0 where share is less."""
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = np.where(share > 0.0, share * np.log(share / uniform), 0.0)
@@ -214,7 +212,7 @@ def _grid(parameter: Parameter) -> _Grid:
     return _Grid(edges, _ranges(len(edges) - 1))
 
 
-def _cells(parameter: Parameter, grid: _Grid, values: Array) -> npt.NDArray[np.intp]:
+def _cells(parameter: Parameter, grid: _Grid, values: Floats) -> Indices:
     """Say in which cell of the grid values lie: (n,)."""
     if parameter.directions:
         values = values % 360.0
@@ -227,7 +225,7 @@ def _round_step(maximum: float) -> float:
 
 
 @cache
-def _ranges(count: int) -> npt.NDArray[np.bool_]:
+def _ranges(count: int) -> Bools:
     at = np.arange(count)
     inside = [(at >= i) & (at < j) for i in range(count) for j in range(i + 1, count + 1)]
     outside = [(at < i) | (at >= j) for i in range(1, count - 1) for j in range(i + 1, count)]
@@ -235,7 +233,7 @@ def _ranges(count: int) -> npt.NDArray[np.bool_]:
 
 
 @cache
-def _sectors() -> npt.NDArray[np.bool_]:
+def _sectors() -> Bools:
     quarter = np.roll(np.arange(_OCTANTS) < 2, -1)  # from -45 to 45 degrees
     quarters = np.array([np.roll(quarter, 2 * i) for i in range(4)])
     members = np.arange(1, 15)[:, None] >> np.arange(4) & 1
@@ -243,7 +241,7 @@ def _sectors() -> npt.NDArray[np.bool_]:
     return np.concatenate([members @ quarters > 0, between])
 
 
-def _largest_sets(counts: Array) -> npt.NDArray[np.bool_]:
+def _largest_sets(counts: Floats) -> Bools:
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(len(counts), np.intp)
     rank[order] = np.arange(len(counts))
@@ -269,7 +267,7 @@ def _condition(parameter: Parameter, finding: _Finding) -> Condition:
     return Condition(parameter=parameter.name, ranges=ranges, text=text)
 
 
-def _runs(cells: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(cells: Bools) -> list[tuple[int, int]]:
     changes = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(np.int8), [0]])))
     return [(int(i), int(j)) for i, j in changes.reshape(-1, 2)]
 
@@ -308,7 +306,7 @@ def _interval(ends: list[str], first: int, last: int) -> str:
     return f"between {ends[first]} and {ends[last]}"
 
 
-def _describe_directions(names: tuple[str, ...], cells: npt.NDArray[np.bool_]) -> str:
+def _describe_directions(names: tuple[str, ...], cells: Bools) -> str:
     # the quarter around direction i has the octants before and after 90 i degrees
     around = [bool(cells[2 * i - 1] and cells[2 * i]) for i in range(4)]
     chosen = [name for name, taken in zip(names, around, strict=True) if taken]

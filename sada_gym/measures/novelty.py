@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Floats32, as_array
 from sada_gym.errors import UserError
 from sada_gym.files import Strict
 from sada_gym.frames import Frame
@@ -74,7 +74,7 @@ class Neighbours:
         in_image: The query nearest in image space among those that were drawn.
     """
 
-    mu: npt.NDArray[np.float32]
+    mu: Floats32
     seed: int
     frame: Frame
     in_mu: Neighbour
@@ -136,7 +136,7 @@ def image_neighbours(
     neighbours: int = 16,
     others: int = 16,
     seed: int = 0,
-    frame: Callable[[npt.NDArray[np.float32], int], Frame] | None = None,
+    frame: Callable[[Floats32, int], Frame] | None = None,
 ) -> tuple[Neighbours, ...]:
     """Find the training queries nearest to samples, in mu and in image space.
 

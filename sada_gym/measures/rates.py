@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Floats, Indices, as_array
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
 
@@ -90,9 +90,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
     return float(samples.std(axis=0).mean())
 
 
-def nearest_neighbours(
-    samples: npt.ArrayLike, queries: npt.ArrayLike
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+def nearest_neighbours(samples: npt.ArrayLike, queries: npt.ArrayLike) -> tuple[Floats, Indices]:
     """Find each sample's nearest training query; distances are near 0 if an adversary memorises.
 
     Args:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application
+from sada_gym.arrays import Bools, Floats, Floats32
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import evaluation_seeds, fools
 from sada_gym.files import (
@@ -83,15 +84,15 @@ class Reference:
     entry: ReferenceEntry
     mu: Mu
     fooled: npt.NDArray[np.uint8]
-    mean_score: npt.NDArray[np.float32]
+    mean_score: Floats32
 
     @property
-    def fooling_rate(self) -> npt.NDArray[np.float64]:
+    def fooling_rate(self) -> Floats:
         """Return the share of its seeds on which each point fooled, (n,)."""
         return self.fooled / self.entry.seeds
 
     @property
-    def fooling(self) -> npt.NDArray[np.bool_]:
+    def fooling(self) -> Bools:
         """Say which points belong to the fooling set {mu: P(Q <= epsilon) >= 0.5}, (n,)."""
         return 2 * self.fooled.astype(np.int64) >= self.entry.seeds
 
@@ -139,7 +140,7 @@ def write_reference(
     folder: str | Path,
     track: str,
     application: Application,
-    scores: npt.NDArray[np.float64],
+    scores: Floats,
     *,
     sobol_seed: int,
 ) -> ReferenceEntry:

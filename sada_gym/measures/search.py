@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Floats32, Indices, as_array
 from sada_gym.errors import UserError
 from sada_gym.evaluations import fools
 from sada_gym.files import Strict
@@ -90,8 +90,8 @@ def anytime(
 
 
 def _coverage(
-    found: npt.NDArray[np.float32],
-    counts: npt.NDArray[np.intp],
+    found: Floats32,
+    counts: Indices,
     fooling_set: npt.ArrayLike,
     k: int,
 ) -> list[float]:

@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import norm, t, trim_mean
 
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Bools, Floats, as_array
 from sada_gym.errors import UserError
 
 Interval = tuple[float, float]
 Statistic = Literal["mean", "iqm"]
 Resampled = Literal["seeds", "test samples", "seeds and test samples", "nothing"]
 
-Values = npt.NDArray[np.float64]
 
 _TRIMMED = {"mean": 0.0, "iqm": 0.25}  # cut off at either end
 
@@ -185,9 +184,7 @@ def shared_ranks(
     )
 
 
-def _varies_as_samples_do(
-    runs: Values, counts: Values | None, means: Values | None
-) -> npt.NDArray[np.bool_]:
+def _varies_as_samples_do(runs: Floats, counts: Floats | None, means: Floats | None) -> Bools:
     """Tell in which tracks the test samples explain all differences between seeds, (tracks,)."""
     tracks, seeds = runs.shape
     spread = runs.var(axis=1, ddof=1) if seeds > 1 else np.zeros(tracks)
@@ -200,13 +197,13 @@ def _varies_as_samples_do(
 
 
 def _resample(
-    runs: Values,
-    counts: Values | None,
-    means: Values | None,
-    tested: npt.NDArray[np.bool_],
+    runs: Floats,
+    counts: Floats | None,
+    means: Floats | None,
+    tested: Bools,
     resamples: int,
     rng: np.random.Generator,
-) -> Values:
+) -> Floats:
     """Draw seeds, or rates from their posterior: (resamples, tracks, max(seeds - 1, 1))."""
     tracks, seeds = runs.shape
     chosen = rng.integers(seeds, size=(resamples, tracks, max(seeds - 1, 1)))
@@ -220,7 +217,7 @@ def _resample(
     return drawn
 
 
-def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
+def _check(runs: Floats, statistic: str, resamples: int, level: float) -> None:
     if runs.ndim != 2 or not runs.size or not np.isfinite(runs).all():
         raise UserError(
             f"Expected finite values of shape (tracks, seeds), got shape {runs.shape}: {runs}. "
@@ -235,7 +232,7 @@ def _check(runs: Values, statistic: str, resamples: int, level: float) -> None:
         )
 
 
-def _validate_draws(draws: npt.ArrayLike, shape: tuple[int, int]) -> Values:
+def _validate_draws(draws: npt.ArrayLike, shape: tuple[int, int]) -> Floats:
     means = as_array(draws, "draws").astype(np.float64)
     if means.shape != shape or not np.isfinite(means).all():
         raise UserError(
@@ -245,7 +242,7 @@ def _validate_draws(draws: npt.ArrayLike, shape: tuple[int, int]) -> Values:
     return means
 
 
-def _validate_counts(samples: int | npt.ArrayLike, runs: Values) -> Values:
+def _validate_counts(samples: int | npt.ArrayLike, runs: Floats) -> Floats:
     """Return M of each track, (tracks,)."""
     given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import blas, cho_factor, cho_solve, lapack, solve_triangular
 from scipy.optimize import minimize
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.distance import cdist
 
-Array = npt.NDArray[np.float64]
+from sada_gym.arrays import Floats
 
 _BLOCK = 200  # larger arrays would be mapped, and their pages cleared, anew for each block
 _MAX_FACTORISED = 4_000
@@ -39,20 +38,20 @@ class Kernel:
         noise: Variance of the noise of an observation.
     """
 
-    length_scales: Array
+    length_scales: Floats
     signal: float
     noise: float
 
-    def __call__(self, a: Array, b: Array) -> Array:
+    def __call__(self, a: Floats, b: Floats) -> Floats:
         """Return the covariances of a (n, d) and b (m, d) without noise: (n, m)."""
-        covariance: Array = cdist(a / self.length_scales, b / self.length_scales)
+        covariance: Floats = cdist(a / self.length_scales, b / self.length_scales)
         np.negative(covariance, out=covariance)
         np.exp(covariance, out=covariance)
         covariance *= self.signal
         return covariance
 
 
-def log_marginal_likelihood(kernel: Kernel, x: Array, y: Array) -> tuple[float, Array]:
+def log_marginal_likelihood(kernel: Kernel, x: Floats, y: Floats) -> tuple[float, Floats]:
     """Return log p(y | x) and its gradient (Rasmussen & Williams 2006, equations 2.30 and 5.9).
 
     Args:
@@ -90,7 +89,7 @@ def log_marginal_likelihood(kernel: Kernel, x: Array, y: Array) -> tuple[float, 
     return float(value), np.array([*by_length, by_signal, by_noise])
 
 
-def fit_kernel(x: Array, y: Array) -> Kernel:
+def fit_kernel(x: Floats, y: Floats) -> Kernel:
     """Find the hyper-parameters that maximise the marginal likelihood, by L-BFGS from one start.
 
     Args:
@@ -99,7 +98,7 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
     """
     d = x.shape[1]
 
-    def objective(logs: Array) -> tuple[float, Array]:
+    def objective(logs: Floats) -> tuple[float, Floats]:
         value, gradient = log_marginal_likelihood(_kernel(logs), x, y)
         return -value, -gradient
 
@@ -115,7 +114,7 @@ def fit_kernel(x: Array, y: Array) -> Kernel:
     return _kernel(optimum.x)
 
 
-def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
+def fit_weights(kernel: Kernel, x: Floats, y: Floats) -> Floats:
     """Solve (K + noise I) w = y for all n points.
 
     It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000. Up to 4,000 points it factorises the
@@ -143,13 +142,13 @@ def fit_weights(kernel: Kernel, x: Array, y: Array) -> Array:
     return _solve(_factorise(kernel, covariance), y)
 
 
-def predict_mean(kernel: Kernel, x: Array, weights: Array, at: Array) -> Array:
+def predict_mean(kernel: Kernel, x: Floats, weights: Floats, at: Floats) -> Floats:
     """Return the posterior mean at (m, d): (m,)."""
     blocks = [at[start : start + _BLOCK] for start in range(0, len(at), _BLOCK)]
     return np.concatenate([kernel(block, x) @ weights for block in blocks])
 
 
-def _rough_inverse(kernel: Kernel, x: Array) -> LinearOperator:
+def _rough_inverse(kernel: Kernel, x: Floats) -> LinearOperator:
     """Return the inverse of an approximation of K + noise I, which makes conjugate gradients short.
 
     The approximation is exact on the diagonal and of rank 1,000 elsewhere: FITC (Snelson &
@@ -164,19 +163,19 @@ def _rough_inverse(kernel: Kernel, x: Array) -> LinearOperator:
     inner = np.eye(len(points)) + (features / rest) @ features.T
     factor = cho_factor(inner, lower=True)
 
-    def solve(v: Array) -> Array:
-        solved: Array = (v - features.T @ cho_solve(factor, features @ (v / rest))) / rest
+    def solve(v: Floats) -> Floats:
+        solved: Floats = (v - features.T @ cho_solve(factor, features @ (v / rest))) / rest
         return solved
 
     return LinearOperator((len(x), len(x)), solve, dtype=x.dtype)
 
 
-def _kernel(logs: Array) -> Kernel:
+def _kernel(logs: Floats) -> Kernel:
     *length_scales, signal, noise = np.exp(logs)
     return Kernel(np.array(length_scales), float(signal), float(noise))
 
 
-def _factorise(kernel: Kernel, covariance: Array) -> Array:
+def _factorise(kernel: Kernel, covariance: Floats) -> Floats:
     np.fill_diagonal(covariance, kernel.signal + kernel.noise)
     factor, info = lapack.dpotrf(covariance, lower=1, clean=0, overwrite_a=1)
     # the least noise is far above the rounding errors
@@ -184,6 +183,6 @@ def _factorise(kernel: Kernel, covariance: Array) -> Array:
     return np.asarray(factor)
 
 
-def _solve(factor: Array, y: Array) -> Array:
+def _solve(factor: Floats, y: Floats) -> Floats:
     weights, _ = lapack.dpotrs(factor, y, lower=1)
     return np.asarray(weights)

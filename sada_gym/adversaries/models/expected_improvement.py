@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 from scipy.stats import qmc
 
-from sada_gym.adversaries.models.exact_gp import Array
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.pool_posterior import Matern, PoolPosterior, fit_matern
+from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import AdversaryError
 
 MIN_CANDIDATES = 512
@@ -20,7 +19,7 @@ _NEAREST, _FARTHEST = -2.0, -0.5
 _WATCHED = 256
 
 
-def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Array:
+def expected_improvement(mean: Floats, deviation: Floats, incumbent: float) -> Floats:
     """Return how far below the incumbent normal variables are expected to fall: (m,).
 
     Jones, Schonlau & Welch 1998 ("Efficient global optimization of expensive black-box functions"),
@@ -33,11 +32,11 @@ def expected_improvement(mean: Array, deviation: Array, incumbent: float) -> Arr
     """
     gap = incumbent - mean
     u = gap / deviation
-    improvement: Array = gap * ndtr(u) + deviation * np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)
+    improvement: Floats = gap * ndtr(u) + deviation * np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)
     return improvement
 
 
-def lowest(values: Array, count: int) -> npt.NDArray[np.intp]:
+def lowest(values: Floats, count: int) -> Indices:
     """Return the indices of the lowest values, lowest first, earlier ones first among equals."""
     if count < len(values):
         among = np.flatnonzero(values <= np.partition(values, count - 1)[count - 1])
@@ -67,8 +66,8 @@ class Search:
 
     def __init__(
         self,
-        mu: npt.NDArray[np.float32],
-        score: Array,
+        mu: Floats32,
+        score: Floats,
         kernel: Matern | None,
         rng: np.random.Generator,
         *,
@@ -91,7 +90,7 @@ class Search:
         self._posterior.replace(np.arange(len(best)), mu[best])
         self._evaluated[: len(best)] = True
 
-    def choose(self) -> npt.NDArray[np.float32]:
+    def choose(self) -> Floats32:
         """Return the candidate (d,) of the largest expected improvement, never one evaluated."""
         if self._steps % _ROUND == 0:
             self._refine()
@@ -106,21 +105,21 @@ class Search:
                 )
             self._evaluated[index], improvement[index] = True, -1.0
             index = int(np.argmax(improvement))
-        point: npt.NDArray[np.float32] = self._posterior.pool[index].copy()
+        point: Floats32 = self._posterior.pool[index].copy()
         self._known.add(point.tobytes())
         self._evaluated[index] = True
         self._posterior.condition(index)
         return point
 
-    def observe(self, scores: Array) -> None:
+    def observe(self, scores: Floats) -> None:
         """Take in the scores of what was chosen since the last call."""
         self._posterior.observe(self._standardise(scores))
 
-    def _standardise(self, scores: Array) -> Array:
-        values: Array = (scores - self._offset) / self._scale
+    def _standardise(self, scores: Floats) -> Floats:
+        values: Floats = (scores - self._offset) / self._scale
         return values
 
-    def _improvement(self) -> Array:
+    def _improvement(self) -> Floats:
         mean = self._posterior.mean
         deviation = np.sqrt(np.maximum(self._posterior.variance, 1e-12))
         incumbent = float(mean[self._evaluated].min())

@@ -15,9 +15,8 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 from typing_extensions import Self
 
+from sada_gym.arrays import Floats
 from sada_gym.errors import UserError
-
-Array = npt.NDArray[np.float64]
 
 _VARIANCE_FLOOR = 1e-6
 _MIN_SHARE = 1e-9
@@ -39,9 +38,9 @@ class Mixture:
         ValueError: If the shapes do not belong together, or the weights are no probabilities.
     """
 
-    weights: Array
-    means: Array
-    factors: Array
+    weights: Floats
+    means: Floats
+    factors: Floats
 
     def __post_init__(self) -> None:
         """Check shapes and weights, which may come from a file."""
@@ -55,7 +54,7 @@ class Mixture:
         if not (self.weights >= 0.0).all() or not abs(self.weights.sum() - 1.0) <= 1e-8:
             raise UserError(f"Expected weights of at least 0 that sum to 1, got {self.weights}.")
 
-    def sample(self, n: int, rng: np.random.Generator) -> Array:
+    def sample(self, n: int, rng: np.random.Generator) -> Floats:
         """Draw n points of the mixture truncated to the box: (n, d) float64 in [-1, 1].
 
         Draws outside the box are drawn again, component and all. SADA's authors clip them, which
@@ -72,7 +71,7 @@ class Mixture:
         points[outside] = reflect(points[outside])
         return points
 
-    def log_density(self, points: npt.ArrayLike) -> Array:
+    def log_density(self, points: npt.ArrayLike) -> Floats:
         """Return the log density of the mixture, not truncated, at points (n, d): (n,).
 
         Its mean over points that were held out compares mixtures. The truncated mixture's is higher
@@ -87,7 +86,7 @@ class Mixture:
             inside = (np.abs(self._draw_anywhere(draws, rng)) <= 1.0).all(axis=1).sum()
         return max(float(inside), 0.5) / draws
 
-    def to_arrays(self) -> dict[str, Array]:
+    def to_arrays(self) -> dict[str, Floats]:
         """Return the fields by name, to be saved."""
         return {"weights": self.weights, "means": self.means, "factors": self.factors}
 
@@ -107,7 +106,7 @@ class Mixture:
             )
         return mixture
 
-    def _draw_anywhere(self, n: int, rng: np.random.Generator) -> Array:
+    def _draw_anywhere(self, n: int, rng: np.random.Generator) -> Floats:
         component = rng.choice(len(self.weights), size=n, p=self.weights)
         points = rng.normal(size=(n, self.means.shape[1]))
         for k in np.unique(component):
@@ -115,7 +114,7 @@ class Mixture:
             points[own] = self.means[k] + points[own] @ self.factors[k].T
         return points
 
-    def _log_joint(self, points: Array) -> Array:
+    def _log_joint(self, points: Floats) -> Floats:
         """Return log(weight_k N_k) at points (n, d): (n, k)."""
         joint = np.empty((len(points), len(self.weights)))
         constant = -0.5 * points.shape[1] * np.log(2.0 * np.pi) + np.log(self.weights)
@@ -193,13 +192,13 @@ def fit_best_mixture(
         return _fit(x, w, best, rng)
 
 
-def reflect(points: Array) -> Array:
+def reflect(points: Floats) -> Floats:
     """Reflect points (n, d) at the faces of the box until they lie inside."""
-    folded: Array = 1.0 - np.abs((points + 1.0) % 4.0 - 2.0)
+    folded: Floats = 1.0 - np.abs((points + 1.0) % 4.0 - 2.0)
     return folded
 
 
-def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixture:
+def _fit(x: Floats, w: Floats, components: int, rng: np.random.Generator) -> Mixture:
     if components < 1:
         raise UserError(f"Expected at least 1 component, got {components}.")
     k = min(components, len(np.unique(x, axis=0)))
@@ -214,7 +213,7 @@ def _fit(x: Array, w: Array, components: int, rng: np.random.Generator) -> Mixtu
     return _expectation_maximisation(x, w, shares, prior)
 
 
-def _validate(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Array, Array]:
+def _validate(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Floats, Floats]:
     x = np.asarray(points, np.float64)
     if x.ndim != 2 or 0 in x.shape or not np.isfinite(x).all():
         raise UserError(f"Expected finite points of shape (n, d), n >= 1, got shape {x.shape}.")
@@ -227,19 +226,19 @@ def _validate(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Arr
     return x, w * (w.sum() / (w**2).sum())
 
 
-def _covariance(offset: Array, w: Array) -> Array:
+def _covariance(offset: Floats, w: Floats) -> Floats:
     """Return the weighted covariance of centred points (n, d), shrunk towards a sphere by OAS."""
     d = offset.shape[1]
-    covariance: Array = (offset * (w / w.sum())[:, None]).T @ offset
+    covariance: Floats = (offset * (w / w.sum())[:, None]).T @ offset
     variance = float(np.trace(covariance)) / d
     square = float((covariance**2).mean())
     excess = (w.sum() + 1.0) * (square - variance**2 / d)
     shrinkage = min(1.0, (square + variance**2) / excess) if excess > 0.0 else 1.0
-    shrunk: Array = (1.0 - shrinkage) * covariance + shrinkage * variance * np.eye(d)
+    shrunk: Floats = (1.0 - shrinkage) * covariance + shrinkage * variance * np.eye(d)
     return shrunk
 
 
-def _expectation_maximisation(x: Array, w: Array, shares: Array, prior: Array) -> Mixture:
+def _expectation_maximisation(x: Floats, w: Floats, shares: Floats, prior: Floats) -> Mixture:
     """Alternate M and E steps from shares (n, k), until the log likelihood settles."""
     before = -np.inf
     for _ in range(_STEPS):
@@ -253,7 +252,7 @@ def _expectation_maximisation(x: Array, w: Array, shares: Array, prior: Array) -
     return mixture
 
 
-def _maximise(x: Array, shares: Array, prior: Array) -> Mixture:
+def _maximise(x: Floats, shares: Floats, prior: Floats) -> Mixture:
     """Return the mixture of the posterior mode for weighted shares (n, k)."""
     d = x.shape[1]
     counts = shares.sum(axis=0)
@@ -270,6 +269,6 @@ def _maximise(x: Array, shares: Array, prior: Array) -> Mixture:
     return Mixture(counts / counts.sum(), np.asarray(means, np.float64), factors)
 
 
-def _log_sum(joint: Array) -> Array:
-    evidence: Array = logsumexp(joint, axis=1)
+def _log_sum(joint: Floats) -> Floats:
+    evidence: Floats = logsumexp(joint, axis=1)
     return evidence

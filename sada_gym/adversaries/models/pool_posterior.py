@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from sada_gym.adversaries.models.exact_gp import Array, Kernel
-
-Floats = npt.NDArray[np.floating[Any]]
+from sada_gym.adversaries.models.exact_gp import Kernel
+from sada_gym.arrays import AnyFloats, Floats, Indices
 
 MIN_NOISE = 1e-3
 """Least noise variance of a fit as a share of the signal's: float32 factors stay exact enough."""
@@ -27,17 +24,17 @@ class Matern(Kernel):
     Rasmussen & Williams 2006, equation 4.17, as Snoek, Larochelle & Adams 2012 use it.
     """
 
-    def __call__(self, a: Floats, b: Floats) -> Array:
+    def __call__(self, a: AnyFloats, b: AnyFloats) -> Floats:
         """Return the covariances of the function at a (n, d) and b (m, d): (n, m)."""
         r = _scaled_distances(a / self.length_scales, b / self.length_scales)
-        covariance: Array = 1.0 + r
+        covariance: Floats = 1.0 + r
         covariance += r * r / 3.0
         covariance *= self.signal
         covariance *= np.exp(np.negative(r, out=r), out=r)
         return covariance
 
 
-def fit_matern(x: Floats, y: Array, start: Matern | None = None) -> Matern:
+def fit_matern(x: AnyFloats, y: Floats, start: Matern | None = None) -> Matern:
     """Fit the kernel to values y (n,) at x (n, d) in [-1, 1]^d, y standardised.
 
     Maximises the marginal likelihood (Rasmussen & Williams 2006, equations 5.8 and 5.9) times the
@@ -93,9 +90,9 @@ class PoolPosterior:
     def __init__(
         self,
         kernel: Matern,
-        pool: Floats,
-        x: Floats,
-        y: Array,
+        pool: AnyFloats,
+        x: AnyFloats,
+        y: Floats,
         *,
         capacity: int,
         dtype: npt.DTypeLike = np.float32,
@@ -104,9 +101,9 @@ class PoolPosterior:
         self._kernel = kernel
         self._x = np.empty((capacity, pool.shape[1]))
         self._y, self._z = np.empty(capacity), np.zeros(capacity)
-        self._l: Floats = np.zeros((capacity, capacity), dtype)
+        self._l: AnyFloats = np.zeros((capacity, capacity), dtype)
         # columns a power of two apart would share their places in the processor's caches
-        self._v: Floats = np.empty((capacity, len(pool) + _PADDING), dtype)[:, : len(pool)]
+        self._v: AnyFloats = np.empty((capacity, len(pool) + _PADDING), dtype)[:, : len(pool)]
         self._rows = self._valued = 0
         for i in range(0, len(x), _BLOCK):
             self._append(x[i : i + _BLOCK], y[i : i + _BLOCK])
@@ -124,7 +121,7 @@ class PoolPosterior:
         self.variance -= added**2
         self._rows += 1
 
-    def observe(self, values: Array) -> None:
+    def observe(self, values: Floats) -> None:
         """Take in the values of all that was conditioned on since the last call, in its order."""
         start, stop = self._valued, self._rows
         self._y[start:stop] = values
@@ -134,21 +131,21 @@ class PoolPosterior:
         self.mean += self._z[start:stop] @ self._v[start:stop]
         self._valued = stop
 
-    def replace(self, slots: npt.NDArray[np.intp], points: Floats) -> None:
+    def replace(self, slots: Indices, points: AnyFloats) -> None:
         """Put new candidates (r, d) into the slots (r,) of the pool."""
         columns = np.empty((self._rows, len(slots)), self._v.dtype)
         self.mean[slots], self.variance[slots] = self._solve(points, columns)
         self._v[: self._rows, slots] = columns
         self.pool[slots] = points
 
-    def mean_at_observations(self) -> Array:
+    def mean_at_observations(self) -> Floats:
         """Return the posterior mean at every observation that has a value: (n,)."""
         n = self._valued
         weights = solve_triangular(self._l[:n, :n], self._z[:n], lower=True, trans=1)
-        smooth: Array = self._y[:n] - self._kernel.noise * weights
+        smooth: Floats = self._y[:n] - self._kernel.noise * weights
         return smooth
 
-    def _append(self, points: Floats, values: Array) -> None:
+    def _append(self, points: AnyFloats, values: Floats) -> None:
         n, stop = self._rows, self._rows + len(points)
         columns = np.empty((n, len(points)), self._l.dtype)
         mean, _ = self._solve(points, columns)
@@ -159,7 +156,7 @@ class PoolPosterior:
         self._z[n:stop] = solve_triangular(factor, values - mean, lower=True)
         self._rows = self._valued = stop
 
-    def _solve(self, points: Floats, columns: Floats) -> tuple[Array, Array]:
+    def _solve(self, points: AnyFloats, columns: AnyFloats) -> tuple[Floats, Floats]:
         """Write L^-1 k(observations, points) to columns (n, r); give mean and variance, (r,)."""
         mean, variance = np.zeros(len(points)), np.full(len(points), self._kernel.signal)
         for i in range(0, self._rows, _BLOCK):
@@ -172,17 +169,17 @@ class PoolPosterior:
         return mean, variance
 
 
-def _scaled_distances(a: Floats, b: Floats) -> Array:
+def _scaled_distances(a: AnyFloats, b: AnyFloats) -> Floats:
     """Return sqrt(5) |a - b|, pairwise: (n, m)."""
     a, b = a.astype(np.float64), b.astype(np.float64)
-    squares: Array = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
+    squares: Floats = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)
     squares -= 2.0 * (a @ b.T)
     np.maximum(squares, 0.0, out=squares)
     squares *= 5.0
     return np.sqrt(squares, out=squares)
 
 
-def _loss(theta: Array, x: Array, y: Array, mode: float) -> tuple[float, Array]:
+def _loss(theta: Floats, x: Floats, y: Floats, mode: float) -> tuple[float, Floats]:
     """Return the negative log posterior of the log hyper-parameters, and its gradient.
 
     theta holds the logs of the length-scales, the signal, and the noise's ratio to it.

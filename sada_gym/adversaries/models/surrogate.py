@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.stats import rankdata
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
-from sada_gym.adversaries.models.exact_gp import Array, Kernel, fit_kernel
+from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
+from sada_gym.arrays import AnyFloats, Floats
 
 _FOLDS = 4
 _MIN_FOOLING = 20
@@ -32,9 +32,9 @@ class CrossFittedTrees:
         ensembles: The ensembles.
     """
 
-    def __init__(self, x: Array, y: Array, rng: np.random.Generator) -> None:
+    def __init__(self, x: Floats, y: Floats, rng: np.random.Generator) -> None:
         fold = rng.permutation(len(x)) % _FOLDS
-        self.held_out: Array = np.zeros(len(x))
+        self.held_out: Floats = np.zeros(len(x))
         self.ensembles = []
         for left_out in range(_FOLDS):
             ensemble = HistGradientBoostingRegressor(
@@ -50,9 +50,9 @@ class CrossFittedTrees:
             self.held_out[fold == left_out] = ensemble.predict(x[fold == left_out])
             self.ensembles.append(ensemble)
 
-    def __call__(self, x: Array) -> Array:
+    def __call__(self, x: Floats) -> Floats:
         """Predict the values at x (m, d): (m,)."""
-        mean: Array = np.mean([ensemble.predict(x) for ensemble in self.ensembles], axis=0)
+        mean: Floats = np.mean([ensemble.predict(x) for ensemble in self.ensembles], axis=0)
         return mean
 
 
@@ -75,8 +75,8 @@ class SparseGP:
 
     def __init__(
         self,
-        x: Array,
-        y: Array,
+        x: Floats,
+        y: Floats,
         rng: np.random.Generator,
         *,
         regressors: int = 1_200,
@@ -104,9 +104,9 @@ class SparseGP:
         half = solve_triangular(factor[0], features, lower=True)
         leverage = np.minimum((half**2).sum(axis=0), _MAX_LEVERAGE)
         left_out = z - (z - features.T @ coefficients) / (1.0 - leverage)
-        self.held_out: Array = self._mean + self._scale * left_out
+        self.held_out: Floats = self._mean + self._scale * left_out
 
-    def __call__(self, x: Array) -> Array:
+    def __call__(self, x: Floats) -> Floats:
         """Return the mean at x (m, d): (m,)."""
         blocks = [x[start : start + _BLOCK] for start in range(0, len(x), _BLOCK)]
         means = [self._kernel(block, self._points) @ self._weights for block in blocks]
@@ -144,8 +144,8 @@ class Surrogate:
 
     def __init__(
         self,
-        mu: npt.NDArray[np.floating],
-        score: Array,
+        mu: AnyFloats,
+        score: Floats,
         threshold: float,
         rng: np.random.Generator,
         models: Sequence[str] = tuple(MODELS),
@@ -167,7 +167,7 @@ class Surrogate:
             standard = (predicted - self._centre) / self._scale
             self._stack = LogisticRegression(C=10.0).fit(standard, fooled)
 
-    def __call__(self, mu: npt.NDArray[np.floating]) -> Array:
+    def __call__(self, mu: AnyFloats) -> Floats:
         """Return the probability of fooling at mu (m, d): (m,)."""
         if self._stack is None or not len(mu):
             return np.ones(len(mu))
@@ -175,9 +175,9 @@ class Surrogate:
         with threadpool_limits(1):
             return self.calibrated([r(x) for r in self.regressions])
 
-    def calibrated(self, predicted: Sequence[Array]) -> Array:
+    def calibrated(self, predicted: Sequence[Floats]) -> Floats:
         """Return the probability of fooling where each regression predicts (m,) ranks: (m,)."""
         assert self._stack is not None
         standard = (np.stack(predicted, axis=1) - self._centre) / self._scale
-        probability: Array = self._stack.predict_proba(standard)[:, 1]
+        probability: Floats = self._stack.predict_proba(standard)[:, 1]
         return probability

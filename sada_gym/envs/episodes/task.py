@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 
 from sada_gym.agents.tile import Batch
-from sada_gym.arrays import Bools, Bytes, Floats, Indices, shaped
+from sada_gym.arrays import Bools, Bytes, Floats, Indices, validate_shape
 from sada_gym.envs.checks import check_kind
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.episodes.rollout import EpisodesT
@@ -79,7 +79,7 @@ class Task(Lockstep[Batch], Generic[EpisodesT]):
         Raises:
             UserError: If they are of another shape or not finite numbers.
         """
-        array = shaped(actions, shape, what, what.removeprefix("an "))
+        array = validate_shape(actions, shape, what, what.removeprefix("an "))
         if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
             raise UserError(f"Expected {what} of finite numbers, got {actions}.")
         return array
