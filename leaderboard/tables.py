@@ -204,7 +204,9 @@ def main() -> None:
         return
     entries = read_entries(ENTRIES)
     for suite in SUITES:
-        path = write_tables(DOCS / "results" / suite, results_of_suite(entries, suite))
+        folder = DOCS / "results" / suite
+        folder.mkdir(exist_ok=True)
+        path = write_tables(folder, results_of_suite(entries, suite))
         print(f"{path.relative_to(ROOT)}")
     for path, text in pages(entries).items():
         path.write_text(text, encoding="utf-8")

@@ -13,6 +13,8 @@ PACKAGE = Path(sada_gym.__file__).parent
 TOY = Path(__file__).parents[1] / "support" / "toy_application"
 
 USES = """
+from pathlib import Path
+
 import gymnasium as gym
 import sada_gym
 from leaderboard import tables
@@ -32,6 +34,9 @@ assert [*suite.seeds_on(track)] == [0, 1]
 assert "toys" in tables.MEASURED and "toys" in tables.SUITES
 comparison = tables.HEADLINES["toys"]
 assert (comparison.table, comparison.agent) == ("equal-queries", ""), comparison
+assert "Toys" in next(tables.side_by_side(None, ()))
+Path("results").mkdir()
+tables.write_tables(Path("results"), tables.results_of_suite((), "toys"))
 group = TrackGroup.of(find_card("SADA-Toy"))
 assert (group.name, group.title) == ("toys", "Toy slopes")
 assert "slopes" in group.summary
