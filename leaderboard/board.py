@@ -13,6 +13,7 @@ from sada_gym.benchmark.suite import Table, tables_of
 from sada_gym.cards import ApplicationCard, cards
 from sada_gym.experiment.record import slug
 from sada_gym.results.entry import Entry
+from sada_gym.results.front import Chart, make_chart
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import Sheet
@@ -36,6 +37,11 @@ class Ranking:
     by_track: Sheet
     coverage_by_track: Sheet | None
     open: bool
+
+    @cached_property
+    def chart(self) -> Chart | None:
+        """The chart of AFR against coverage; None where fewer than two entries have both."""
+        return make_chart(self.rows, f"Attack fooling rate against coverage, {self.tier}")
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from sada_gym.cli.console import errors_as_sentences
 from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
 from sada_gym.results.entry import read_entries
-from sada_gym.results.front import make_chart
 from sada_gym.results.rows import Row
 from sada_gym.results.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
 
@@ -67,14 +66,7 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
     render = partial(_render, _environment(), board)
     sheets = [board.strongest, entries_sheet(board)]
     for group in board.groups:
-        charts = {
-            (comparison.anchor, ranking.tier): make_chart(
-                ranking.rows, f"Attack fooling rate against coverage, {ranking.tier}"
-            )
-            for comparison in group.comparisons
-            for ranking in comparison.rankings
-        }
-        yield from render(f"{group.group.name}.html", "group.html", group=group, charts=charts)
+        yield from render(f"{group.group.name}.html", "group.html", group=group)
         sheets += _sheets_of(group)
     for entry in board.entries:
         page = entry_page(board, entry, pictures)
@@ -96,14 +88,9 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
 def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
     for comparison in group.comparisons:
         for ranking in comparison.rankings:
-            yield ranking.whole
-            yield ranking.by_track
-            if ranking.coverage_by_track:
-                yield ranking.coverage_by_track
-    if group.paper_sheet:
-        yield group.paper_sheet
-    if group.outdated_sheet:
-        yield group.outdated_sheet
+            sheets = (ranking.whole, ranking.by_track, ranking.coverage_by_track)
+            yield from filter(None, sheets)
+    yield from filter(None, (group.paper_sheet, group.outdated_sheet))
 
 
 def leaders(group: GroupBoard) -> Iterator[tuple[str, list[str]]]:

@@ -40,13 +40,11 @@ class Point:
     """An adversary.
 
     Attributes:
-        row: Its figures.
         front: Whether no other ranked adversary has both a higher AFR and a higher coverage.
-        x: Its place from the left; coverage grows to the right.
-        y: Its place from the top; the AFR grows upwards.
+        x: Its place in pixels from the left; coverage grows to the right.
+        y: Its place in pixels from the top; the AFR grows upwards.
         bars: The ends of its 95 % intervals, (x1, y1, x2, y2).
-        label_x: The middle of its label from the left.
-        label_y: The middle of its label from the top.
+        label_x: The middle of its label; so is `label_y`.
     """
 
     row: Row
@@ -77,8 +75,6 @@ class Chart:
     """The chart, laid out.
 
     Attributes:
-        title: What it shows.
-        points: The adversaries.
         front: Those on the front, from the highest AFR to the highest coverage.
         end: The highest coverage that there is room for, as a share.
         floor: The AFR at the lower end of the chart, as a share.

@@ -66,10 +66,8 @@ class Row(Strict):
     """An adversary's figures in a table: on one track, or over all.
 
     Attributes:
-        table: The table's name.
-        agent: The agent's name.
         track: The environment's id; None for all tracks.
-        label: The adversary's label.
+        label: What tables call the adversary.
         entry: The name of its entry.
         control: Whether it is a control, which has no rank.
         disqualified: Whether the verifier found what takes its rank on any of these tracks.
@@ -84,13 +82,8 @@ class Row(Strict):
         queries: The queries that it spent.
         f1: How often its samples fool and how much they cover, joined; see `sada_gym.results.f1`.
             None where a track has no coverage.
-        afr: The attack fooling rate.
-        afr_iqm: The interquartile mean of the attack fooling rate over all runs.
-        coverage: See `Measures`, also for the next figures.
-        relative_coverage: The coverage over that of the ideal samples.
-        density: The density.
-        mu_std: The spread of the samples.
-        mean_score: The mean Q.
+        afr: The attack fooling rate. See `Measures`, also for the next figures.
+        afr_iqm: Its interquartile mean over all runs.
         novelty: The median distance to the nearest training query.
         novelty_ratio: The novelty over that of the ideal samples.
         novelty_fifth_ratio: The same ratio of the fifth percentiles.

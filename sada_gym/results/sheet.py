@@ -101,7 +101,6 @@ class Line:
     """A row of a sheet.
 
     Attributes:
-        kind: What it is.
         cells: Its cells by the columns' keys; columns that are missing stay blank.
     """
 
@@ -115,9 +114,6 @@ class Sheet:
 
     Attributes:
         name: The name of its files, without ending.
-        title: What it shows.
-        columns: The columns.
-        lines: The rows.
         note: What a reader must know.
     """
 
@@ -165,15 +161,16 @@ class Sheet:
     def csv(self) -> bytes:
         """Return the table as CSV."""
         buffer = io.StringIO()
-        rows = self._records()
-        writer = csv.DictWriter(buffer, list(rows[0]) if rows else self._fields())
+        writer = csv.DictWriter(buffer, self._fields())
         writer.writeheader()
-        writer.writerows({key: _no_formula(value) for key, value in row.items()} for row in rows)
+        for record in self._records():
+            writer.writerow({key: _no_formula(value) for key, value in record.items()})
         return buffer.getvalue().encode()
 
     def json(self) -> bytes:
         """Return the table as JSON: a list with an object for each row."""
-        text = json.dumps(self._records(), indent=1, ensure_ascii=False, allow_nan=False)
+        records = list(self._records())
+        text = json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False)
         return f"{text}\n".encode()
 
     def _names_row(self, column: Column) -> bool:
@@ -218,19 +215,16 @@ class Sheet:
                 fields += [f"{column.key}_low", f"{column.key}_high"]
         return fields
 
-    def _records(self) -> list[dict[str, float | str | None]]:
-        fields = self._fields()
-        records = []
+    def _records(self) -> Iterator[dict[str, float | str | None]]:
         for line in self.lines:
-            record: dict[str, float | str | None] = dict.fromkeys(fields)
+            record: dict[str, float | str | None] = dict.fromkeys(self._fields())
             record["kind"] = line.kind
             for column in self.columns:
                 cell = line.cells.get(column.key, BLANK)
                 record[column.key] = cell.value
                 if cell.interval:
                     record[f"{column.key}_low"], record[f"{column.key}_high"] = cell.interval
-            records.append(record)
-        return records
+            yield record
 
 
 def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]]) -> Iterator[str]:
