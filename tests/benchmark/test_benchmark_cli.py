@@ -56,7 +56,7 @@ def test_it_tells_of_every_run_and_ends_with_the_table(done):
     assert "left" in lines[2]
     table = result.stdout.partition("Equal queries")[2]
     assert re.search(r"toy:Greedy +│ +\d+\.\d │ +1", table)
-    assert re.search(r"Picky( +│ +-?)+ +│ +0 \(1 failed\)", table)
+    assert re.search(r"Picky( +│ +-?)+ +│ +0, 1 failed", table)
     assert f"Results: {out / 'entries'}/; to read: {out}/ (table.md" in table
 
 
