@@ -110,25 +110,16 @@ def _chart(
         x = left + (width - left - right) * i / (count - 1)
         return x, height - bottom - (height - top - bottom) * score
 
-    small = font(11 * _FINER)
-    draw.text(
-        (10 * _FINER, 22 * _FINER),
-        f"confidence in {wanted}",
-        INK,
-        font(12 * _FINER, bold=True),
-        "lm",
-    )
+    small, bold = font(11 * _FINER), font(12 * _FINER, bold=True)
+    draw.text((10 * _FINER, 22 * _FINER), f"confidence in {wanted}", INK, bold, "lm")
     below = (*at(0, threshold), *at(count - 1, 0))
     draw.rectangle(below, fill=(250, 226, 213))
-    middle = at(count / 2, threshold / 2)
-    draw.text(middle, "fooled", FAILED, font(12 * _FINER, bold=True), "mm")
-    for level in (0.0, 0.5, 1.0):
+    draw.text(at(count / 2, threshold / 2), "fooled", FAILED, bold, "mm")
+    levels = [(level, SOFT, INK) for level in (0.0, 0.5, 1.0)] + [(threshold, FAILED, FAILED)]
+    for level, line, ink in levels:
         x, y = at(0, level)
-        draw.line([(x, y), at(count - 1, level)], fill=SOFT, width=_FINER)
-        draw.text((x - 6 * _FINER, y), f"{level:g}", INK, small, "rm")
-    x, y = at(0, threshold)
-    draw.line([(x, y), at(count - 1, threshold)], fill=FAILED, width=_FINER)
-    draw.text((x - 6 * _FINER, y), f"{threshold:g}", FAILED, small, "rm")
+        draw.line([(x, y), at(count - 1, level)], fill=line, width=_FINER)
+        draw.text((x - 6 * _FINER, y), f"{level:g}", ink, small, "rm")
     draw.text(at(0, -0.11), "usual", INK, small, "lm")
     draw.text(at(count - 1, -0.11), "attacked", INK, small, "rm")
     points = [at(i, float(score)) for i, score in enumerate(scores)]
