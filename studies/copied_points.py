@@ -35,7 +35,7 @@ TRACKS = (
     *("SADA-UAV-3Anchors-v0", "SADA-Robot-Warehouse-v0"),
 )
 ADVERSARIES = (
-    *("random", "archive", "svm", "gp", "gaussian", "gmm50", "bayesian", "bbgan:paper"),
+    *("random", "memorise", "svm", "gp", "gaussian", "gmm50", "bayesian", "bbgan:paper"),
     *("bbgan", "cross-entropy", "smc", "cma-mae", "trees", "level-set"),
 )
 JITTERS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)

@@ -1,4 +1,4 @@
-"""`archive`: repeats the queries that fooled, as the control for what memorising scores."""
+"""`memorise`: repeats the queries that fooled, as the control for what memorising scores."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Memorise(FittedAdversary):
     once before any comes again.
     """
 
-    name: ClassVar[str] = "archive"
+    name: ClassVar[str] = "memorise"
     packages = ()
     uniform_queries: ClassVar[bool] = True
 

@@ -14,7 +14,7 @@ from sada_gym.parts import find_part
 
 _TABLE: dict[str, str] = {
     "random": "sada_gym.adversaries.random:Random",
-    "archive": "sada_gym.adversaries.memorise:Memorise",
+    "memorise": "sada_gym.adversaries.memorise:Memorise",
     "gaussian": "sada_gym.adversaries.gaussian_mixture:Gaussian",
     "gmm10": "sada_gym.adversaries.gaussian_mixture:GMM10",
     "gmm50": "sada_gym.adversaries.gaussian_mixture:GMM50",

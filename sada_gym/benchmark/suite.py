@@ -152,7 +152,7 @@ def _specs(*adversaries: str | tuple[str, str]) -> dict[str, AdversarySpec]:
 
 
 ADVERSARIES: Mapping[str, AdversarySpec] = _specs(
-    *(IDEAL, "random", "archive", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
+    *(IDEAL, "random", "memorise", "svm", "gp", "gaussian", "gmm10", "gmm50", "bayesian"),
     *(("bbgan", "paper"), ("bbgan-boost", "paper"), "bbgan", "bbgan-boost"),
     *("cross-entropy", "smc", "cma-mae", "trees", "level-set", "reinforce", "ppo", "sac", "td3"),
 )
@@ -161,7 +161,7 @@ ADVERSARIES: Mapping[str, AdversarySpec] = _specs(
 _PAPER_ROWS = {label: ADVERSARIES[label] for label in ADVERSARIES if label in {IDEAL, *ROWS}}
 """The rows that the paper's tables have, and the ideal."""
 
-CONTROLS = frozenset({IDEAL, "archive"})
+CONTROLS = frozenset({IDEAL, "memorise"})
 """The adversaries that have no rank, by name."""
 
 _PAPER_BUDGETS = Table(

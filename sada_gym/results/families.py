@@ -25,7 +25,7 @@ class Family:
 
 
 FAMILIES = (
-    Family("controls", "#6b7785", "s", frozenset({"ideal", "archive"})),
+    Family("controls", "#6b7785", "s", frozenset({"ideal", "memorise"})),
     Family(
         "the paper's baselines",
         BLUE,

@@ -34,7 +34,7 @@ MINIMUM_SHARE = 0.1
 
 MINIMUM_SHARE_OF_OTHERS = 0.5
 """The same for samples of another entry. Adversaries of one seed share uniform points: `random`
-draws 22 to 27 % of the samples of `archive` on the ten digits."""
+draws 22 to 27 % of the samples of `memorise` on the ten digits."""
 
 NEAR_RANK = 0.4
 """Samples may be copied where their mean rank, see `nearness`, is below this."""

@@ -10,7 +10,7 @@ from sada_gym.errors import UserError
 
 def test_names_and_descriptions():
     assert adversaries.names() == [
-        *("random", "archive", "gaussian", "gmm10", "gmm50", "svm", "gp", "bayesian"),
+        *("random", "memorise", "gaussian", "gmm10", "gmm50", "svm", "gp", "bayesian"),
         *("bbgan", "bbgan-boost", "cross-entropy", "smc", "cma-mae"),
         *("reinforce", "ppo", "sac", "td3", "trees", "level-set"),
     ]

@@ -88,7 +88,7 @@ def test_a_file_with_numbers_that_are_not_finite_is_refused(name, tmp_path):
         ("cross-entropy", "0.weights", 0.0),
         ("cross-entropy", "0.weights", -1.0),
         ("gp", "length_scales", 0.0),
-        ("archive", "omega.mu", 2.0),
+        ("memorise", "omega.mu", 2.0),
     ],
 )
 def test_a_file_with_impossible_numbers_is_refused(name, array, value, tmp_path):

@@ -39,7 +39,7 @@ def references(tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, references):
     out = tmp_path_factory.mktemp("cli") / "out"
-    names = ("ideal", "random", "archive", "toy:Greedy", "bench_toys:Picky")
+    names = ("ideal", "random", "memorise", "toy:Greedy", "bench_toys:Picky")
     chosen = [word for name in names for word in ("-a", name)]
     result = run(*SMALL, *chosen, "--workers", 1, "--out", out, "--references", references)
     assert result.exit_code == 0, result.output
@@ -66,7 +66,7 @@ def test_its_files_tell_the_same(done):
     assert [run.label for run in results.runs] == [
         "ideal",
         "random",
-        "archive",
+        "memorise",
         "bench_toys:Picky",
         "toy:Greedy",
     ]

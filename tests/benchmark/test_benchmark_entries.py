@@ -21,7 +21,7 @@ from sada_gym.results.entry import GroupFiles, read_entry, read_metadata, write_
 from sada_gym.results.models import MAX_ERROR, SeedResult, Verified
 from sada_gym.submission.checks import check_entry, find_outdated
 
-WHOLE = suite("ideal", "random", "archive", "bench_toys:Picky", budgets=(60,), seeds=2)
+WHOLE = suite("ideal", "random", "memorise", "bench_toys:Picky", budgets=(60,), seeds=2)
 PLACE, GROUP = f"{ANALYTIC}.n60", "SADA-Analytic"
 
 
@@ -68,14 +68,14 @@ def test_a_second_place_with_the_entries_alone_has_nothing_to_do(copied, whole, 
 
 
 def test_seeds_results_and_entries_that_are_missing_are_made_again(copied, whole, references):
-    shutil.rmtree(copied / "entries" / "archive")
+    shutil.rmtree(copied / "entries" / "memorise")
     (copied / "entries" / "ideal" / f"{GROUP}.json").unlink()
     first = suite("random", budgets=(60,))
     shutil.rmtree(copied / "entries" / "random")
     work(copied, first, references)  # seed 0 alone
     missing = work(copied, WHOLE, references)
     assert sorted(names(missing)) == [
-        *(("archive", 0), ("archive", 1)),
+        *(("memorise", 0), ("memorise", 1)),
         *(("ideal", 0), ("ideal", 1)),
         ("random", 1),
     ]
@@ -157,7 +157,7 @@ def test_an_entry_of_another_adversary_is_not_touched(copied, references):
 
 
 def test_an_entry_keeps_its_authors_where_results_are_made_anew(copied, references):
-    folder = copied / "entries" / "archive"
+    folder = copied / "entries" / "memorise"
     theirs = read_metadata(folder).model_copy(update={"authors": ("Ada",), "licence": "CC0-1.0"})
     write_metadata(folder, theirs)
     (folder / f"{GROUP}.json").unlink()
@@ -251,7 +251,7 @@ def test_the_report_leaves_out_what_is_outdated(copied, references, tmp_path):
     work(copied, suite("gaussian", budgets=(60,)), tmp_path / "others")
     done = report_benchmark(copied, references)
     assert {run.entry for run in done.results.runs} == {
-        *("ideal", "random", "archive", "bench_toys-picky")
+        *("ideal", "random", "memorise", "bench_toys-picky")
     }
     assert done.notes == (
         "One result is left out, because the track or its agent has changed since.",

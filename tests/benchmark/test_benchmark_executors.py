@@ -16,7 +16,7 @@ from sada_gym.errors import WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.experiment.run import RunProgress
 
-SMALL = suite("ideal", "archive", "bench_toys:Picky", budgets=(120, 60), seeds=2)
+SMALL = suite("ideal", "memorise", "bench_toys:Picky", budgets=(120, 60), seeds=2)
 
 
 @pytest.fixture(scope="module")

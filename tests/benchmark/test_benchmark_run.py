@@ -14,8 +14,8 @@ from sada_gym.benchmark.run import run_benchmark
 from sada_gym.errors import StoreError, StoreInUse, WorkerError
 from sada_gym.evaluation.store import EvaluationStore
 
-WHOLE = suite("ideal", "archive", "bench_toys:Picky", budgets=(90, 60), seeds=2)
-KILLED = suite("ideal", "archive", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
+WHOLE = suite("ideal", "memorise", "bench_toys:Picky", budgets=(90, 60), seeds=2)
+KILLED = suite("ideal", "memorise", "bench_toys:Picky", track=LOGGED, budgets=(150,), seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_workers_are_no_part_of_the_result(done, tmp_path, references):
 
 
 def test_done_is_done_and_more_is_added(done, tmp_path, references, monkeypatch):
-    run_benchmark(suite("archive", budgets=(90,)), tmp_path, references=references)
+    run_benchmark(suite("memorise", budgets=(90,)), tmp_path, references=references)
     first = len(read_costs(tmp_path))
     run_benchmark(WHOLE, tmp_path, workers=1, references=references)
     assert len(read_costs(tmp_path)) == 12

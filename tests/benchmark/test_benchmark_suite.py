@@ -33,7 +33,7 @@ def test_the_suites_name_what_there_is():
         assert set(one.tracks) <= set(tracks())
     assert {spec.name for spec in ADVERSARIES.values()} == {IDEAL, *adversaries.names()}
     assert all(spec.label == label for label, spec in ADVERSARIES.items())
-    assert {"ideal", "archive"} == CONTROLS
+    assert {"ideal", "memorise"} == CONTROLS
 
 
 SEEDS_OF_DETECTION = {f"SADA-Detection-{name}-v0": 3 for name in ("Bicycle", "Motorbike", "Truck")}

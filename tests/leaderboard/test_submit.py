@@ -346,9 +346,9 @@ def spoilt_runs(folder, runs):
         "Environments of one's own cannot take part": [
             made_run(folder / "own", environment=Toy(), adversary=Greedy)
         ],
-        "of one adversary with one set of options, got the adversary 'archive'": [
+        "of one adversary with one set of options, got the adversary 'memorise'": [
             runs[0],
-            made_run(folder / "other", adversary="archive", seed=1),
+            made_run(folder / "other", adversary="memorise", seed=1),
         ],
     }
 

@@ -297,12 +297,12 @@ def of_one_point(seed, count, dimension):
     )
 
 
-def of_the_archive(seed, count, dimension):
+def of_memorised(seed, count, dimension):
     seed += 50  # its first queries would be the samples of `uniform`
     with Oracle(DIGITS, budget=1_000, seed=seed) as oracle:
-        archive = adversaries.make("archive", dimension, seed=seed)
-        archive.train(oracle)
-        return archive.sample(count)
+        memorise = adversaries.make("memorise", dimension, seed=seed)
+        memorise.train(oracle)
+        return memorise.sample(count)
 
 
 @pytest.fixture(scope="module")
@@ -316,7 +316,7 @@ def tiny_board(tmp_path_factory):
 
     folders = [
         make("random", uniform, adversary="random", options={}),
-        make("archive", of_the_archive, adversary="archive", options={}),
+        make("memorise", of_memorised, adversary="memorise", options={}),
         make("constant", of_one_point),
         make(
             "ideal",
@@ -341,8 +341,8 @@ def test_each_control_lands_where_it_belongs(tiny_board):
         for measure in ("afr", "relative_coverage")
     )
     assert afr["random"] < 0.5
-    # the archive repeats uniform queries that fooled: of these 67.7 % fool again on another seed
-    assert afr["archive"] == pytest.approx(0.677, abs=0.06)
+    # `memorise` repeats uniform queries that fooled: of these 67.7 % fool again on another seed
+    assert afr["memorise"] == pytest.approx(0.677, abs=0.06)
     assert afr["ideal"] > 0.7
     assert covered["constant"] < 0.05 < covered["random"] < covered["ideal"]
     assert covered["ideal"] == pytest.approx(1.0)
@@ -359,7 +359,7 @@ def test_the_cheats_are_flagged_and_nobody_else_is_accused(tiny_board):
     assert "copied" not in flags["constant"]
     assert flags["ideal"] == {"control"}
     assert flags["random"] == set()
-    assert flags["archive"] == set()
+    assert flags["memorise"] == set()
 
 
 def test_the_golden_folder_is_verified_as_ever(tmp_path):

@@ -193,14 +193,14 @@ def test_a_wide_interval_wins_no_rank():
 
 
 def test_controls_stand_in_the_table_without_a_rank():
-    intervals = {"archive": (0.98, 1.0), "a": (0.8, 0.9), "b": (0.8, 0.9), "random": (0.3, 0.4)}
+    intervals = {"memorise": (0.98, 1.0), "a": (0.8, 0.9), "b": (0.8, 0.9), "random": (0.3, 0.4)}
     standings = shared_ranks(
         {name: sum(bounds) / 2 for name, bounds in intervals.items()},
         intervals,
-        controls=("archive", "random", "absent"),
+        controls=("memorise", "random", "absent"),
     )
     assert [(s.name, s.rank, s.label) for s in standings] == [
-        ("archive", None, "-"),
+        ("memorise", None, "-"),
         ("a", 1, "1="),
         ("b", 1, "1="),
         ("random", None, "-"),
