@@ -157,7 +157,16 @@ def test_each_is_a_sentence(args, folder):
 WORDS = [
     *["attack", "--help", "--version"],
     *["SADA-Analytic-v0", "toy:Toy-v0", "CartPole-v1", "Nothing-v0", "file", "folder.py"],
-    *["--adversary", "-a", "random", "memorise", "svm", "toy:Greedy", "plain_module:Thing", "ideal"],
+    *[
+        "--adversary",
+        "-a",
+        "random",
+        "memorise",
+        "svm",
+        "toy:Greedy",
+        "plain_module:Thing",
+        "ideal",
+    ],
     *["--budget", "0", "3", "-7", "1e12", "9" * 30, "two", "", " ", "--samples", "--seed"],
     *["--set", "pool=3", "pool=[1]", "a", "=", "x=y=z", "steps=null", "--env-kwargs"],
     *["dimension=3", "dimension=-1", "dimension={}", "volume=2", "horizon=true", "--agent"],
