@@ -97,11 +97,7 @@ def find_outdated(experiment: Experiment) -> str | None:
 
 
 def check_files(folder: Path, *, submission: bool) -> list[str]:
-    """Check names, kinds and sizes of an entry's files, and return the names of its groups.
-
-    Raises:
-        UserError: If a file does not belong into the folder, is too large, or lacks its twin.
-    """
+    """Check names, kinds and sizes of an entry's files, and return the names of its groups."""
     where = f"in {folder}"
     with file_errors("read", folder):
         name = folder.absolute().name
@@ -109,9 +105,7 @@ def check_files(folder: Path, *, submission: bool) -> list[str]:
             allowed = "to be named by small letters, digits and - + . _"
             refuse(allowed, "an entry's folder", shown(repr(name)), "Rename it")
         if folder.is_symlink() or not stat.S_ISDIR(folder.lstat().st_mode):
-            raise UserError(
-                f"Expected the folder of an entry, got {folder}, which is not a folder."
-            )
+            raise UserError(f"Expected the folder of an entry, got {folder}, which is no folder.")
         with os.scandir(folder) as listed:
             files = list(itertools.islice(listed, MAX_FILES + 1))
         if len(files) > MAX_FILES:
@@ -167,15 +161,12 @@ def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
 
 
 def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> None:
-    """Check what an entry says of itself.
+    """Raise a UserError if entry.toml lacks something, or something in it does not fit.
 
     Args:
         metadata: What it says.
-        path: The file that says so, for messages.
+        path: The file, for messages.
         submission: Whether authors and a licence are needed.
-
-    Raises:
-        UserError: If something is missing or does not fit.
     """
     required = {"title": metadata.title}
     if submission:
@@ -326,9 +317,8 @@ def _read_samples(
     size = path.lstat().st_size
     if size > limit:
         count = sum(map(len, claimed.values()))
-        refuse(
-            f"in {path}", f"at most {limit:,} bytes for the samples of {count} seeds", f"{size:,}"
-        )
+        allowed = f"at most {limit:,} bytes for the samples of {count} seeds"
+        refuse(f"in {path}", allowed, f"{size:,}")
     samples = read_samples(path)
     if list(samples) != list(claimed):
         got = shown(str(list(samples)))

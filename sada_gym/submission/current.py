@@ -27,11 +27,7 @@ def board_tracks() -> tuple[str, ...]:
 
 
 def shipped_agents(track: str) -> tuple[str, ...]:
-    """Return the names of the agents that are shipped for a track, the default one first.
-
-    Raises:
-        UserError: If there is no such track.
-    """
+    """Return the agents that are shipped for a track, by name; the default one is the first."""
     check_known("track", [track], board_tracks())
     return tuple(agents.names(_applications()[track]))
 

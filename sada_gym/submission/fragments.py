@@ -193,11 +193,9 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
     target, adversary, protocol = experiment.target, experiment.adversary, experiment.protocol
     if budget <= protocol.budget:
         return
-    allowed = {
-        rule: current_experiment(target.track, target.agent, rule, adversary).protocol.budget
-        for rule in RULES
-    }
-    listed = " and ".join(f"{allowed[rule]:,} by the rule {rule}" for rule in RULES)
+    rules = [current_experiment(target.track, target.agent, rule, adversary) for rule in RULES]
+    protocols = [experiment.protocol for experiment in rules]
+    listed = " and ".join(f"{p.budget:,} by the rule {p.rule}" for p in protocols)
     raise UserError(
         f"Expected {what} to have a budget of at most {protocol.budget:,} queries, got {budget:,}. "
         f"{adversary.name} may spend {listed} on {target.track}: choose another --rule, or attack "
@@ -207,8 +205,7 @@ def check_budget(what: str, budget: int, experiment: Experiment, option: str) ->
 
 def _command(settings: RunSettings, track: str) -> str:
     """Write the command that made a run, without --out; empty for a class without a name."""
-    experiment = settings.experiment
-    adversary = experiment.adversary
+    experiment, adversary = settings.experiment, settings.experiment.adversary
     words = ["sada-gym", "attack", track, "--adversary", adversary.name]
     words += [] if adversary.preset is None else ["--preset", adversary.preset]
     for name, value in adversary.options.items():
