@@ -20,7 +20,7 @@ from sada_gym.frames import BLUE, VERMILLION, Frame, LegendEntry, rgb
 WIDTH = 700
 """The width of a map in pixels."""
 _FINE = 2
-"""Maps are drawn so many times larger, and made smaller afterwards, so that edges are smooth."""
+"""Maps are drawn larger by this factor and then made smaller, so that edges are smooth."""
 _FLOOR, _RACK, _SHELF = (236, 238, 240), (193, 154, 107), (148, 112, 70)
 _PILLAR, _BARREL, _LID, _CART = (110, 116, 124), (222, 120, 31), (246, 168, 92), (70, 110, 160)
 _WAY, _DRIVEN, _RETURN = (250, 204, 21), rgb(BLUE), (220, 38, 38)

@@ -37,7 +37,7 @@ COMMANDS = np.array([(pedal, wheel) for pedal in _PEDALS for wheel in _WHEELS])
 
 
 class PrivilegedDriver:
-    """Drives robots through worlds of which it knows everything."""
+    """Drives robots; it knows everything about their worlds."""
 
     fingerprint = "tries out 66 commands"
 

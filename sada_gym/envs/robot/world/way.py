@@ -1,4 +1,4 @@
-"""Where a robot is on its way, and what it is told of it."""
+"""Where a robot is on its way, and what it observes of the way."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from sada_gym.envs.robot.world.geometry import SPACING_M
 from sada_gym.envs.robot.world.robot import FORWARD_M_S, TURN_RAD_S
 
 AHEAD_M = (0.4, 0.8, 1.2, 2.0)
-"""How far ahead on its way a robot is shown a point."""
+"""A robot observes the points of its way at these distances ahead."""
 REST_M = 3.0
-"""The rest of the way that a robot is told as 1; it is told no more."""
+"""The rest of the way that is observed as 1; a longer one is observed as 1, too."""
 STATES = 2 * len(AHEAD_M) + 8
 
 _BACK, _AHEAD = 5, 15

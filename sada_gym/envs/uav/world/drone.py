@@ -25,7 +25,7 @@ ARM_X_M, ARM_Y_M = 0.0850, 0.0675
 """The rotors' distances from the middle, to the front and to the side."""
 TORQUE_PER_THRUST_M = 0.127 * 0.05 / (2 * math.pi * 0.1)
 """A rotor's drag torque over its thrust: C_P / (2 pi C_T) times the diameter, of a propeller of
-five inches. `racer.urdf` has a quarter of it, which no such propeller has."""
+five inches. `racer.urdf` has a quarter of it, too little for such a propeller."""
 GRAVITY_M_S2 = 9.81
 MAX_ROTOR_N = THRUST_TO_WEIGHT * MASS_KG * GRAVITY_M_S2 / 4
 ROTOR_LAG_S = 0.03

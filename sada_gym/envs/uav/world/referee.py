@@ -128,7 +128,7 @@ def judge(
     since: Integers,
     limit: int,
 ) -> None:
-    """See what became of the next gates of some of n drones in one step of the simulation.
+    """Decide what became of the next gates of some of n drones in one step of the simulation.
 
     Args:
         which: The indices of these drones.

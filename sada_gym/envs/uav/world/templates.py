@@ -80,7 +80,7 @@ TEMPLATES = {
 
 
 def template(anchors: int) -> Template:
-    """Return the template with so many anchor points.
+    """Return the template with this number of anchor points.
 
     Raises:
         ValueError: If there is none.
