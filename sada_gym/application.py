@@ -268,15 +268,9 @@ def isolated_rng(application: Application) -> AbstractContextManager[None]:
 def feasible_worlds(
     application: Application, mu: npt.ArrayLike, seeds: Sequence[int]
 ) -> npt.NDArray[np.bool_] | None:
-    """Find the worlds in which a privileged agent is not fooled, so that failures count.
+    """Return in which of n worlds, (n, d), a privileged agent is not fooled: failures count there.
 
-    Args:
-        application: The application.
-        mu: (n, d), values in [-1, 1].
-        seeds: n seeds.
-
-    Returns:
-        (n,) bool, or None if the application knows no privileged agent.
+    The answer is (n,) bool, or None if the application knows no privileged agent.
     """
     score = application.privileged_score(mu, seeds)
     return None if score is None else ~fools(score, application.fooling_threshold)

@@ -55,11 +55,7 @@ class LegendEntry(NamedTuple):
 
 
 def validate_frame(given: Any, source: str) -> Frame:
-    """Return what an application drew, if it is a frame.
-
-    Args:
-        given: Anything.
-        source: Where it is from, such as `MyApplication.render`.
+    """Return what a source such as `MyApplication.render` drew, if it is a frame.
 
     Raises:
         UserError: If it is no frame.

@@ -31,12 +31,7 @@ _MARK = 7
 
 
 def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
-    """Yield each frame of a shot with its time in seconds; the last one tells the ending.
-
-    Args:
-        shot: The shot.
-        last_line: The line below the ending.
-    """
+    """Yield each frame of a shot with its time in seconds; the last one tells the ending."""
     for i, (picture, note) in enumerate(zip(shot.pictures, shot.notes, strict=True)):
         fitted = fit(picture)
         yield stacked([fitted, _bar(note, shot.world)]), 1.0 / shot.fps
@@ -68,15 +63,16 @@ def add_inset(picture: Image.Image, drawn: Image.Image, way: Image.Resampling) -
 
 def cross(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
     """Mark a place where something failed: an orange cross with a white rim."""
-    for colour, width in ((PAPER, round(size)), (FAILED, round(size / 2))):
-        _cross(draw, x, y, size, colour, width)
+    _cross(draw, x, y, size, PAPER, size)
+    _cross(draw, x, y, size, FAILED, size / 2)
 
 
 def _cross(
-    draw: ImageDraw.ImageDraw, x: float, y: float, size: float, colour: Colour, width: int
+    draw: ImageDraw.ImageDraw, x: float, y: float, size: float, colour: Colour, width: float
 ) -> None:
     for up in (-size, size):
-        draw.line([(x - size, y - up), (x + size, y + up)], fill=colour, width=max(2, width))
+        ends = [(x - size, y - up), (x + size, y + up)]
+        draw.line(ends, fill=colour, width=max(2, round(width)))
 
 
 def ring(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float) -> None:
@@ -96,12 +92,12 @@ def _bar(note: str, world: str) -> Image.Image:
 def _ending_bar(shot: Shot, last_line: str, colour: Colour) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), colour)
     draw = ImageDraw.Draw(bar)
-    x, y, width = _LEFT + _MARK, _FIRST, round(_MARK / 2.5)
+    x, y, width = _LEFT + _MARK, _FIRST, _MARK / 2.5
     if shot.ending.failed:
         _cross(draw, x, y, _MARK, PAPER, width)
     else:
         tick = [(x - _MARK, y), (x - _MARK / 3, y + _MARK * 0.8), (x + _MARK, y - _MARK)]
-        draw.line(tick, fill=PAPER, width=width, joint="curve")
+        draw.line(tick, fill=PAPER, width=round(width), joint="curve")
     _write(draw, _LEFT + 3 * _MARK, _FIRST, shot.ending.text, 17, PAPER, bold=True)
     _write(draw, _LEFT, _SECOND, last_line, 12, PAPER)
     return bar

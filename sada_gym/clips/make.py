@@ -39,8 +39,7 @@ def find_clip(application: Application) -> ClipFunction:
     """
     functions = _WITHOUT_CARD | {card.application: card.clip for card in cards() if card.clip}
     for kind in type(application).__mro__:
-        name = functions.get(f"{kind.__module__}:{kind.__qualname__}")
-        if name is not None:
+        if name := functions.get(f"{kind.__module__}:{kind.__qualname__}"):
             function: ClipFunction = load(name)
             return function
         if "replay" in vars(kind):

@@ -34,12 +34,7 @@ _EpisodeT = TypeVar("_EpisodeT", bound=_HasScore)
 
 @dataclass(frozen=True)
 class ShotEnding:
-    """How a shot ends.
-
-    Attributes:
-        text: The reason in a few words, such as `hit the frame of gate 4`.
-        failed: Whether the agent failed.
-    """
+    """How a shot ends: in a few words, such as `hit the frame of gate 4`."""
 
     text: str
     failed: bool
@@ -66,12 +61,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Clip:
-    """A sample, played again.
-
-    Attributes:
-        shots: Its shots.
-        score: Its Q.
-    """
+    """A sample, played again, and its Q."""
 
     shots: Sequence[Shot]
     score: float
@@ -115,9 +105,7 @@ def pace(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
 def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], float]:
     """Choose the failures to show, and the seconds that each gets.
 
-    Args:
-        failures: The episodes that failed. Where none failed, the first episode is shown.
-        seconds: The seconds of the sample.
+    Where no episode failed, the first one is shown.
     """
     chosen = (list(failures) or [0])[: max(1, int(seconds // MIN_SHARE_S))]
     return chosen, seconds / len(chosen)
