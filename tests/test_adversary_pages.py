@@ -21,7 +21,7 @@ Cells = dict[tuple[str, str], dict[str, str]]
 
 
 def documented() -> Cells:
-    """Give the cells of all tables of options: (adversary, preset) to option to value."""
+    """Return the cells of all tables of options: (adversary, preset) to option to value."""
     cells: Cells = defaultdict(dict)
     for page in PAGES:
         for table in re.findall(r"(?:^\|.*\n)+", page.read_text("utf-8"), re.MULTILINE):

@@ -49,7 +49,7 @@ def test_an_error_inside_leaves_them_as_they_were():
 
 
 def threads():
-    """Give the threads of torch, BLAS and OpenMP."""
+    """Return the threads of torch, BLAS and OpenMP."""
     return [torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())]
 
 

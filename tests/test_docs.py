@@ -95,7 +95,7 @@ def smaller(script: str) -> str:
 
 
 def blocks(page: Path, language: str) -> Iterator[str]:
-    """Give a page's code blocks of a language, less those marked as not run."""
+    """Return a page's code blocks of a language, less those marked as not run."""
     text = page.read_text(encoding="utf-8")
     for found in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
         before = text[: found.start()].rstrip().rpartition("\n")[2]
@@ -104,7 +104,7 @@ def blocks(page: Path, language: str) -> Iterator[str]:
 
 
 def commands(page: Path) -> Iterator[list[str]]:
-    """Give the commands in a page's shell blocks as words, without comments and variables."""
+    """Return the commands in a page's shell blocks as words, without comments and variables."""
     for line in "".join(blocks(page, "bash")).splitlines():
         words = shlex.split(line, comments=True)
         while words and re.fullmatch(r"[A-Z_]+=.*", words[0]):

@@ -47,9 +47,9 @@ def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> l
         costs: What finished runs took.
     """
     took: dict[tuple[str, ...], list[float]] = {}
-    for one in costs:
+    for timing in costs:
         for like in _LIKE:
-            took.setdefault(like(one), []).append(one.core_s or one.wall_s)
+            took.setdefault(like(timing), []).append(timing.core_s or timing.wall_s)
     by_place: dict[tuple[str, str], list[RunSettings]] = {}
     for run in runs:
         by_place.setdefault((run.key.table, run.key.track), []).append(run)

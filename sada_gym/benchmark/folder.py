@@ -155,19 +155,19 @@ def read_costs(out: Path) -> list[RunTiming]:
     path = out / TIMINGS_FILE
     if not path.exists():
         return []
-    found = []
+    timings = []
     for line in read_file(path, MAX_JSON_BYTES).splitlines():
         with suppress(ValidationError):
-            found.append(RunTiming.model_validate_json(line))
-    return found
+            timings.append(RunTiming.model_validate_json(line))
+    return timings
 
 
 def picture_folder(out: Path, table: str, agent: str) -> Path:
-    """Give the folder of the pictures of a table and agent."""
+    """Return the folder of the pictures of a table and agent."""
     return out / PICTURES / slug(f"{table}.{agent}" if agent else table)
 
 
 def novelty_picture(out: Path, run: RunKey) -> Path:
-    """Give the file of the images that a run of the first seed compared."""
+    """Return the file of the images that a run of the first seed compared."""
     name = f"{slug(run.track)}.{entry_name(run.label)}.png"
     return picture_folder(out, run.table, run.agent) / "nearest-images" / name

@@ -113,7 +113,7 @@ def read_progress(out: Path, run: RunSettings) -> RunProgress | None:
 
 
 def _file(out: Path, run: RunSettings) -> Path:
-    """Give one file to each group: its runs follow one another."""
+    # one file for each group: its runs follow one another
     return out / _FOLDER / f"{store_file(out, run.experiment.target, run.seed).stem}.json"
 
 

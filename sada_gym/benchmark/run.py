@@ -53,11 +53,11 @@ def run_benchmark(
     references: str | Path = FOLDER,
     callback: BenchmarkCallback | None = None,
 ) -> BenchmarkResult:
-    """Run a suite: every table, track, agent, contender and seed; then report.
+    """Run a suite: every table, track, agent, adversary and seed; then report.
 
     Each finished run is added to its entry at once. Killed at any moment and called again with the
     same arguments, it repeats no finished run and no evaluation, and ends with the same entries.
-    Another machine needs only the entries to go on. With more tracks, seeds or contenders it only
+    Another machine needs only the entries to go on. With more tracks, seeds or adversaries it only
     adds their runs. Outdated results are repeated.
 
     Args:
@@ -80,27 +80,27 @@ def run_benchmark(
         RunError: If an adversary raised anything but an `AdversaryError`.
     """
     folder, references = Path(out), Path(references)
-    held = folder / ENTRIES if entries is None else Path(entries)
+    entries_folder = folder / ENTRIES if entries is None else Path(entries)
     called = callback or BenchmarkCallback()
     check_integer("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
         claim(folder)
-    with file_errors("make the folder", held):
-        held.mkdir(parents=True, exist_ok=True)
+    with file_errors("make the folder", entries_folder):
+        entries_folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        for place in dict.fromkeys((folder.resolve(), held.resolve())):
+        for place in dict.fromkeys((folder.resolve(), entries_folder.resolve())):
             stack.enter_context(sole_user(place))
-        missing = find_missing(held, plan)
+        missing = find_missing(entries_folder, plan)
         called.on_start(plan, missing)
         if missing.runs:
-            places = folder.absolute(), held.absolute()
+            places = folder.absolute(), entries_folder.absolute()
             do_runs(plan, missing.runs, *places, workers, executor, called)
         called.on_report()
         return report_benchmark(
             folder,
             references,
-            entries=held,
+            entries=entries_folder,
             tables=suite.tables,
             tracks=suite.tracks,
             notes=plan.notes,
@@ -169,26 +169,30 @@ def report_benchmark(
         ValueError: If it is no benchmark's folder, or its entries hold no result.
     """
     folder, references = Path(out), Path(references)
-    held = folder / ENTRIES if entries is None else Path(entries)
-    with file_errors("read", held):
-        if not held.exists():
-            raise UserError(f"Expected a benchmark's folder, got {folder} without {held}.")
+    entries_folder = folder / ENTRIES if entries is None else Path(entries)
+    with file_errors("read", entries_folder):
+        if not entries_folder.exists():
+            raise UserError(
+                f"Expected a benchmark's folder, got {folder} without {entries_folder}."
+            )
     chosen = [
         entry.keeping(lambda r: tracks is None or r.claimed.experiment.target.track in tracks)
-        for entry in read_entries(held)
+        for entry in read_entries(entries_folder)
     ]
     experiments = [r.claimed.experiment for entry in chosen for r in entry.results.values()]
-    attacked = {(one.target.track, one.target.agent) for one in experiments}
+    attacked = {(e.target.track, e.target.agent) for e in experiments}
     targets = current_targets(attacked, references)
     chosen, outdated = without_outdated(chosen, targets)
     if outdated:
         what = "One result is" if outdated == 1 else f"{outdated} results are"
         notes = (*notes, f"{what} left out, because the track or its agent has changed since.")
-    results = results_of(chosen, tables or tables_of({one.protocol.rule for one in experiments}))
+    results = results_of(chosen, tables or tables_of({e.protocol.rule for e in experiments}))
     if not results.runs:
-        raise UserError(f"Expected finished runs in {held}, got none yet. Run the benchmark.")
+        raise UserError(
+            f"Expected finished runs in {entries_folder}, got none yet. Run the benchmark."
+        )
     with file_errors("make the folder", folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_tables(folder, results, notes)
     draw_benchmark(folder, results, chosen, targets)
-    return BenchmarkResult(results, folder, held, tuple(notes))
+    return BenchmarkResult(results, folder, entries_folder, tuple(notes))

@@ -208,7 +208,6 @@ def is_default(application: str, agent: str) -> bool:
 
 
 def _against_the_default(table: Table) -> Table:
-    """Give a table that attacks the default agent alone."""
     return table.model_copy(update={"agents": "default"})
 
 

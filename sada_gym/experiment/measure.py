@@ -106,7 +106,7 @@ class Search(Strict):
 
     @property
     def fooling_rate(self) -> float | None:
-        """Give the share of queries that fooled; None without queries."""
+        """The share of queries that fooled; None without queries."""
         return self.fooled / self.queries if self.queries else None
 
 
@@ -214,13 +214,13 @@ def summarise_distances(samples: Mu, queries: Mu) -> Distances | None:
     )
 
 
-def image_novelty(found: Sequence[Neighbours], ideal: Sequence[Neighbours]) -> ImageNovelty:
+def image_novelty(neighbours: Sequence[Neighbours], ideal: Sequence[Neighbours]) -> ImageNovelty:
     """Sum up what the comparison of images gave for an adversary's samples and ideal ones."""
     return ImageNovelty(
-        samples=len(found),
-        median=_median([one.in_image for one in found]),
-        median_of_nearest_mu=_median([one.in_mu for one in found]),
-        ideal=_median([one.in_image for one in ideal]) if ideal else None,
+        samples=len(neighbours),
+        median=_median([pair.in_image for pair in neighbours]),
+        median_of_nearest_mu=_median([pair.in_mu for pair in neighbours]),
+        ideal=_median([pair.in_image for pair in ideal]) if ideal else None,
     )
 
 

@@ -34,7 +34,7 @@ _EVERY_RUN = ("sada_gym", "gymnasium", "numpy", "scipy")
 
 
 def packages(application: Application, adversary: type[Adversary]) -> dict[str, str]:
-    """Give the versions of Python and of those packages that can change a run's result.
+    """Return the versions of Python and of those packages that can change a run's result.
 
     A class of a user's own may name its packages in an attribute `packages`, a tuple of names as
     pip knows them. Without it all the packages count that any of our own needs.
@@ -48,20 +48,20 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
         *_of_application(application),
         *_of_adversary(adversary),
     }
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for name in names:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except metadata.PackageNotFoundError:
             continue
-    return in_order(found)
+    return in_order(versions)
 
 
-def in_order(found: Mapping[str, str]) -> dict[str, str]:
+def in_order(versions: Mapping[str, str]) -> dict[str, str]:
     """Sort versions by package: the ones that we know in a fixed order, others by name."""
-    known: Iterable[str] = (name for name in _ORDER if name in found)
-    others = sorted(name for name in found if name not in _ORDER)
-    return {name: found[name] for name in (*known, *others)}
+    known: Iterable[str] = (name for name in _ORDER if name in versions)
+    others = sorted(name for name in versions if name not in _ORDER)
+    return {name: versions[name] for name in (*known, *others)}
 
 
 def _of_application(application: Application) -> tuple[str, ...]:
@@ -73,7 +73,7 @@ def _of_application(application: Application) -> tuple[str, ...]:
 
 
 def _of_adversary(adversary: type[Adversary]) -> tuple[str, ...]:
-    """Give what an adversary's class or one of its bases declares.
+    """Return what an adversary's class or one of its bases declares.
 
     A class of a user's own may need more than the class of ours that it derives from, so it does
     not inherit our declaration.

@@ -20,7 +20,7 @@ def title(report: RunReport) -> str:
 
 
 def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
-    """Give the name and the text of each finding."""
+    """Yield the name and the text of each finding."""
     if (world := _world(report)) is not None:
         yield "environment", world
     low, high = report.afr_interval_95

@@ -230,7 +230,7 @@ class OpenTarget:
 
     @property
     def evaluator(self) -> Evaluator:
-        """Gives the application's scores.
+        """What scores the application.
 
         Raises:
             RuntimeError: If the target is closed.

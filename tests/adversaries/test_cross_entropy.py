@@ -17,7 +17,7 @@ class TestCrossEntropy(AdversaryContract):
 
 
 def lead_over_uniform(adversary, application, n=5000):
-    """Give the samples, and the lower end of their AFR's lead."""
+    """Return the samples, and the lower end of their AFR's lead."""
     samples = adversary.sample(n)
     shape = (n, adversary.dimension)
     uniform = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
@@ -29,7 +29,7 @@ def lead_over_uniform(adversary, application, n=5000):
 
 
 def regions(application, samples):
-    """Give the share of the samples in each region."""
+    """Return the share of the samples in each region."""
     region = application.fooling_region(samples)
     return np.bincount(region[region >= 0], minlength=application.regions) / len(region)
 

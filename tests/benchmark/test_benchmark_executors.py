@@ -120,7 +120,7 @@ def test_an_executor_that_gives_up_is_told_in_a_sentence(tmp_path, references):
 
 @pytest.fixture(scope="module")
 def deaths(tmp_path_factory):
-    """Give the file that remembers deaths, which every worker can name."""
+    """Return the file that remembers deaths, which every worker can name."""
     file = tmp_path_factory.mktemp("deaths") / "deaths"
     os.environ["TOY_DEATHS"] = str(file)
     yield file

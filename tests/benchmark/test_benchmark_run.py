@@ -155,7 +155,7 @@ def end_of(process):
 
 
 def logged(log):
-    """Give the (process, seed) pairs of a log; its last line may be incomplete."""
+    """Return the (process, seed) pairs of a log; its last line may be incomplete."""
     if not log.exists():
         return []
     return [

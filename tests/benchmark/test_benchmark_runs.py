@@ -61,7 +61,7 @@ def done(tmp_path_factory, references):
 
 
 def run_of(done, label, table="n120", seed=0):
-    """Give what the entry says of a run, and its samples."""
+    """Return what the entry says of a run, and its samples."""
     _, found, samples = run_in(done[0] / "entries", label, table, seed)
     return found, samples
 

@@ -82,7 +82,7 @@ CASES = [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for
 
 
 def users_environment() -> dict[str, str]:
-    """Give the environment without the tests' one thread a process, which would hide a hang."""
+    """Return the environment without the tests' one thread a process, which would hide a hang."""
     return {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
 
 

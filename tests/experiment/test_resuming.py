@@ -187,7 +187,7 @@ def start(out, log, adversary, how="anew"):
 
 
 def logged(log):
-    """Give the (process, seed) pairs of a log; its last line may be incomplete."""
+    """Return the (process, seed) pairs of a log; its last line may be incomplete."""
     if not log.exists():
         return []
     return [

@@ -46,7 +46,7 @@ PAIRS = {
 
 
 def seen(colour, matrix):
-    """Give the CIE L*a*b* of a colour as seen through a matrix."""
+    """Return the CIE L*a*b* of a colour as seen through a matrix."""
     share = np.array(rgb(colour) if isinstance(colour, str) else colour) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     xyz = TO_XYZ @ np.clip(np.array(matrix) @ linear, 0, 1)

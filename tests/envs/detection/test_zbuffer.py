@@ -23,7 +23,7 @@ SAMPLES, NEAR, FAR = 192, 2.0, 32.0
 
 
 def drawn(vertices, faces, camera, samples=SAMPLES, double_sided=False):
-    """Give the inverse depth (samples, samples) of what is nearest, and which face it is."""
+    """Return the inverse depth (samples, samples) of what is nearest, and which face it is."""
     vertices = np.ascontiguousarray(vertices, np.float32)
     points = np.empty((len(vertices), COORDINATES))
     project(vertices, camera, points)

@@ -45,7 +45,7 @@ class Flight:
 
 
 def glide(bodies, poses, velocities):
-    """Give the poses after each of some steps, (steps, n, 7)."""
+    """Return the poses after each of some steps, (steps, n, 7)."""
     bodies.place(poses)
     return np.array([bodies.step(now) for now in velocities])
 
