@@ -83,7 +83,7 @@ def samples(space, count=20):
 
 
 def outputs(policy, seen):
-    """Return what a network says before an action is chosen, or the action where that is the same."""
+    """Return what a network says before it chooses an action, or the action if that is all."""
     observation, _ = policy.obs_to_tensor(seen)
     with torch.no_grad():
         if isinstance(policy, DQNPolicy):
