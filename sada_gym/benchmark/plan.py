@@ -139,7 +139,7 @@ def _check_places(plan: Plan) -> None:
     known: dict[tuple[str, str, int], RunSettings] = {}
     for run in plan.runs:
         Result.make(run.experiment, ())  # refuses names that no entry can hold
-        # some file systems do not tell capitals from small letters
+        # two places that differ in capitals alone would be mistaken for one another
         place = run.experiment.place.lower()
         if len(place) > _MAX_PLACE:
             raise UserError(

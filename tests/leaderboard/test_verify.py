@@ -327,7 +327,7 @@ def tiny_board(tmp_path_factory):
         make("cheat", of_the_truth(0.05)),
         make("bold-cheat", of_the_truth(0.0)),
     ]
-    findings = list(verify(folders, "2026-11"))
+    findings = list(verify(folders, "nonce"))
     assert all(finding.state == "verified" for finding in findings), findings
     return {finding.entry: finding.verified for finding in findings}
 
@@ -343,7 +343,8 @@ def test_each_control_lands_where_it_belongs(tiny_board):
     assert afr["random"] < 0.5
     # `memorise` repeats uniform queries that fooled: of these 67.7 % fool again on another seed
     assert afr["memorise"] == pytest.approx(0.677, abs=0.06)
-    assert afr["ideal"] > 0.7
+    # the points of the fooling set fool on 68.0 to 71.6 % of fresh seeds, by eight nonces
+    assert afr["ideal"] == pytest.approx(0.70, abs=0.05)
     assert covered["constant"] < 0.05 < covered["random"] < covered["ideal"]
     assert covered["ideal"] == pytest.approx(1.0)
     for seed in tiny_board["ideal"].seeds:
