@@ -75,8 +75,8 @@ def test_seeds_results_and_entries_that_are_missing_are_made_again(copied, whole
     work(copied, first, references)  # seed 0 alone
     missing = work(copied, WHOLE, references)
     assert sorted(names(missing)) == [
-        *(("memorise", 0), ("memorise", 1)),
         *(("ideal", 0), ("ideal", 1)),
+        *(("memorise", 0), ("memorise", 1)),
         ("random", 1),
     ]
     assert (missing.lacking, missing.outdated) == (3, 0)

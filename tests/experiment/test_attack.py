@@ -55,9 +55,9 @@ def test_the_rate_over_feasible_worlds_is_reported_where_it_is_known(tmp_path):
     assert run(tmp_path / "unknown").report.feasible is None
 
     class Known(Toy):
-        def feasible(self, mu, seeds):
+        def privileged_score(self, mu, seeds):
             assert len(mu) == len(seeds) == 30
-            return np.asarray(mu)[:, 0] > 0
+            return np.where(np.asarray(mu)[:, 0] > 0, 1.0, 0.0)
 
     result = attack(Known(), "random", samples=30, out=tmp_path / "known")
     worlds = result.samples.mu[:, 0] > 0
