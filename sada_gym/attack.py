@@ -21,8 +21,8 @@ from sada_gym.experiment.folder import (
     SAMPLES_FILE,
     STORE_FILE,
     check_free,
-    claim_folder,
     read_finished,
+    reserve_folder,
     write_samples,
 )
 from sada_gym.experiment.names import check_spelling
@@ -143,7 +143,7 @@ def attack(
             packages=packages(opened.application, type(solver)),
         )
         with file_errors("make the folder", folder):
-            claimed = claim_folder(folder, settings, resume=resume)
+            reserved = reserve_folder(folder, settings, resume=resume)
         finished = read_finished(folder, settings, opened.dimension) if resume else None
         if finished is None:
             try:
@@ -160,7 +160,7 @@ def attack(
                 found = report, run.samples, run.queries
             except BaseException:
                 opened.close(now=True)
-                claimed.release()
+                reserved.release()
                 raise
         else:
             found = finished

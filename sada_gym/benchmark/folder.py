@@ -80,7 +80,7 @@ def store_file(out: Path, target: Target, seed: int) -> Path:
     return out / STORES / f"{place}.{seed}.sqlite"
 
 
-def claim(out: Path) -> None:
+def reserve(out: Path) -> None:
     """Make a folder a benchmark's own, or find that it is one.
 
     Raises:

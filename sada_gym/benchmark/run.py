@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sada_gym.benchmark.costs import CostEstimate, estimate_costs
 from sada_gym.benchmark.entries import Missing, find_missing
-from sada_gym.benchmark.folder import ENTRIES, claim, read_costs, sole_user
+from sada_gym.benchmark.folder import ENTRIES, read_costs, reserve, sole_user
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.report.pictures import draw_benchmark
@@ -85,7 +85,7 @@ def run_benchmark(
     check_integer("workers", workers, 1, MAX_WORKERS)
     plan = make_plan(suite, references)
     with file_errors("make the folder", folder):
-        claim(folder)
+        reserve(folder)
     with file_errors("make the folder", entries_folder):
         entries_folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:

@@ -53,14 +53,14 @@ class RunFolder:
 
     Attributes:
         folder: The folder.
-        made: What claiming it made: folders, the innermost first. None where it held the run.
+        made: What reserving it made: folders, the innermost first. None where it held the run.
     """
 
     folder: Path
     made: tuple[Path, ...] | None
 
     def release(self) -> None:
-        """Take back a claim whose run made no evaluation, so that nothing of it is left."""
+        """Give the folder back if its run made no evaluation, so that nothing of it is left."""
         store = self.folder / STORE_FILE
         if self.made is None:
             return
@@ -102,7 +102,7 @@ def check_free(folder: Path, *, resume: bool) -> None:
             )
 
 
-def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFolder:
+def reserve_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFolder:
     """Make a folder an attack's own by writing its settings there, or find them there.
 
     Raises:
@@ -119,14 +119,14 @@ def claim_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFol
         )
         return RunFolder(folder, None)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    claimed = RunFolder(folder, tuple(missing))
+    reserved = RunFolder(folder, tuple(missing))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_model(path, settings)
     except BaseException:
-        claimed.release()
+        reserved.release()
         raise
-    return claimed
+    return reserved
 
 
 def read_finished(

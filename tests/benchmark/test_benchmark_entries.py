@@ -7,7 +7,7 @@ import pytest
 from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in, suite
 
 from sada_gym.benchmark.entries import find_missing
-from sada_gym.benchmark.folder import Timing, claim, read_costs, sole_user
+from sada_gym.benchmark.folder import Timing, read_costs, reserve, sole_user
 from sada_gym.benchmark.metadata import metadata_of
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
@@ -35,7 +35,7 @@ def references(tmp_path_factory):
 def work(out, chosen, references):
     """Do what is missing, and say what that was."""
     plan = make_plan(chosen, references)
-    claim(out)
+    reserve(out)
     entries = out / "entries"
     missing = find_missing(entries, plan)
     do_runs(plan, missing.runs, out, entries, 1, Inline(), BenchmarkCallback())

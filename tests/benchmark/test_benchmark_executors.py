@@ -8,7 +8,7 @@ from bench_toys import ANALYTIC, LOGGED, Recorder, contents, make_reference, sui
 
 from sada_gym.benchmark import progress
 from sada_gym.benchmark.entries import find_missing
-from sada_gym.benchmark.folder import claim, read_costs
+from sada_gym.benchmark.folder import read_costs, reserve
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.schedule import do_runs
@@ -37,7 +37,7 @@ def ours(tmp_path_factory, references):
 def run(out, chosen, references, *, workers=1, executor=None, callback=None):
     """Do what is missing, and leave the report out, which takes the most of the time."""
     plan = make_plan(chosen, references)
-    claim(out)
+    reserve(out)
     entries = out / "entries"
     do_runs(
         plan,

@@ -8,7 +8,7 @@ import pytest
 from bench_toys import ANALYTIC, LOGGED, Inline, contents, costs_of, made, make_reference, suite
 from forked import FORKSERVER
 
-from sada_gym.benchmark.folder import claim, read_costs, sole_user
+from sada_gym.benchmark.folder import read_costs, reserve, sole_user
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.run import run_benchmark
 from sada_gym.errors import StoreError, StoreInUse, WorkerError
@@ -87,7 +87,7 @@ def test_other_folders_are_refused(tmp_path, references):
 def test_two_at_once_are_refused(tmp_path, references):
     chosen = suite("random", budgets=(60,))
     out = tmp_path / "out"
-    claim(out)
+    reserve(out)
     with sole_user(out), pytest.raises(ValueError, match="another is at work there"):
         run_benchmark(chosen, out, references=references)
 

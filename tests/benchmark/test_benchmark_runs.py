@@ -15,7 +15,7 @@ from bench_toys import (
 )
 
 from sada_gym.benchmark.entries import find_missing
-from sada_gym.benchmark.folder import claim, novelty_picture, store_file
+from sada_gym.benchmark.folder import novelty_picture, reserve, store_file
 from sada_gym.benchmark.job import RunError
 from sada_gym.benchmark.plan import make_plan
 from sada_gym.benchmark.progress import BenchmarkCallback
@@ -45,7 +45,7 @@ def references(tmp_path_factory):
 def work(out, chosen, references, callback=None):
     """Do all runs in this process, which is quicker than in others."""
     plan = make_plan(chosen, references)
-    claim(out)
+    reserve(out)
     entries = out / "entries"
     do_runs(plan, list(plan.runs), out, entries, 1, Inline(), callback or BenchmarkCallback())
     return plan
