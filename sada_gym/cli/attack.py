@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +20,7 @@ from sada_gym.cli.console import (
     say,
     show_resume_hint,
     workers_option,
+    wrapped,
 )
 from sada_gym.errors import UserError
 from sada_gym.experiment.names import check_spelling, default_note
@@ -73,12 +73,12 @@ def attack(
     folder = out_folder or Path("runs") / f"{track}-{adversary}-{seed}".replace(":", "-")
     with errors_as_sentences():
         check_no_stray_words(context.args, "--set a=1 --set b=2")
-        keywords = key_values(env_kwargs or [], "--env-kwargs")
+        keywords = key_values(env_kwargs, "--env-kwargs")
         if agent is not None:
             if "agent" in keywords:
                 raise UserError("Expected the agent once, got it by --agent and --env-kwargs.")
             keywords["agent"] = agent
-        options = key_values(set_ or [], "--set")
+        options = key_values(set_, "--set")
         if preset is not None and "preset" in options:
             raise UserError("Expected the preset once, got it by --preset and --set.")
         check_spelling(env_id, adversary, keywords)
@@ -142,10 +142,7 @@ def _show_result(result: AttackResult) -> None:
     for name, text in rows:
         start = f"  {name}".ljust(indent)
         if out.is_terminal:
-            left = " " * (4 if narrow else indent)
-            text = textwrap.fill(text, out.width, initial_indent=left, subsequent_indent=left,
-                                 break_long_words=False, break_on_hyphens=False)  # fmt: skip
-            text = f"\n{text}" if narrow else text[indent:]
+            text = f"\n{wrapped(text, 4)}" if narrow else wrapped(text, indent)[indent:]
         line = Text(start, style="dim").append(
             text, "not dim bold" if name in (AFR, "where") else "not dim"
         )

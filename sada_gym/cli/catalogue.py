@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import textwrap
-from typing import Any
-
 import typer
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from sada_gym.cli.console import env_kwargs_option, errors_as_sentences, key_values, out, say
-
-_INDENTED: dict[str, Any] = {
-    "initial_indent": "  ",
-    "subsequent_indent": "  ",
-    "break_long_words": False,
-    "break_on_hyphens": False,
-}
+from sada_gym.cli.console import (
+    env_kwargs_option,
+    errors_as_sentences,
+    key_values,
+    out,
+    say,
+    wrapped,
+)
 
 
 def envs(
@@ -29,7 +26,7 @@ def envs(
     """List the environments, or show one's parameters, units and fooling threshold."""
     with errors_as_sentences():
         if env_id is not None:
-            _show_environment(env_id, env_kwargs or [])
+            _show_environment(env_id, env_kwargs)
             return
         from sada_gym.registration import ids_of
 
@@ -41,7 +38,7 @@ def envs(
         say("To see one in detail: sada-gym envs ID", lead="[dim]")
 
 
-def _show_environment(env_id: str, pairs: list[str]) -> None:
+def _show_environment(env_id: str, pairs: list[str] | None) -> None:
     from sada_gym.evaluation.problems import make_application
     from sada_gym.experiment.names import default_note
 
@@ -88,7 +85,7 @@ def adversaries() -> None:
                 options = "  ".join(f"{name}={value}" for name, value in row.options.items())
                 lines.append(f"Options (--set): {options}")
             for line in lines:
-                say(textwrap.fill(line, out.width, **_INDENTED))
+                say(wrapped(line, 2))
 
 
 def _table(*columns: str) -> Table:

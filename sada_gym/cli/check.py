@@ -38,7 +38,7 @@ def check(
                 raise UserError("Expected --env-kwargs only with an environment's id.")
             reports = check_file(subject)
         else:
-            reports = check_environment(subject, **key_values(env_kwargs or [], "--env-kwargs"))
+            reports = check_environment(subject, **key_values(env_kwargs, "--env-kwargs"))
     for report in reports:
         table = make_table("", "check", "finding", title=escape(report.subject))
         for item in report.checks:

@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -115,10 +116,17 @@ def check_no_stray_words(words: Sequence[str], example: str) -> None:
         )
 
 
-def key_values(pairs: Sequence[str], option: str) -> dict[str, Any]:
+def wrapped(text: str, indent: int) -> str:
+    """Break a text between words to the width of the terminal, with so many spaces before it."""
+    start = " " * indent
+    return textwrap.fill(text, out.width, initial_indent=start, subsequent_indent=start,
+                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+
+
+def key_values(pairs: Sequence[str] | None, option: str) -> dict[str, Any]:
     """Parse `k=v` pairs; a value is JSON where it parses as such, else a string."""
     parsed: dict[str, Any] = {}
-    for pair in pairs:
+    for pair in pairs or ():
         key, equals, text = pair.partition("=")
         if not key or not equals:
             raise UserError(f"Expected {option} key=value, got {pair!r}.")

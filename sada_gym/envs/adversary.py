@@ -31,7 +31,7 @@ class AdversaryEnv(LockstepEnv[Floats32]):
     `Box(-1, 1, (d,), float32)`: mu, the application's normalised semantic parameters. A float64
     action is rounded to float32 once; one outside the box is an error.
 
-    ## Floats32 Space
+    ## Observation Space
     `Box(-1, 1, (d + 2,), float32)`:
 
     | index | what | least | greatest |

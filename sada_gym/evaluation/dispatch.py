@@ -79,9 +79,8 @@ class Dispatcher:
     def run(self, chunks: Iterable[Chunk], settle: Settle) -> None:
         """Evaluate all chunks; `settle` gets each with its scores, in the order of their return.
 
-        Raises:
-            WorkerError: If workers die again and again, or a cluster is gone. Scores that came back
-                before this or any other error were given to `settle`.
+        It raises `WorkerError` if workers die again and again, or a cluster is gone. `settle` gets
+        all scores that came back before this or any other error.
         """
         waiting, deaths = deque(chunks), Counter[Chunk]()
         pending: Pending = {}
@@ -120,11 +119,12 @@ class Dispatcher:
 
     def _scorer_to_send(self) -> PortableScorer:
         """Leave the payload out where it is large and the worker has it, or asks for it by None."""
-        if self._executor is not None and self._task.size <= _SMALL_BYTES:
-            return self._task
-        if self._executor is not None and self._payloads_to_send > 0:
-            self._payloads_to_send -= 1  # at first it is sent once for each worker
-            return self._task
+        if self._executor is not None:
+            if self._task.size <= _SMALL_BYTES:
+                return self._task
+            if self._payloads_to_send > 0:
+                self._payloads_to_send -= 1  # at first it is sent once for each worker
+                return self._task
         return replace(self._task, payload=None)
 
     def _collect(self, waiting: deque[Chunk], pending: Pending, settle: Settle) -> None:

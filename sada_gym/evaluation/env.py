@@ -38,7 +38,7 @@ class OracleEnv(LockstepEnv[Floats32]):
     ## Action Space
     `Box(-1, 1, (d,), float32)`: mu.
 
-    ## Floats32 Space
+    ## Observation Space
     `Box(-1, 1, (d + 2,), float32)`, as in the adversary's environments: the last mu, the last score
     (clipped to the box), and the share of the episode's steps that is left. The first two are 0
     before the first step.

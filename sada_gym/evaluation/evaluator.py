@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sada_gym.application import Application, check_declared
-from sada_gym.arrays import Floats, Indices
+from sada_gym.arrays import Floats
 from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
@@ -85,8 +85,7 @@ class Evaluator:
     def attach(self, path: str | Path) -> None:
         """Keep all further scores in the store of a file, and take known scores from it.
 
-        Raises:
-            StoreError: If the store cannot serve, or nothing identifies the scores.
+        It raises `StoreError` if the store cannot serve, or nothing identifies the scores.
         """
         if self.application is None:
             raise StoreError(
@@ -112,18 +111,11 @@ class Evaluator:
     def evaluate(
         self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
     ) -> tuple[Floats, int]:
-        """Score a batch.
+        """Score mu, (n, d) float32, checked: (n,), and how many of the scores came from the store.
 
-        If it is interrupted, or a chunk fails, the store has all scores up to then.
-
-        Args:
-            mu: (n, d) float32, checked.
-            seeds: n evaluation seeds.
-            report: A function that is called after the look-up and after each committed chunk, with
-                the number of scores so far, and how many of these came from the store.
-
-        Returns:
-            The scores, (n,) float64, and how many of them came from the store.
+        After the look-up and after each committed chunk it calls `report` with the number of
+        scores so far, and how many of these came from the store. If it is interrupted, or a chunk
+        fails, the store has all scores up to then.
         """
         scores = np.full(len(mu), np.nan)
         if self.store is not None:
@@ -141,19 +133,16 @@ class Evaluator:
 
         if cached:
             report(done, cached)
-        chunks = self._split(mu, seeds, missing)
+        workers = 1 if self._dispatcher is None else self._dispatcher.workers
+        size = self._chunk_size or _chunk_size(len(missing), workers)
+        parts = [missing[start : start + size] for start in range(0, len(missing), size)]
+        chunks = [Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
         if self._dispatcher is not None:
             self._dispatcher.run(chunks, settle)
         else:
             for chunk in chunks:
                 settle(chunk, score(self._scorer, chunk.mu, chunk.seeds))
         return scores, cached
-
-    def _split(self, mu: Mu, seeds: Sequence[int], missing: Indices) -> list[Chunk]:
-        workers = 1 if self._dispatcher is None else self._dispatcher.workers
-        size = self._chunk_size or _chunk_size(len(missing), workers)
-        parts = [missing[start : start + size] for start in range(0, len(missing), size)]
-        return [Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers and close the store; `now` drops the running chunks."""

@@ -141,9 +141,7 @@ def _local_cluster(workers: int) -> OpenExecutor:
     set_environment_variables(before)  # other processes that start here see the old values
     client = distributed.Client(cluster, set_as_default=False)
     opened = OpenExecutor(client.get_executor(pure=False), workers)
-    opened.callback(
-        set_environment_variables, before
-    )  # again: a worker that is replaced changes it
+    opened.callback(set_environment_variables, before)  # a worker that is replaced changes them
     opened.callback(_leave, cluster)
     opened.callback(_leave, client)
     return opened

@@ -32,14 +32,9 @@ _READER = "sada_gym.envs.wrapped.toml:read_application"
 
 
 def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
-    """Make an adversary environment, unwrapped: one whose `application` is an `Application`.
+    """Make the adversary environment of a Gymnasium id, unwrapped; `module:ID` imports the module.
 
-    Args:
-        env_id: Any Gymnasium id of such an environment; `module:ID` imports the module first.
-        **env_kwargs: The environment's keywords, as `gymnasium.make` takes them.
-
-    Raises:
-        ValueError: If the id or a keyword is unknown, or it is no adversary environment.
+    It raises `UserError` if the id or a keyword is unknown, or its `application` is none.
     """
     spec = find_spec(env_id)
     _check_keywords(spec, env_kwargs)
@@ -105,8 +100,7 @@ class Registered:
 def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
     """Evaluate one chunk: mu (n, d) float32, valid, and n seeds give (n,) finite float64.
 
-    Raises:
-        ValueError: If a user's function returns anything else.
+    It raises `UserError` if a user's function returns anything else.
     """
     if isinstance(scorer, Application):
         scores = scorer.evaluate(mu, seeds).score

@@ -23,8 +23,6 @@ _lock = threading.RLock()
 
 
 class _Process(SpawnProcess):
-    """A spawned process that imports nothing from the current folder while it starts."""
-
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._inherited = _SAFE_PATH in os.environ
@@ -35,15 +33,12 @@ class _Process(SpawnProcess):
             return SpawnProcess._Popen(process_obj)
 
     def run(self) -> None:
-        """Do the work. A script that the work starts finds its own folder, as always."""
-        if not self._inherited:
+        if not self._inherited:  # a script that the work starts finds its own folder, as always
             os.environ.pop(_SAFE_PATH, None)
         super().run()
 
 
 class _Context(SpawnContext):
-    """Multiprocessing's `spawn`, with safe processes."""
-
     Process = _Process
 
 

@@ -111,7 +111,7 @@ def explained(path: Path) -> Iterator[None]:
 
 
 def in_use(error: sqlite3.OperationalError) -> bool:
-    """Say whether another process holds the lock. Without an error code of Python, assume so."""
+    """Return whether another process holds the lock. Without an error code of Python, assume so."""
     return getattr(error, "sqlite_errorcode", _BUSY) & _PRIMARY in (_BUSY, _LOCKED)
 
 

@@ -62,11 +62,7 @@ class PortableScorer:
 
     @classmethod
     def of(cls, source: Registered | Scorer) -> PortableScorer:
-        """Pickle a source.
-
-        Raises:
-            TypeError: If it cannot be pickled.
-        """
+        """Pickle a source; raise `UserTypeError` if it cannot be pickled."""
         try:
             payload = pickle.dumps(source)
         except Exception as error:  # pickle raises whatever an object's own __reduce__ raises
@@ -103,7 +99,6 @@ class PortableScorer:
 
 
 def _drop_oldest(cache: dict[str, Any]) -> None:
-    """Make room for one more entry."""
     while len(cache) >= _CACHE_SIZE:
         oldest = cache.pop(next(iter(cache)))
         if isinstance(oldest, Application):
@@ -113,12 +108,9 @@ def _drop_oldest(cache: dict[str, Any]) -> None:
 def evaluate_if_loadable(
     task: PortableScorer, mu: Mu, seeds: Sequence[int]
 ) -> npt.NDArray[np.float64] | None:
-    """Evaluate one chunk in a process that may have received the task before.
+    """Return the scores of one chunk, (n,); None if neither task nor process has the payload.
 
     The process keeps the payload, so that a large model crosses the network once for each.
-
-    Returns:
-        (n,) float64, or None if the task has no payload and this process lacks it.
     """
     with _payloads_lock:
         if task.payload is not None and task.key not in _payloads:
@@ -149,7 +141,7 @@ class WorkerPool:
         before = set(active_children())
         with inherited_settings():
             for _ in range(workers):
-                self.executor.submit(_nothing)  # so that the pool starts a process
+                self.executor.submit(int)  # any call: the pool starts a process for it
         self._processes = set(active_children()) - before
 
     @property
@@ -158,10 +150,7 @@ class WorkerPool:
         return any(process.exitcode == 1 for process in self._processes)
 
     def warnings(self) -> Iterator[tuple[type[Warning], str]]:
-        """Iterate over category and text of the warnings that came since the last call.
-
-        They come before the scores of the chunk in which they arose.
-        """
+        """Iterate over the warnings since the last call; they come before their chunk's scores."""
         while not self._warnings.empty():
             yield self._warnings.get()
 
@@ -216,7 +205,3 @@ def _send_warning(
 def _exit_with_parent(lifeline: Connection) -> None:
     lifeline.poll(None)  # nothing is ever sent: this returns when the other end is closed
     os._exit(1)
-
-
-def _nothing() -> None:
-    pass

@@ -114,11 +114,6 @@ class AdversaryContract:
         adversary, oracle = cls().train()
         return Training(adversary, oracle, adversary.sample(100))
 
-    @pytest.fixture
-    def trained(self, training: Training) -> tuple[Adversary, RecordingOracle]:
-        """Return a trained adversary and the oracle that it was trained on."""
-        return training.adversary, training.oracle
-
     @pytest.mark.parametrize("dimension", [1, 2, 16])
     def test_samples_lie_in_the_box(self, dimension: int) -> None:
         adversary, _ = self.train(dimension=dimension)
@@ -128,17 +123,15 @@ class AdversaryContract:
             assert samples.dtype == np.float32
             assert (np.abs(samples) <= 1.0).all()
 
-    def test_samples_are_fresh(self, trained: tuple[Adversary, RecordingOracle]) -> None:
+    def test_samples_are_fresh(self, training: Training) -> None:
         if not self.continuous:
             pytest.skip("draws from a finite set")
-        adversary, oracle = trained
-        samples = adversary.sample(10_000)
+        samples = training.adversary.sample(10_000)
         assert len(np.unique(samples, axis=0)) == len(samples)
-        assert not row_keys(samples) & row_keys(oracle.queries)
+        assert not row_keys(samples) & row_keys(training.oracle.queries)
 
-    def test_a_second_draw_goes_on(self, trained: tuple[Adversary, RecordingOracle]) -> None:
-        adversary, _ = trained
-        assert (adversary.sample(100) != adversary.sample(100)).any()
+    def test_a_second_draw_goes_on(self, training: Training) -> None:
+        assert (training.adversary.sample(100) != training.adversary.sample(100)).any()
 
     def test_same_seed_same_result(self, training: Training) -> None:
         again, oracle_again = self.train()
@@ -167,21 +160,16 @@ class AdversaryContract:
                 assert oracle.remaining >= 0
                 assert adversary.sample(10).shape == (10, self.dimension)
 
-    def test_saved_and_loaded_goes_on_the_same(
-        self, trained: tuple[Adversary, RecordingOracle], tmp_path: Path
-    ) -> None:
-        adversary, _ = trained
+    def test_saved_and_loaded_goes_on_the_same(self, training: Training, tmp_path: Path) -> None:
+        adversary = training.adversary
         adversary.sample(7)
         adversary.save(tmp_path)
         loaded = type(adversary).load(tmp_path)
         assert loaded.dimension == self.dimension
         assert_array_equal(loaded.sample(100), adversary.sample(100))
 
-    def test_saved_files_hold_no_pickles(
-        self, trained: tuple[Adversary, RecordingOracle], tmp_path: Path
-    ) -> None:
-        adversary, _ = trained
-        adversary.save(tmp_path)
+    def test_saved_files_hold_no_pickles(self, training: Training, tmp_path: Path) -> None:
+        training.adversary.save(tmp_path)
         files = [path for path in tmp_path.rglob("*") if path.is_file()]
         assert files
         for path in files:

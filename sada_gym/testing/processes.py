@@ -25,10 +25,8 @@ _FILE = "_file_"
 def import_file(path: str | Path, name: str | None = None) -> ModuleType:
     """Import a Python file by its path, with its folder on the module path as a script has it.
 
-    The module's name is made of the path by default, the same in every process.
-
-    Raises:
-        ValueError: If there is no such Python file, or running it raises.
+    By default its name follows from the path, in every process. It raises `UserError` if there is
+    no such Python file, or running it raises.
     """
     path = Path(path).resolve()
     if path.suffix != ".py" or not path.is_file():
@@ -57,10 +55,8 @@ def in_fresh_process(function: Callable[..., Result], *args: Any, home: type) ->
     """Call a function in a process that shares nothing with this one.
 
     It must stand at the top level of an importable module, or be a method. The process first
-    imports the module of the class `home`, from its file where it is on no module path.
-
-    Raises:
-        ValueError: If the arguments can't be pickled.
+    imports the module of the class `home`, from its file where it is on no module path. It raises
+    `UserError` if the arguments can't be pickled.
     """
     files = [
         (name, module.__file__)

@@ -62,12 +62,7 @@ def assert_pure(
 
 
 def assert_same_in_another_process(application: Application, *, n: int = 70, seed: int = 0) -> None:
-    """Check that a pickled copy in a fresh process gives the same outcomes.
-
-    Raises:
-        AssertionError: If an outcome differs.
-        ValueError: If the application can't be pickled.
-    """
+    """Check that a pickled copy in a fresh process gives the same outcomes."""
     mu, seeds = draw_worlds(application, n, seed)
     reference = application.evaluate(mu, seeds)
     elsewhere = in_fresh_process(application.evaluate, mu, seeds, home=type(application))
@@ -77,11 +72,7 @@ def assert_same_in_another_process(application: Application, *, n: int = 70, see
 def compare_outcomes(
     reference: Outcomes, outcomes: Outcomes, how: str, rows: Sequence[int] | None = None
 ) -> None:
-    """Check that outcomes equal the reference's at these rows (all by default), infos included.
-
-    Raises:
-        AssertionError: If not, with the first difference.
-    """
+    """Check that outcomes equal the reference's at these rows (all by default), infos included."""
     rows = range(len(reference.score)) if rows is None else rows
     for position, row in enumerate(rows):
         before, after = reference.score[row], outcomes.score[position]

@@ -19,11 +19,7 @@ class Scale(NamedTuple):
 
 
 def scales(scores: npt.ArrayLike) -> tuple[Scale, ...]:
-    """Return Q itself, Q^4, log Q and the rank of Q.
-
-    Args:
-        scores: (n,) scores at uniform mu: a score's rank is the share of them that lie below it.
-    """
+    """Return Q itself, Q^4, log Q and the rank of Q: the share of `scores`, (n,), below it."""
     known = np.unique(np.append([0.0, 1.0], scores))
     share = np.arange(len(known)) / (len(known) - 1)
     return (
