@@ -45,8 +45,6 @@ class AttackResult:
         report: The figures, as in result.json.
         samples: The M test samples, as in samples.npz.
         queries: The training queries (Omega).
-        folder: The folder that holds the results.
-        pictures: The picture files in it.
         was_finished: Whether the folder held the finished run, so that nothing was evaluated.
     """
 
@@ -173,7 +171,6 @@ def attack(
 
 
 def _finish(run: Run, folder: Path) -> RunReport:
-    """Do a run, and write what it learnt and found."""
     run.train()
     # saved before it samples: loaded again, it gives the same samples
     write_folder(folder / ADVERSARY_FOLDER, run.adversary.save)

@@ -14,9 +14,6 @@ class CostEstimate:
     """What the missing runs of a table cost on one track.
 
     Attributes:
-        table: The table's name.
-        track: The environment's id.
-        runs: The number of runs.
         evaluations: The most evaluations that they ask for, training queries and test samples. Runs
             of one track, agent and seed share some.
         core_hours: The hours of one core that those runs take whose like is known.
@@ -40,12 +37,7 @@ _LIKE: tuple[Callable[[RunKey], tuple[str, ...]], ...] = (
 
 
 def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> list[CostEstimate]:
-    """CostEstimate what runs cost, table by table and track by track.
-
-    Args:
-        runs: The runs, in the order of their groups.
-        costs: What finished runs took.
-    """
+    """Estimate what runs cost, table by table and track by track, by what finished runs took."""
     took: dict[tuple[str, ...], list[float]] = {}
     for timing in costs:
         for like in _LIKE:

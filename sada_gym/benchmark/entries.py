@@ -26,7 +26,6 @@ class Missing:
     """What a plan asks for and the entries lack.
 
     Attributes:
-        runs: The runs that are yet to be made.
         lacking: The number of results that lack some of the plan's seeds, or all.
         outdated: The number of results that are there, but of another experiment: the track, the
             agent, the adversary's options, the budget or the number of samples have changed.
@@ -42,10 +41,6 @@ def find_missing(entries: Path, plan: Plan) -> Missing:
 
     A run is there where its seed is in a result of its experiment. Seeds, results and entries that
     the plan does not name are left alone.
-
-    Args:
-        entries: The folder of the entries.
-        plan: All runs.
 
     Raises:
         FileError: If a file of an entry that the plan names cannot be read.
@@ -77,11 +72,6 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
 
     A result of another experiment is outdated: one with this seed alone takes its place.
 
-    Args:
-        entries: The folder of the entries.
-        metadata: What the entry says of itself.
-        done: The finished run.
-
     Raises:
         FileError: If a file cannot be read or written.
     """
@@ -102,7 +92,6 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
 
 
 def _check_same_entry(folder: Path, adversary: AdversarySpec) -> None:
-    """Refuse to add results to an entry of another adversary."""
     if not (folder / METADATA_FILE).exists():
         return
     for files in group_files(folder):

@@ -34,7 +34,6 @@ class Timing(Strict):
     Attributes:
         training_s: The process seconds of the adversary itself, training and sampling.
         evaluation_s: The process seconds of evaluations, without other worker processes.
-        evaluated: The number of evaluations made.
         known: The number of evaluations that the store knew from other runs or earlier calls.
         wall_s: All seconds, measuring included.
         core_s: All process seconds, measuring included, without other worker processes.
@@ -59,8 +58,6 @@ class RunDone:
     """A finished run as a worker gives it back.
 
     Attributes:
-        result: The run's report, or why it failed.
-        timing: The time and memory that it took.
         samples: Its test samples; None after a failure.
         picture: The comparison of images as a PNG, if there is one.
         evaluations: The evaluations that the group's store still lacks; none where the worker had

@@ -32,11 +32,9 @@ class RunError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class RunJob:
-    """A run as a worker gets it.
+    """A run as a worker gets it, with the group that it belongs to.
 
     Attributes:
-        settings: The settings of the run.
-        group: The runs that it belongs to, with all that they share.
         workers: The number of processes that evaluate; 1 evaluates in the worker's own.
         out: The benchmark's folder. The worker may be on a machine that lacks it.
         token: The content of the folder's token, see `sada_gym.benchmark.progress`.

@@ -27,12 +27,9 @@ _MAX_PLACE = 150
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The runs of one target and seed: they share a store, so one follows the other.
+    """The runs of one target and seed: they share a store, so one follows the other in this order.
 
     Attributes:
-        target: What they attack.
-        seed: The seed.
-        runs: The runs, in the order in which they are done.
         fooling_set: The points that coverage is measured by, (R, d); None where none are known.
         ideal_set: Other points known to fool, (R, d), which ideal samples are drawn from.
     """
@@ -46,14 +43,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Plan:
-    """All runs that a call of the benchmark does.
-
-    Attributes:
-        suite: The suite that was asked for.
-        groups: Its runs.
-        metadata: What each adversary's entry says of itself, by the adversary's label.
-        notes: What a reader must know, such as an adversary that was left out.
-    """
+    """All runs that a call of the benchmark does, and what each entry says of itself, by label."""
 
     suite: Suite
     groups: tuple[Group, ...]
@@ -68,10 +58,6 @@ class Plan:
 
 def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     """Lay out all runs of a suite, and check everything that can be checked beforehand.
-
-    Args:
-        suite: The suite to lay out.
-        references: The folder of the reference sets.
 
     Raises:
         TypeError, ValueError: If a track, an agent, an adversary or a reference set does not fit.

@@ -74,13 +74,7 @@ def can_read(out: Path, token: str) -> bool:
 
 
 class ProgressFile:
-    """Writes a run's progress, at most twice a second, or when a stage first begins.
-
-    Args:
-        out: The benchmark's folder.
-        token: Its token.
-        run: The run whose progress it writes.
-    """
+    """Writes a run's progress, at most twice a second, or when a stage first begins."""
 
     def __init__(self, out: Path, token: str, run: RunSettings) -> None:
         self._out, self._token, self._run = out, token, run

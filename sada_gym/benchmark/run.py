@@ -28,14 +28,7 @@ from sada_gym.results.entry import read_entries
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """The results of a benchmark, and where they are.
-
-    Attributes:
-        results: The results of the entries, in tables.
-        folder: The benchmark's folder.
-        entries: The folder of the entries.
-        notes: What a reader must know, such as an adversary that was left out.
-    """
+    """The results of a benchmark, where they are, and what a reader must know."""
 
     results: Results
     folder: Path
@@ -109,13 +102,7 @@ def run_benchmark(
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a benchmark would do.
-
-    Attributes:
-        missing: The runs that are yet to be made.
-        estimates: What they cost, by table and track.
-        notes: What a reader must know, such as an adversary that would be left out.
-    """
+    """What a benchmark would do and cost, and what a reader must know."""
 
     missing: Missing
     estimates: tuple[CostEstimate, ...]
@@ -131,11 +118,7 @@ def plan_benchmark(
 ) -> Outlook:
     """Say what `run_benchmark` would do and what that costs; nothing is run or written.
 
-    Args:
-        suite: The suite.
-        out: The benchmark's folder, whose finished runs tell how long such runs take.
-        entries: The folder of the entries; None takes `out`/entries.
-        references: The folder of the reference sets.
+    The costs follow from the finished runs in `out`; without `entries` those of `out` count.
 
     Raises:
         TypeError, ValueError: If a part of the suite does not fit, or a file cannot be read.
@@ -157,13 +140,8 @@ def report_benchmark(
 ) -> BenchmarkResult:
     """Write the tables and the pictures of all results that a folder's entries hold by now.
 
-    Args:
-        out: The benchmark's folder; another process may be at work there.
-        references: The folder of the reference sets.
-        entries: The folder of the entries; None takes `out`/entries.
-        tables: The tables; None takes those of the rules by which the results were made.
-        tracks: The tracks to report on; None takes all.
-        notes: What a reader must know.
+    Another process may be at work there. Without `entries` those in `out` count, without `tables`
+    those of the rules by which the results were made, and without `tracks` all of them.
 
     Raises:
         ValueError: If it is no benchmark's folder, or its entries hold no result.

@@ -36,7 +36,6 @@ class _Chain:
 
     @property
     def run(self) -> RunSettings:
-        """The run that is being done."""
         return self.left[0]
 
 
@@ -49,16 +48,9 @@ def do_runs(
     executor: Executor | None,
     callback: BenchmarkCallback,
 ) -> None:
-    """Do all missing runs of a plan and add each to its entry.
+    """Do all missing runs of a plan and add each to its entry; `out` is absolute.
 
-    Args:
-        plan: All runs.
-        missing: The runs of the plan to do.
-        out: The benchmark's folder, absolute.
-        entries: The folder of the entries.
-        workers: The number of processes to start, or of workers that the executor has.
-        executor: The executor that does the runs; None starts our own processes.
-        callback: Called as it goes on.
+    `workers` is the number of processes to start, or of workers that the executor has.
 
     Raises:
         RunError, StoreError, WorkerError: See `sada_gym.benchmark.run.run_benchmark`.
@@ -106,7 +98,6 @@ class _Schedule:
         self._visible = self._sees_folder()
 
     def _sees_folder(self) -> bool:
-        """Say whether the workers see the benchmark's folder."""
         if self._executor is None:
             return True
         try:

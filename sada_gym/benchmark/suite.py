@@ -27,7 +27,6 @@ class Budget(Strict):
     """How many training queries an adversary may spend.
 
     Attributes:
-        queries: N, the number of queries.
         of_adversary: Another number for some adversaries, by registered name.
         boosting_on_top: Whether boosting's samples come on top of N, as in the paper, or out of it.
     """
@@ -37,13 +36,7 @@ class Budget(Strict):
     boosting_on_top: bool = False
 
     def of(self, name: str, adversary: Adversary | None) -> int:
-        """Return how many queries one adversary may spend.
-
-        Args:
-            name: Its registered name.
-            adversary: The adversary, which knows how many queries its boosting adds; None where it
-                is not ours.
-        """
+        """Return how many queries an adversary may spend; None as adversary is one not ours."""
         if name == IDEAL:
             return 0
         if adversary is None:
@@ -57,9 +50,7 @@ class Table(Strict):
 
     Attributes:
         name: The table's name on the command line; results carry it as the name of their rule.
-        title: The table's title in the report.
         note: What the table compares, in a sentence.
-        budget: The rule for the budget.
         budget_of: Another rule for some applications, by name.
         samples: M, the number of test samples; None takes each application's own.
         agents: Whether to attack the default agent alone, all that are shipped, or the others; or
@@ -102,13 +93,7 @@ class Table(Strict):
     def protocol(
         self, target: OpenTarget, adversary: AdversarySpec, solver: Adversary | None
     ) -> Protocol:
-        """Return the rules that an adversary plays by.
-
-        Args:
-            target: What it attacks.
-            adversary: The adversary.
-            solver: The same as an object; None where it is not ours.
-        """
+        """Return the rules that an adversary, and its solver if it is ours, plays by."""
         budget = self.budget_of.get(target.target.application.name, self.budget)
         return Protocol(
             rule=self.name,
@@ -121,12 +106,8 @@ class Suite(Strict):
     """Everything that one benchmark runs.
 
     Attributes:
-        name: The suite's name on the command line.
-        tracks: The ids of the environments.
-        tables: The comparisons.
         adversaries: The rows of the tables: the adversaries by label.
-        seeds: The number of seeds on each track.
-        seeds_of: Another number for some tracks.
+        seeds: The number of seeds on each track, unless `seeds_of` has another one.
         images: The number of samples whose neighbours are compared as images too, on the first
             seed; 0 for none.
     """
@@ -145,7 +126,6 @@ class Suite(Strict):
 
 
 def _specs(*adversaries: str | tuple[str, str]) -> dict[str, AdversarySpec]:
-    """Make specs of names, and of names with a preset, by label."""
     pairs = [(given, None) if isinstance(given, str) else given for given in adversaries]
     specs = [AdversarySpec(name=name, preset=preset) for name, preset in pairs]
     return {spec.label: spec for spec in specs}
@@ -212,7 +192,6 @@ def _against_the_default(table: Table) -> Table:
 
 
 def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
-    """Make the suite of an application's tracks, as its card declares it."""
     return Suite(
         name=suite.name,
         tracks=card.track_ids,

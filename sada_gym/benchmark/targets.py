@@ -16,12 +16,7 @@ Targets = Mapping[tuple[str, str], OpenTarget]
 
 
 def current_targets(keys: Collection[tuple[str, str]], references: Path = FOLDER) -> Targets:
-    """Open tracks with agents, and describe them; those that are no longer there are left out.
-
-    Args:
-        keys: The track and the agent of each.
-        references: The folder of the reference sets.
-    """
+    """Open and describe tracks with agents; those that are no longer there are left out."""
     targets = {}
     for track, agent in sorted(set(keys)):
         # a track or an agent may have been removed, or lie in a module that is not installed here
@@ -35,15 +30,7 @@ def current_targets(keys: Collection[tuple[str, str]], references: Path = FOLDER
 
 
 def without_outdated(entries: Sequence[Entry], targets: Targets) -> tuple[list[Entry], int]:
-    """Leave out the results that attack what is no longer there.
-
-    Args:
-        entries: The entries.
-        targets: What there is, by track and agent.
-
-    Returns:
-        The entries with the other results, and the number of results that were left out.
-    """
+    """Leave out the results that attack what is no longer there, and return how many those are."""
 
     def is_current(result: EntryResult) -> bool:
         attacked = result.claimed.experiment.target

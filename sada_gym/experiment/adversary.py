@@ -22,8 +22,7 @@ class AdversarySpec(Strict):
 
     Attributes:
         name: Its registered name, `module:Class`, `ideal`, or what its authors call it.
-        preset: The named set of options that it starts from.
-        options: Its other options.
+        options: Its options beside the preset's.
         resolved: All its options, defaults included: an adversary with other defaults is another
             one. None before `resolve`.
     """
@@ -61,10 +60,7 @@ class AdversarySpec(Strict):
         return self.name == IDEAL or self.name in adversaries.names()
 
     def resolve(self, *, kind: type[Adversary] | None = None) -> Self:
-        """Fill in all options, as JSON holds them.
-
-        Args:
-            kind: The adversary's class, which declares no others; None finds it by the name.
+        """Fill in all options, as JSON holds them; a class of a user's own declares no others.
 
         Raises:
             TypeError, ValueError: If the name or the preset is unknown, or the options cannot be
@@ -84,13 +80,7 @@ class AdversarySpec(Strict):
         ideal_set: Mu | None,
         kind: type[Adversary] | None = None,
     ) -> Adversary:
-        """Make the adversary, untrained.
-
-        Args:
-            dimension: The number of semantic parameters, d.
-            seed: The adversary's seed.
-            ideal_set: (R, d) points known to fool, which `ideal` draws from.
-            kind: The adversary's class; None finds it by the name.
+        """Make the adversary, untrained, for d parameters; `ideal` draws from `ideal_set`, (R, d).
 
         Raises:
             TypeError, ValueError: If the adversary or an option is unknown.
@@ -116,7 +106,6 @@ class AdversarySpec(Strict):
 
     @property
     def _keywords(self) -> dict[str, Any]:
-        """The preset, and the options that replace some of its own."""
         return {**({} if self.preset is None else {"preset": self.preset}), **self.options}
 
 

@@ -27,12 +27,6 @@ def check_same_record(
 ) -> None:
     """Refuse to mix records that differ.
 
-    Args:
-        expected: What was expected, as in "the settings that ...".
-        old: The record that is there.
-        new: The record that was asked for.
-        mend: What the user can do.
-
     Raises:
         ValueError: If they differ; the message names every entry that does.
     """

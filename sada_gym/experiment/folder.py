@@ -52,7 +52,6 @@ class RunFolder:
     """A folder that is a run's own.
 
     Attributes:
-        folder: The folder.
         made: What reserving it made: folders, the innermost first. None where it held the run.
     """
 
@@ -134,14 +133,8 @@ def read_finished(
 ) -> tuple[RunReport, Evaluations, Evaluations] | None:
     """Read what a finished run left: its report, its test samples and its training queries.
 
-    Args:
-        folder: The run's folder.
-        settings: The run's settings.
-        dimension: The number of semantic parameters.
-
-    Returns:
-        None where the run is not finished, or one of its files is missing or damaged. To go on with
-        it makes that file anew.
+    None where the run is not finished, or one of its files is missing or damaged. To go on with it
+    makes that file anew.
 
     Raises:
         StoreError: If another process has the run's store open.

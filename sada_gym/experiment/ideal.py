@@ -22,15 +22,10 @@ _FILE = "fooling-set.safetensors"
 
 
 class Ideal(Adversary):
-    """Draws uniformly from a reference set's fooling set: what a perfect adversary would do.
+    """Draws uniformly from a fooling set, (m, d) points: what a perfect adversary would do.
 
     At a point of the fooling set the agent is fooled on at least half of the seeds, not on all: the
-    ideal AFR is below 1.
-
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes the draws.
-        fooling_set: The points to draw from, (m, d), m >= 1. Coverage is measured by others.
+    ideal AFR is below 1. Coverage is measured by other points.
     """
 
     packages = ()

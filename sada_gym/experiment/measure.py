@@ -26,13 +26,7 @@ class Distances(Strict):
 
 
 class FeasibleRate(Strict):
-    """The attack fooling rate over those test samples whose worlds a privileged agent masters.
-
-    Attributes:
-        worlds: The number of such samples.
-        fooled: The number of those that fool the agent.
-        afr: Their share; None where there is no such sample.
-    """
+    """The AFR over those test samples whose worlds a privileged agent masters; None without any."""
 
     worlds: int
     fooled: int
@@ -43,7 +37,6 @@ class ImageNovelty(Strict):
     """How far the images of a few samples lie from those of queries, root mean square of pixels.
 
     Attributes:
-        samples: The number of samples that were compared.
         median: The median distance to the nearest image found.
         median_of_nearest_mu: The median distance to the image of the query that is nearest in mu.
         ideal: The same as `median` for as many ideal samples; None without a reference set.
@@ -64,9 +57,7 @@ class Measures(Strict):
     """The measures of the test samples.
 
     Attributes:
-        afr: The attack fooling rate.
-        afr_interval_95: The rate's Wilson interval.
-        fooled: The number of samples that fooled.
+        afr: The attack fooling rate, with its Wilson interval in the next.
         mean_score: The mean Q of all samples.
         mu_std: The spread of all samples; 0.577 where they are uniform.
         density: See `sada_gym.measures.coverage`. It is None without a reference set, and where
@@ -95,8 +86,6 @@ class Search(Strict):
     """What the training queries found.
 
     Attributes:
-        queries: The number of queries spent.
-        fooled: The number of them that fooled.
         curve: The search by 100, 200, 500, 1,000 and so on queries, and by the last one.
     """
 
@@ -121,12 +110,12 @@ def measure(
     seed: int,
     feasible: FeasibleRate | None = None,
 ) -> Measures:
-    """Measure an adversary's test samples.
+    """Measure an adversary's M test samples, with the fooling threshold epsilon.
 
     Args:
-        samples: The M test samples, evaluated.
+        samples: The test samples.
         queries: The training queries.
-        threshold: The fooling threshold epsilon.
+        threshold: Epsilon.
         fooling_set: (R, d) points known to fool; None where none are known.
         ideal: M ideal samples, evaluated on the same seeds; None without a fooling set.
         images: The result of comparing images; None where none were compared.
@@ -165,13 +154,7 @@ def measure(
 
 
 def follow_search(queries: Evaluations, threshold: float, *, fooling_set: Mu | None) -> Search:
-    """Measure what the training queries found.
-
-    Args:
-        queries: The training queries in the order of asking.
-        threshold: The fooling threshold epsilon.
-        fooling_set: (R, d) points known to fool; None where none are known.
-    """
+    """Measure what the training queries found, in the order of asking; `fooling_set` is (R, d)."""
     at = checkpoints(len(queries))
     return Search(
         queries=len(queries),
@@ -189,12 +172,7 @@ def checkpoints(queries: int) -> list[int]:
 def feasible_rate(
     fooled: npt.NDArray[np.bool_], feasible: npt.NDArray[np.bool_] | None
 ) -> FeasibleRate | None:
-    """Sum up `Application.feasible`.
-
-    Args:
-        fooled: (M,) bool, which test samples fool the agent.
-        feasible: (M,) bool, which worlds a privileged agent masters; None where none is known.
-    """
+    """Sum up `Application.feasible`, (M,) as `fooled`; None where no privileged agent is known."""
     if feasible is None:
         return None
     worlds, both = int(feasible.sum()), int((fooled & feasible).sum())

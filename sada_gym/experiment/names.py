@@ -19,11 +19,6 @@ def check_spelling(environment: object, adversary: object, env_kwargs: Mapping[s
 
     What is given as an object is left to later checks, and so are a TOML file and `module:Class`.
 
-    Args:
-        environment: What is attacked: an id, or anything else.
-        adversary: The adversary's name, or anything else.
-        env_kwargs: Keywords of the id.
-
     Raises:
         ValueError: If a name is unknown, or a file of weights does not exist.
     """

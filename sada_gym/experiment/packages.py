@@ -38,10 +38,6 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
 
     A class of a user's own may name its packages in an attribute `packages`, a tuple of names as
     pip knows them. Without it all the packages count that any of our own needs.
-
-    Args:
-        application: What is attacked.
-        adversary: The adversary's class.
     """
     names = {
         *_EVERY_RUN,

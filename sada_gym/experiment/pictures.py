@@ -27,19 +27,9 @@ def draw_missing(
     *,
     anew: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw all pictures of an attack into its folder; give those that are there already.
+    """Draw all pictures of an attack into its folder, and return their files.
 
-    Args:
-        application: What was attacked.
-        report: The run's report, whose sentence on where the agent fails is the headline.
-        samples: The test samples.
-        queries: The training queries.
-        folder: The run's folder.
-        on_progress: Called after each frame.
-        anew: Whether to draw them again.
-
-    Returns:
-        The picture files.
+    Those that are there already are returned as they are, unless all are to be drawn anew.
     """
     known = tuple(sorted(folder.glob("*.png")))
     if known and not anew:

@@ -34,11 +34,7 @@ class Protocol(Strict):
 class Experiment(Strict):
     """All that decides a result: with another experiment, it is another result.
 
-    Attributes:
-        target: What is attacked.
-        adversary: What attacks it.
-        protocol: The rules.
-        seed: The seed of the adversary and of all evaluation seeds; None stands for any seed.
+    The seed is that of the adversary and of all evaluation seeds; None stands for any seed.
     """
 
     target: Target
@@ -81,14 +77,11 @@ def place_of(track: str, agent: str, rule: str) -> str:
 
 
 class RunKey(Strict):
-    """The name of a run: one adversary on one track, for one seed.
+    """The name of a run: one adversary, by its label, on one track, for one seed.
 
     Attributes:
         table: The benchmark's table; empty for a single attack.
-        track: The environment's id.
-        agent: What the agent under test is called.
-        label: What the adversary is called in reports.
-        seed: The seed of the adversary and of all evaluation seeds.
+        agent: What the agent under test is called; empty where there is none.
     """
 
     table: str = ""
@@ -108,7 +101,6 @@ class RunSettings(Strict):
     """What a run does.
 
     Attributes:
-        experiment: The experiment.
         label: What reports call the adversary.
         images: The number of samples whose nearest queries are compared as images.
         packages: Versions of what takes part: a run is not resumed with others.
@@ -148,13 +140,10 @@ class RunReport(Measures):
     It holds no wall-clock times: a resumed run's file is the same.
 
     Attributes:
-        settings: The run's settings.
         nearest_fooling_query: Distances from the samples to the nearest training query that fooled
             the agent; None where none did.
-        search: What the training queries found.
         seeds: How the seeds follow from the settings' seed.
         flags: What a reader must know, such as that no training query fooled.
-        where: Where the samples that fooled lie.
     """
 
     settings: RunSettings
@@ -170,12 +159,7 @@ class RunReport(Measures):
 
 
 class RunFailure(Strict):
-    """A run of a benchmark whose adversary could not do its work, and why.
-
-    Attributes:
-        settings: The run's settings.
-        error: The message of the adversary's `AdversaryError`.
-    """
+    """A run of a benchmark whose adversary could not do its work, and its `AdversaryError`."""
 
     settings: RunSettings
     error: str

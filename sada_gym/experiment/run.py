@@ -44,7 +44,6 @@ class RunProgress:
     """How far a run has come.
 
     Attributes:
-        stage: What the run is doing.
         done: The evaluations of this stage that are done; steps while it learns, frames while
             pictures are drawn.
         total: The most of these that this stage makes; 0 where it makes none, or their number is
@@ -97,9 +96,6 @@ class Run:
         fooling_set: (R, d) points known to fool, to measure by; None where none are known.
         ideal_set: (R, d) other such points, which ideal samples are drawn from.
         on_progress: Called at the start of each stage, and after each chunk of evaluations.
-
-    Attributes:
-        process_s: The process seconds of training and testing.
     """
 
     def __init__(

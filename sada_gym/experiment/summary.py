@@ -62,7 +62,6 @@ def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
 
 
 def _world(report: RunReport) -> str | None:
-    """Say which keywords a general id had; None for an id that says so itself."""
     target = report.settings.experiment.target
     card = find_card(target.application.name)
     if card is None or target.track.rpartition(":")[2] != card.id:
@@ -76,7 +75,6 @@ def _world(report: RunReport) -> str | None:
 
 
 def _uniform_rate(report: RunReport) -> str:
-    """Say how often uniform worlds fool the agent, and where the figure is from."""
     experiment = report.settings.experiment
     adversary, reference = experiment.adversary.name, experiment.target.reference
     if reference is not None:

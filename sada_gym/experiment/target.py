@@ -31,7 +31,6 @@ class ReferenceSummary(Strict):
     """The reference set that a result is measured against.
 
     Attributes:
-        sha256: The SHA-256 of its file.
         points: The number of its points, which are uniform in the box.
         fooling: How many of them belong to the fooling set.
         uniform_rate: Share of all their evaluations that fooled: the AFR of uniform samples.
@@ -64,9 +63,7 @@ class Target(Strict):
     Attributes:
         track: The environment's id, or a name for an application that has none.
         agent: The agent's name; empty where the application has none.
-        application: The application, its settings and its agent's fingerprint.
         fooling_threshold: The agent is fooled where Q <= this.
-        reference: The reference set that coverage is measured by; None where there is none.
     """
 
     track: str
@@ -79,12 +76,7 @@ class Target(Strict):
     def of(
         cls, application: Application, track: str = "", *, reference: Reference | None = None
     ) -> Self:
-        """Describe an application.
-
-        Args:
-            application: The application.
-            track: The environment's id; empty for an application that has none.
-            reference: Its reference set.
+        """Describe an application by its track, empty where it has none, and its reference set.
 
         Raises:
             StoreError: If nothing identifies the application's agent.
@@ -138,7 +130,6 @@ class Target(Strict):
         return OpenTarget(self, evaluator)
 
     def _reopened(self, track: str, workers: int) -> Evaluator:
-        """Open a track with this agent, and with those settings that are not its defaults."""
         evaluator = _open(track, {}, self.agent, workers=workers)
         application = evaluator.application
         assert application is not None
@@ -159,16 +150,8 @@ class Target(Strict):
 class OpenTarget:
     """A target with its application open; a context manager that closes it.
 
-    What does not need the application stays there when it is closed.
-
-    Args:
-        target: The target.
-        evaluator: Gives the application's scores.
-        references: The folder of the reference sets.
-
-    Attributes:
-        parameters: The semantic parameters.
-        sample_size: M, the application's number of test samples.
+    What does not need the application stays there when it is closed: the semantic `parameters`,
+    M as `sample_size`, and the reference set, which is read from the folder `references`.
     """
 
     def __init__(self, target: Target, evaluator: Evaluator, references: Path = FOLDER) -> None:
@@ -194,16 +177,8 @@ class OpenTarget:
 
         The reference set is the shipped one of the same track, whether the track is named by its
         id, by keywords of a general id, or by an `Application`. Other settings, such as another
-        image size, have none.
-
-        Args:
-            environment: An environment's id, a TOML file, or an `Application`.
-            env_kwargs: Keywords of the id.
-            agent: The agent's name; None takes what the rest says.
-            references: The folder of the reference sets.
-            workers: See `Evaluator`, also for the next two.
-            chunk_size: The evaluations that a worker gets at a time.
-            executor: Where workers run.
+        image size, have none. Without an agent's name it takes what the rest says; `Evaluator`
+        explains the workers.
 
         Raises:
             TypeError, ValueError: If it cannot be opened.
@@ -289,11 +264,7 @@ class OpenTarget:
         return self._split[1]
 
     def close(self, *, now: bool = False) -> None:
-        """Close the application and stop its workers; calling it twice is fine.
-
-        Args:
-            now: Whether to drop running evaluations.
-        """
+        """Close the application and stop its workers; `now` drops running evaluations."""
         evaluator, self._evaluator = self._evaluator, None
         if evaluator is not None:
             evaluator.close(now=now)
@@ -329,12 +300,6 @@ def _find_reference(
     application: Application, track: str, keywords: Mapping[str, Any], folder: Path
 ) -> Reference | None:
     """Find the reference set of exactly this application with its agent and settings.
-
-    Args:
-        application: The application.
-        track: The id that it was opened by; empty where it has none.
-        keywords: The keywords that it was opened with.
-        folder: The folder of the reference sets.
 
     Raises:
         UserError: If a track has a reference set of another version of itself or of its agent.

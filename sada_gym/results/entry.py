@@ -58,7 +58,6 @@ class EntryResult:
     """One result of an entry.
 
     Attributes:
-        claimed: What it claims.
         samples: The samples of each seed that has measures.
         verified: What the verifier found of these very samples; None where it has not seen them.
     """
@@ -96,12 +95,7 @@ class EntryResult:
 
 @dataclass(frozen=True)
 class GroupFiles:
-    """The files of an entry's results on the tracks of one application.
-
-    Attributes:
-        folder: The entry's folder.
-        group: What the files' names begin with.
-    """
+    """The files of an entry's results on the tracks of one application, its group."""
 
     folder: Path
     group: str
@@ -200,7 +194,6 @@ class GroupFiles:
 
 
 def _join(result: Result, samples: Samples, verified: Verified | None) -> EntryResult:
-    """Join what the three files say of a result, as far as they agree."""
     seeds = tuple(s for s in result.seeds if s.measures is None or s.seed in samples)
     measured = {claims.seed for claims in seeds if claims.measures is not None}
     samples = {seed: rows for seed, rows in samples.items() if seed in measured}
@@ -214,13 +207,7 @@ def _join(result: Result, samples: Samples, verified: Verified | None) -> EntryR
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """An entry of the leaderboard.
-
-    Attributes:
-        folder: Its folder.
-        metadata: Who made it, and what it is called.
-        results: Its results, by place.
-    """
+    """An entry of the leaderboard, with its results by place."""
 
     folder: Path
     metadata: EntryMetadata

@@ -56,10 +56,8 @@ class EntryMetadata(Strict):
     """Who made an entry, and what it is called: entry.toml.
 
     Attributes:
-        format: The version of the entry's files.
         name: The name of the entry and of its folder: small letters, digits and `- + . _`.
         title: What the board calls it; empty takes the name.
-        authors: Who made it.
         licence: The licence of its data, as SPDX names it.
         paper: The address of a paper.
         repository: The address of the code.
@@ -81,7 +79,6 @@ class SeedResult(Strict):
 
     Attributes:
         seed: The seed of the adversary and of its evaluation seeds.
-        queries: The number of training queries spent.
         error: Why the adversary could not do its work; None where it did.
         measures: The measures of the test samples; None after an error.
         search: What the training queries found; None where they are not known.
@@ -118,13 +115,7 @@ class SeedResult(Strict):
 
 
 class Result(Strict):
-    """What an entry claims of one experiment, for each of its seeds.
-
-    Attributes:
-        experiment: The experiment, without a seed.
-        sha256: The SHA-256 of the experiment.
-        seeds: The claims, by ascending seed.
-    """
+    """What an entry claims of one experiment without a seed, seed by seed in ascending order."""
 
     experiment: Experiment
     sha256: Sha256
@@ -190,11 +181,9 @@ class Verified(Strict):
     """What the verifier found of a result.
 
     Attributes:
-        sha256: The SHA-256 of the experiment that was verified.
         samples_sha256: The SHA-256 of its samples; with other samples it counts no longer.
         salt: The names that went into the fresh evaluation seeds: of the entry, and of the result.
         nonce: What made the evaluation seeds fresh.
-        seeds: The measures of each seed that had samples.
         flags: What speaks against the result, each by its name and a sentence.
     """
 

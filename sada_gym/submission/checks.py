@@ -59,11 +59,8 @@ _MAX_DIMENSION = 2**12
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
     """Check an entry; nothing is evaluated, imported or changed.
 
-    Args:
-        folder: The entry's folder.
-        submission: Whether it is about to be submitted. It must then be of today's tracks, name its
-            authors and its licence, have the seeds 0, 1 and so on, and hold nothing verified. An
-            entry that was accepted earlier may be outdated.
+    A submission must be of today's tracks, name its authors and its licence, have the seeds 0, 1
+    and so on, and hold nothing verified. An entry that was accepted earlier may be outdated.
 
     Raises:
         UserError: If something is wrong; the message names the first fault.
@@ -161,13 +158,7 @@ def _check_pairs(folder: Path, names: Iterable[str]) -> list[str]:
 
 
 def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> None:
-    """Raise a UserError if entry.toml lacks something, or something in it does not fit.
-
-    Args:
-        metadata: What it says.
-        path: The file, for messages.
-        submission: Whether authors and a licence are needed.
-    """
+    """Raise a UserError if entry.toml does not fit; a submission needs authors and a licence."""
     required = {"title": metadata.title}
     if submission:
         required |= {"licence": metadata.licence, "authors": "".join(metadata.authors)}
@@ -184,7 +175,6 @@ def check_metadata(metadata: EntryMetadata, path: Path, *, submission: bool) -> 
 
 
 def _check_group(files: GroupFiles, submission: bool) -> tuple[Result, ...]:
-    """Check the results that an entry has on the tracks of one application."""
     check_strict_json(files.claims, MAX_BYTES[CLAIMS])
     results = files.read_claims()
     if not results:
@@ -271,7 +261,6 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 def _check_together(results: Sequence[tuple[Path, Result]]) -> None:
-    """Check that all results are of one adversary with one set of options, each in one file."""
     first_path, first = results[0]
     places: dict[str, Path] = {}
     for path, result in results:

@@ -61,14 +61,10 @@ def current_target(track: str, agent: str) -> OpenTarget:
 def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySpec) -> Experiment:
     """Return the experiment as the benchmark would make it now.
 
-    Args:
-        track: The environment's id.
-        agent: The agent's name; empty where the application has none.
-        rule: The name of the rule for the budget.
-        adversary: The adversary. The options of one that is not ours stay as they are.
+    The options of an adversary that is not ours stay as they are.
 
     Raises:
-        UserError: If one of them is unknown, or one of our adversaries refuses the options.
+        UserError: If a name is unknown, or one of our adversaries refuses the options.
     """
     target, solver = current_target(track, agent), None
     check_known("rule", [rule], RULES)

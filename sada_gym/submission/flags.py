@@ -51,11 +51,8 @@ class SeedEvidence:
     """The samples of one seed of a result, and the same mu on fresh seeds.
 
     Attributes:
-        claimed: What the entry claims.
-        samples: The samples as they were submitted.
         again: The same mu on fresh seeds.
         uniform: Uniform samples on the same fresh seeds; None with a reference set.
-        measures: The measures of `again`.
     """
 
     claimed: SeedResult
@@ -67,14 +64,7 @@ class SeedEvidence:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that flags are found by.
-
-    Attributes:
-        experiment: What the result is of.
-        seeds: The seeds that have samples.
-        reference: The reference set; None where there is none.
-        neighbours: The samples of other entries on the same track and agent, (n, d) each, by name.
-    """
+    """All that flags are found by; `neighbours` are other entries' samples on the track by name."""
 
     experiment: Experiment
     seeds: Sequence[SeedEvidence]

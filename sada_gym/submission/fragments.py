@@ -33,13 +33,7 @@ from sada_gym.submission.current import (
 
 @dataclass(frozen=True, eq=False)
 class ResultFragment:
-    """Some seeds of one result.
-
-    Attributes:
-        source: Where they are from, for messages.
-        result: The claims and the samples.
-        command: The command that made it; empty where that is not known.
-    """
+    """Some seeds of one result, where they are from, and the command that made them, if known."""
 
     source: str
     result: EntryResult
@@ -70,7 +64,6 @@ def join_fragments(fragments: Sequence[ResultFragment]) -> list[EntryResult]:
 
 
 def _check_fits(fragment: ResultFragment, others: Sequence[ResultFragment]) -> None:
-    """Check that a fragment adds other seeds of the same experiment."""
     seeds = {claims.seed for claims in fragment.result.claimed.seeds}
     for other in others:
         if fragment.experiment != other.experiment:
@@ -101,9 +94,7 @@ def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:
 def read_fragments(folder: Path, rule: str | None) -> list[ResultFragment]:
     """Read the folder of an attack, or of an entry.
 
-    Args:
-        folder: The folder.
-        rule: The rule for the budget; None takes `paper-budgets`, or all that an entry has.
+    Without a rule it takes `paper-budgets` for an attack, and all that an entry has.
 
     Raises:
         UserError: If it is neither, or cannot take part.
@@ -167,7 +158,6 @@ def _read_attack(folder: Path, rule: str) -> ResultFragment:
 
 
 def _board_track(folder: Path, target: Target) -> str:
-    """Find a run's track, which may have been named by a general id."""
     if target.track in board_tracks():
         return target.track
     card = find_card(target.application.name)

@@ -23,12 +23,8 @@ def measure_samples(
 ) -> tuple[Evaluations, Measures]:
     """Score samples, and as many ideal ones where there is a reference set, each once.
 
-    Args:
-        target: What they attack.
-        mu: The samples, (M, d) float32 in [-1, 1].
-        evaluation_seeds: The M seeds to score them on.
-        seed: Fixes the ideal samples and the draws of reference points.
-        on_progress: Called as evaluations are done.
+    `mu` is (M, d) float32 in [-1, 1], scored on the M evaluation seeds; `seed` fixes the ideal
+    samples and the draws of reference points.
     """
     samples, ideal = score(target, mu, evaluation_seeds, "test", on_progress), None
     if target.ideal_set is not None:

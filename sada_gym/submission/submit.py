@@ -67,10 +67,7 @@ MAX_ARRAY_BYTES = 2**26
 
 
 def make_metadata(**fields: Any) -> EntryMetadata:
-    """Say who submits an entry, and what it is called.
-
-    Args:
-        fields: See `EntryMetadata`.
+    """Say who submits an entry, and what it is called, by the fields of `EntryMetadata`.
 
     Raises:
         UserError: If one of them does not fit.
@@ -216,7 +213,6 @@ def _evaluate(
     queries: int,
     on_progress: OnProgress,
 ) -> ResultFragment:
-    """Evaluate and measure samples as a run does."""
     seeds = evaluation_seeds(seed, "test", 0, len(mu))
     samples, measures = measure_samples(target, mu, seeds, seed=seed, on_progress=on_progress)
     flag = collapse_flag(mu)
@@ -257,7 +253,6 @@ class _Draft:
         return cls(folder, metadata, first, replace)
 
     def read_kept(self, new: Collection[EntryResult]) -> list[EntryResult]:
-        """Read what stays of an entry that new results join."""
         folder, places = self.folder, {result.place for result in new}
         restore_folder(folder)
         if not folder.exists() and not folder.is_symlink():

@@ -35,11 +35,9 @@ State = Literal["verified", "unchanged", "outdated", "differs", "refused"]
 
 @dataclass(frozen=True)
 class Finding:
-    """What became of one result, or of an entry that was refused.
+    """What became of one result, or of an entry that was refused, which has no place.
 
     Attributes:
-        entry: The entry's name.
-        place: The place of the result in the entry; empty for a refused entry.
         state: `verified` now; `unchanged`, because it was verified with this nonce before;
             `outdated`, so that nothing was evaluated; `differs` from the file that is there, where
             files are only checked; or `refused`.
@@ -156,7 +154,6 @@ def _verify_result(
     nonce: str,
     against: Path | None,
 ) -> Verified:
-    """Score the samples of a result again, each once, measure them, and look for flags."""
     experiment = result.claimed.experiment
     seeds = tuple(
         _seed_evidence(target, claims, result.samples[claims.seed], salt, nonce)
@@ -174,7 +171,6 @@ def _verify_result(
 def _seed_evidence(
     target: OpenTarget, claimed: SeedResult, samples: Evaluations, salt: tuple[str, str], nonce: str
 ) -> SeedEvidence:
-    """Score and measure the samples of one seed on fresh evaluation seeds."""
     fresh = fresh_seeds(salt, nonce, claimed.seed, len(samples))
     again, measures = measure_samples(target, samples.mu, fresh, seed=claimed.seed)
     uniform = None
