@@ -155,19 +155,19 @@ def attack(
                     on_progress=report_progress,
                 )
                 report = _finish(run, folder)
-                found = report, run.samples, run.queries
+                outcome = report, run.samples, run.queries
             except BaseException:
                 opened.close(now=True)
                 reserved.release()
                 raise
         else:
-            found = finished
+            outcome = finished
         drawn: tuple[Path, ...] = ()
         if pictures:
             drawn = draw_missing(
-                opened.application, *found, folder, report_progress, anew=finished is None
+                opened.application, *outcome, folder, report_progress, anew=finished is None
             )
-    return AttackResult(*found, folder, drawn, was_finished=finished is not None)
+    return AttackResult(*outcome, folder, drawn, was_finished=finished is not None)
 
 
 def _finish(run: Run, folder: Path) -> RunReport:

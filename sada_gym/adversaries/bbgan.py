@@ -69,7 +69,7 @@ class BBGAN(FittedAdversary):
         self._ceiling: Tensor
 
     def train(self, oracle: Query) -> None:
-        """Evaluate Omega with all of the budget, select_fooling S, and train the GAN on it.
+        """Spend the budget on Omega, select S (the points that fool), and train the GAN on it.
 
         Raises:
             TrainingDiverged: If the networks' weights stop being finite.

@@ -114,8 +114,8 @@ class LevelSet(FittedAdversary):
         if not len(rows):
             self.flags.append("no mu is predicted to fool more often than not: the likeliest taken")
         # at least the likeliest hundredth of a per cent, so that there is something to sample
-        least = max(self.options.volume * float(p.mean()), 0.0001)
-        highest = float(np.quantile(p, 1.0 - least))
+        share = max(self.options.volume * float(p.mean()), 0.0001)
+        highest = float(np.quantile(p, 1.0 - share))
         self.level = min(0.5, highest)
         if self.options.coverage < 1.0 and len(rows) >= 2 * _MIN_SET:
             self._raise_level(pool, p, rows, highest)
@@ -125,10 +125,10 @@ class LevelSet(FittedAdversary):
 
     def _raise_level(self, pool: Mu, p: Floats, rows: Indices, highest: float) -> None:
         real, others = pool[rows[:_MIN_SET]], rows[_MIN_SET:]
-        least = self.options.coverage * self._predict_coverage(pool, p, others, real)
+        minimum = self.options.coverage * self._predict_coverage(pool, p, others, real)
         for level in (level for level in _LEVELS if level <= highest):
             higher = others[p[others] >= level]
-            if len(higher) < _MIN_SET or self._predict_coverage(pool, p, higher, real) < least:
+            if len(higher) < _MIN_SET or self._predict_coverage(pool, p, higher, real) < minimum:
                 return
             self.level = level
 

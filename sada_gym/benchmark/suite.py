@@ -312,13 +312,13 @@ def choose(
         ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
             range.
     """
-    for name, value, most in (
+    for name, value, maximum in (
         ("seeds", seeds, MAX_SEEDS),
         ("budget", budget, MAX_QUERIES),
         ("samples", samples, MAX_QUERIES),
     ):
         if value is not None:
-            check_integer(name, value, 1, most)
+            check_integer(name, value, 1, maximum)
     if images is not None:
         check_integer("images", images, 0)
     files = [*filter(names_file, tracks)]

@@ -113,7 +113,8 @@ class BenchmarkProgress(Display, BenchmarkCallback):
 
     def _line(self) -> str:
         with self._lock:
-            doing = "; ".join(self._doing.values()) or "starting"
+            idle = "starting" if self._left else "writing the report"
+            doing = "; ".join(self._doing.values()) or idle
             return f"{self.finished}/{self._total} runs, {self._outlook()}: {doing}"
 
     def _outlook(self) -> str:

@@ -126,8 +126,8 @@ def measure(
     density = coverage = relative = None
     if fooling_set is not None and ideal is not None and len(samples) > NEAREST:
         ours, truth = (
-            fooling_coverage(of.mu, of.fooled(threshold), fooling_set, seed=seed)
-            for of in (samples, ideal)
+            fooling_coverage(pool.mu, pool.fooled(threshold), fooling_set, seed=seed)
+            for pool in (samples, ideal)
         )
         density, coverage = ours.density, ours.coverage
         relative = relative_coverage(coverage, truth.coverage) if truth.coverage else None

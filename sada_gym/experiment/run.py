@@ -239,7 +239,7 @@ class Run:
         count = min(settings.images, *map(len, rows))
         if not count or not len(self.queries):
             return None
-        found = [
+        neighbours = [
             image_neighbours(
                 self.application,
                 pool.mu[chosen[:count]],
@@ -249,7 +249,7 @@ class Run:
             )
             for pool, chosen in zip(pools, rows, strict=True)
         ]
-        return (found[0], found[1] if ideal else ()) if found[0] else None
+        return (neighbours[0], neighbours[1] if ideal else ()) if neighbours[0] else None
 
     @property
     def evaluations(self) -> tuple[Evaluations, ...]:

@@ -305,9 +305,9 @@ def _find_reference(
         UserError: If a track has a reference set of another version of itself or of its agent.
     """
     if track and not keywords:
-        found = load_reference(track, application, folder)
-        if found is not None:
-            return found
+        reference = load_reference(track, application, folder)
+        if reference is not None:
+            return reference
     made_of = (application.agent_name, application.version, application.fingerprint)
     fixed = ids_of(application.name)
     for entry in read_index(folder).references:

@@ -67,11 +67,11 @@ def _thinned(
         times: list[float] = []
         together = 0
         for frame, time_s in zip(frames, times_s, strict=True):
-            held = time_s >= _HELD_S
-            if held or together in (0, share):
+            is_held = time_s >= _HELD_S
+            if is_held or together in (0, share):
                 kept.append(frame)
                 times.append(time_s)
-                together = 0 if held else 1
+                together = 0 if is_held else 1
             else:
                 kept[-1], times[-1] = frame, times[-1] + time_s
                 together += 1

@@ -151,8 +151,8 @@ class Surrogate:
         models: Sequence[str] = tuple(MODELS),
     ) -> None:
         x = mu.astype(np.float64)
-        least = min(_MIN_FOOLING, len(score))
-        level = max(threshold, float(np.partition(score, least - 1)[least - 1]))
+        count = min(_MIN_FOOLING, len(score))
+        level = max(threshold, float(np.partition(score, count - 1)[count - 1]))
         self.raised = level > threshold
         fooled = score <= level
         self._stack: LogisticRegression | None = None

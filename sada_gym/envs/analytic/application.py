@@ -20,7 +20,7 @@ _AT_ONCE = 2**24
 
 _GOLDEN = (5**0.5 - 1) / 2
 _IMAGE_SIZE = 128
-_MOST = 1_000  # dimensions and regions: adversaries take no more
+_MAXIMUM = 1_000  # dimensions and regions: adversaries take no more
 _FOOLED_RGB, _THRESHOLD_RGB, _UNHURT_RGB = (178, 24, 43), (247, 247, 247), (33, 102, 172)
 
 
@@ -84,8 +84,8 @@ class AnalyticApplication(Application):
         for what, count in (("dimension", dimension), ("regions", regions)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
                 raise UserError(f"Expected {what} to be an int of at least 1, got {count!r}.")
-            if count > _MOST:
-                raise UserError(f"Expected {what} of at most {_MOST:,}, got {count:,}.")
+            if count > _MAXIMUM:
+                raise UserError(f"Expected {what} of at most {_MAXIMUM:,}, got {count:,}.")
         for what, share in (("volume", volume), ("noise", noise)):
             if not isinstance(share, int | float):
                 raise UserTypeError(f"Expected {what} to be a number, got {share!r}.")

@@ -72,11 +72,11 @@ def locate(
     along, lateral = np.empty(n), np.empty(n)
     for i in range(n):
         x, y = states[i, 0], states[i, 1]
-        nearest, least = at[i], math.inf
+        nearest, minimum = at[i], math.inf
         for k in range(max(first[i], at[i] - _BACK), min(last[i], at[i] + _AHEAD) + 1):
             squared = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
-            if squared < least:
-                nearest, least = k, squared
+            if squared < minimum:
+                nearest, minimum = k, squared
         at[i] = nearest
         dx, dy = x - points[nearest, 0], y - points[nearest, 1]
         cosine, sine = math.cos(heading[nearest]), math.sin(heading[nearest])

@@ -35,13 +35,13 @@ def clearance(x: float, y: float, hall: Floats, racks: Floats, circles: Floats) 
     `hall` is (2,) its width and height, `racks` (k, 4) x0, y0, x1, y1, `circles` (m, 3) x, y,
     radius.
     """
-    least: float = min(x, hall[0] - x, y, hall[1] - y)
+    distance: float = min(x, hall[0] - x, y, hall[1] - y)
     for k in range(len(racks)):
-        least = min(least, rectangle_distance(x, y, racks[k]))
+        distance = min(distance, rectangle_distance(x, y, racks[k]))
     for k in range(len(circles)):
         dx, dy = x - circles[k, 0], y - circles[k, 1]
-        least = min(least, math.sqrt(dx * dx + dy * dy) - circles[k, 2])
-    return least
+        distance = min(distance, math.sqrt(dx * dx + dy * dy) - circles[k, 2])
+    return distance
 
 
 @kernel

@@ -30,11 +30,11 @@ def locate(way: Floats, at: int, pose: Floats) -> tuple[int, float]:
     Returns:
         The point's index, and the rest of the way in m.
     """
-    best, least = at, math.inf
+    best, minimum = at, math.inf
     for k in range(max(0, at - _BACK), min(len(way), at + _AHEAD)):
         squared = (way[k, 0] - pose[0]) ** 2 + (way[k, 1] - pose[1]) ** 2
-        if squared < least:
-            best, least = k, squared
+        if squared < minimum:
+            best, minimum = k, squared
     k = min(max(best, 1), len(way) - 1)
     dx, dy = way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1]
     along = (dx * (pose[0] - way[k, 0]) + dy * (pose[1] - way[k, 1])) / math.sqrt(dx * dx + dy * dy)

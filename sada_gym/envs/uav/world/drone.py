@@ -92,10 +92,10 @@ def _wanted_force(velocity: Floats, wanted: Floats) -> Floats:
         force[k] = VELOCITY_GAIN_PER_S * (wanted[k] - velocity[k]) + DRAG_PER_S * velocity[k]
     force[2] = GRAVITY_M_S2 + min(max(force[2], -MAX_SINK_M_S2), MAX_CLIMB_M_S2)
     level = math.hypot(force[0], force[1])
-    most = force[2] * math.tan(MAX_TILT_RAD)
-    if level > most:
-        force[0] *= most / level
-        force[1] *= most / level
+    maximum = force[2] * math.tan(MAX_TILT_RAD)
+    if level > maximum:
+        force[0] *= maximum / level
+        force[1] *= maximum / level
     return force
 
 
@@ -103,13 +103,13 @@ def _wanted_force(velocity: Floats, wanted: Floats) -> Floats:
 def _rotors(thrust: float, torque: Floats) -> Floats:
     """Share thrust and torques among the rotors; where they can't give all, yaw yields first."""
     share = np.empty(4)
-    most = 0.0
+    maximum = 0.0
     for i in range(4):
         share[i] = _SIGNS[i, 1] * torque[0] / (4 * ARM_Y_M) - _SIGNS[i, 0] * torque[1] / (
             4 * ARM_X_M
         )
-        most = max(most, abs(share[i]))
-    each = min(max(thrust / 4, most), MAX_ROTOR_N - most)
+        maximum = max(maximum, abs(share[i]))
+    each = min(max(thrust / 4, maximum), MAX_ROTOR_N - maximum)
     yaw = torque[2] / (4 * TORQUE_PER_THRUST_M)
     for i in range(4):
         share[i] += each

@@ -176,11 +176,11 @@ def _cross(gate: Floats, other: Floats) -> bool:
 
 @kernel
 def _closest(gates: Floats) -> float:
-    least = math.inf
+    distance = math.inf
     for i in range(len(gates)):
         for j in range(i):
             dx, dy = gates[i, 0] - gates[j, 0], gates[i, 1] - gates[j, 1]
-            if math.hypot(dx, dy) > OUTER_WIDTH_M + DEPTH_M + least:
+            if math.hypot(dx, dy) > OUTER_WIDTH_M + DEPTH_M + distance:
                 continue
             if _cross(gates[i], gates[j]):
                 return 0.0
@@ -188,13 +188,13 @@ def _closest(gates: Floats) -> float:
             for a, b in ((i, j), (j, i)):
                 corners = _corners(gates[a])
                 for k in range(4):
-                    least = min(least, to_frame(gates[b], corners[k, 0], corners[k, 1]))
-    return least
+                    distance = min(distance, to_frame(gates[b], corners[k, 0], corners[k, 1]))
+    return distance
 
 
 @kernel
 def _nearest(gates: Floats, place: Floats) -> float:
-    least = math.inf
+    distance = math.inf
     for i in range(len(gates)):
-        least = min(least, to_frame(gates[i], place[0], place[1]))
-    return least
+        distance = min(distance, to_frame(gates[i], place[0], place[1]))
+    return distance
