@@ -34,11 +34,9 @@ _TRUSTED = ("sada_gym", "stable_baselines3")
 class Outcomes:
     """The outcomes of a batch of n evaluations.
 
-    Attributes:
-        score: (n,) float64, Q in [0, 1]; a high score is good for the agent.
-        fooled: (n,) bool, true where Q <= the fooling threshold.
-        infos: n dictionaries with `score`, `fooled`, `seed`, `parameters` (physical values by
-            name) and what the application adds.
+    `score`, (n,) float64, is Q in [0, 1]: high is good for the agent. `fooled`, (n,) bool, is true
+    where Q <= the fooling threshold. Each of the n `infos` has `score`, `fooled`, `seed`,
+    `parameters` (physical values by name) and what the application adds.
     """
 
     score: Floats
@@ -80,9 +78,7 @@ class Application(ABC):
         version: The environment's version; raise it when a score changes.
         fooling_threshold: The agent is fooled where Q <= this (epsilon in the paper).
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
-        parameters: The parameters that mu sets.
         agent: The agent under test, or None if it is part of the world.
-        agent_name: The agent's name in reports.
         render_fps: Frames of `replay` in a second of its episode.
     """
 
@@ -120,12 +116,8 @@ class Application(ABC):
     def evaluate(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Outcomes:
         """Score the agent in the worlds of a batch of mu, in one thread: see `single_threaded`.
 
-        Args:
-            mu: (n, d), values in [-1, 1]; rounded to float32.
-            seeds: n seeds, Python ints in [0, 2**31); each fixes all randomness of its evaluation.
-
-        Returns:
-            The n outcomes in the same order.
+        mu is (n, d) in [-1, 1], and rounded to float32. Each of the n seeds, Python ints in
+        [0, 2**31), fixes all randomness of its evaluation. The outcomes have the same order.
 
         Raises:
             ValueError: If mu or the seeds are not as described, a score is not in [0, 1], or a
@@ -170,12 +162,7 @@ class Application(ABC):
     ) -> Floats | None:
         """Score a privileged agent: where it does well, a failure is the agent's own.
 
-        Args:
-            mu: (n, d), values in [-1, 1].
-            seeds: n seeds.
-
-        Returns:
-            (n,) Q of the privileged agent, or None if none is known, as by default.
+        Returns its Q, (n,), or None if none is known, as by default.
 
         Raises:
             ValueError: If mu or the seeds are not what `evaluate` takes.

@@ -25,7 +25,6 @@ class AgentCard:
         name: What `agent=` takes.
         file: Its weights, relative to `sada_gym/envs`.
         sha256: The SHA-256 of that file; a file that differs is refused.
-        summary: A line for people.
         nominal: How well it does in nominal worlds, as its model card says.
         loader: `module:function` that turns the file into the agent; empty for the application's
             `agent_loader`.
@@ -49,11 +48,9 @@ class SuiteCard:
     """The suite of an application's tracks in `sada-gym benchmark`.
 
     Attributes:
-        name: What the command line calls it.
         tables: The names of its tables: `paper-budgets`, `equal-queries`. The first of them,
             with the default agent, is the comparison that the overviews show.
-        seeds: Number of seeds on each track.
-        seeds_of: Another number for some tracks, by suffix.
+        seeds_of: Other numbers of seeds than `seeds` for some tracks, by suffix.
         images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
     """
 
@@ -70,12 +67,10 @@ class ApplicationCard:
 
     Attributes:
         name: The general id without its version, such as `SADA-Detection`.
-        title: What people call it, such as `Object detection`.
         summary: A sentence on what the adversary changes and what the agent has to do.
         application: `module:class` of the `Application`.
         clip: `module:function` that plays a world again as a clip, see `sada_gym.clips`;
             empty where the frames of `replay` are enough.
-        version: The version of its ids.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
             name, such as `Car`.
         same_as: The suffix of the track that the general id is by default; None where it is none.
@@ -85,10 +80,8 @@ class ApplicationCard:
         tasks: The environments on which its agents are trained: by id, `module:class` of the scalar
             environment and of the batch.
         packages: The packages that a score can depend on, beside those of every run.
-        reference_points: The number of Sobol points in the reference set of a track.
-        reference_seeds: The number of evaluations of each of these points.
-        sobol_seed: The seed by which these points are scrambled.
-        suite: The benchmark's suite of its tracks; None where there is none.
+        reference_points: The number of Sobol points in the reference set of a track, scrambled by
+            `sobol_seed`; each is evaluated `reference_seeds` times.
     """
 
     name: str

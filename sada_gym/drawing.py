@@ -91,20 +91,11 @@ def _corners(box: Sequence[float]) -> list[Point]:
 
 
 def cross(
-    draw: ImageDraw.ImageDraw,
-    place: Point,
-    arm: float,
-    colour: Colour,
-    widths: tuple[int, int],
+    draw: ImageDraw.ImageDraw, place: Point, arm: float, colour: Colour, widths: tuple[int, int]
 ) -> None:
-    """Draw a diagonal cross, `arm` from its middle to either side, with a white rim.
+    """Draw a diagonal cross, `arm` pixels from its middle to either side, with a white rim.
 
-    Args:
-        draw: What draws.
-        place: The middle, in pixels.
-        arm: Half the cross's width, in pixels.
-        colour: The colour of its strokes.
-        widths: The widths of the white strokes and of those on top of them.
+    `widths` are those of the white strokes and of the coloured ones on top of them.
     """
     x, y = place
     for ink, width in zip(((255, 255, 255), colour), widths, strict=True):
@@ -165,11 +156,6 @@ def caption(text: str, width: int, size: int = 15) -> Image.Image:
     """Write lines of text; what is too long for the width is written smaller.
 
     The picture's size depends on the number of lines alone, so that frames have one shape.
-
-    Args:
-        text: The text, with line breaks.
-        width: The picture's width in pixels.
-        size: The font's size in pixels.
     """
     lines, height = text.split("\n"), 2 * round(0.75 * size) + 4  # even, for video encoders
     bar = Image.new("RGB", (width, height * len(lines)), "white")
@@ -179,6 +165,14 @@ def caption(text: str, width: int, size: int = 15) -> Image.Image:
         middle = (6, (i + 0.5) * height)
         draw.text(middle, line, fill=INK_RGB, font=font(int(shrunk * size)), anchor="lm")
     return bar
+
+
+def resized_into(picture: Image.Image, width: float, height: float) -> Image.Image:
+    """Scale a picture to fill a width or a height; the pixels of small ones stay sharp."""
+    scale = min(width / picture.width, height / picture.height)
+    size = max(1, round(picture.width * scale)), max(1, round(picture.height * scale))
+    method = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS
+    return picture.resize(size, method)
 
 
 def beside(left: Image.Image, right: Image.Image) -> Image.Image:

@@ -41,13 +41,7 @@ Mark = Literal[
 
 
 class LegendEntry(NamedTuple):
-    """A mark in an application's frames and what it means.
-
-    Attributes:
-        text: What it means, such as `the true box`.
-        colour: Its colour as `#rrggbb`.
-        mark: How it is drawn.
-    """
+    """A mark in an application's frames, its colour as `#rrggbb`, and what it means."""
 
     text: str
     colour: str = INK

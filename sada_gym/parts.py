@@ -10,12 +10,9 @@ from sada_gym.lazy import load
 
 
 def find_part(kind: str, name: str, table: Mapping[str, str]) -> Any:
-    """Import a part by its name.
+    """Import a part by its name in a table of `module:attribute`, or by a path of that form.
 
-    Args:
-        kind: What the part is called in messages, such as `renderer`.
-        name: A name in the table, or `module:attribute` for a part of one's own.
-        table: The `module:attribute` of each part by name.
+    `kind` is what the part is called in messages, such as `renderer`.
 
     Raises:
         UserError: If there is no such part, or its module cannot be imported.

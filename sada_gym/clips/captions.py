@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from PIL import Image, ImageDraw
 
+from sada_gym import drawing
 from sada_gym.clips.shots import Shot
-from sada_gym.drawing import INK_RGB, font, stacked
+from sada_gym.drawing import INK_RGB, font, resized_into, stacked
 from sada_gym.frames import Colour, Frame
 
 WIDTH = 480
@@ -45,12 +46,9 @@ def captioned(shot: Shot, last_line: str) -> Iterator[tuple[Frame, float]]:
 
 def fit(picture: Image.Image) -> Image.Image:
     """Return a picture of the video's width: scaled, and on a dark ground where it is too high."""
-    scale = min(WIDTH / picture.width, MAX_HEIGHT / picture.height)
-    # the pixels of small pictures, such as those of games, stay sharp
-    way = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS
-    size = max(1, round(picture.width * scale)), max(1, round(picture.height * scale))
-    ground = Image.new("RGB", (WIDTH, size[1]), INK)
-    ground.paste(picture.resize(size, way), ((WIDTH - size[0]) // 2, 0))
+    scaled = resized_into(picture, WIDTH, MAX_HEIGHT)
+    ground = Image.new("RGB", (WIDTH, scaled.height), INK)
+    ground.paste(scaled, ((WIDTH - scaled.width) // 2, 0))
     return ground
 
 
@@ -63,16 +61,7 @@ def add_inset(picture: Image.Image, drawn: Image.Image, way: Image.Resampling) -
 
 def cross(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
     """Mark a place where something failed: an orange cross with a white rim."""
-    _cross(draw, x, y, size, PAPER, size)
-    _cross(draw, x, y, size, FAILED, size / 2)
-
-
-def _cross(
-    draw: ImageDraw.ImageDraw, x: float, y: float, size: float, colour: Colour, width: float
-) -> None:
-    for up in (-size, size):
-        ends = [(x - size, y - up), (x + size, y + up)]
-        draw.line(ends, fill=colour, width=max(2, round(width)))
+    drawing.cross(draw, (x, y), size, FAILED, (max(2, round(size)), max(2, round(size / 2))))
 
 
 def ring(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float) -> None:
@@ -92,12 +81,12 @@ def _bar(note: str, world: str) -> Image.Image:
 def _ending_bar(shot: Shot, last_line: str, colour: Colour) -> Image.Image:
     bar = Image.new("RGB", (WIDTH, BAR), colour)
     draw = ImageDraw.Draw(bar)
-    x, y, width = _LEFT + _MARK, _FIRST, _MARK / 2.5
+    x, y, width = _LEFT + _MARK, _FIRST, 3
     if shot.ending.failed:
-        _cross(draw, x, y, _MARK, PAPER, width)
+        drawing.cross(draw, (x, y), _MARK, PAPER, (width, width))
     else:
         tick = [(x - _MARK, y), (x - _MARK / 3, y + _MARK * 0.8), (x + _MARK, y - _MARK)]
-        draw.line(tick, fill=PAPER, width=round(width), joint="curve")
+        draw.line(tick, fill=PAPER, width=width, joint="curve")
     _write(draw, _LEFT + 3 * _MARK, _FIRST, shot.ending.text, 17, PAPER, bold=True)
     _write(draw, _LEFT, _SECOND, last_line, 12, PAPER)
     return bar
@@ -116,8 +105,8 @@ def _write(
     """Write a line, smaller where it is too long, and cut where it is far too long."""
     room = WIDTH - left - _LEFT
     line = "".join(letter if letter.isprintable() else " " for letter in text)
-    faces = (font(size - less, bold=bold) for less in range(5))
-    for face in faces:
+    for smaller in range(5):
+        face = font(size - smaller, bold=bold)
         if draw.textlength(line, face) <= room:
             break
     else:

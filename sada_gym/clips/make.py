@@ -50,12 +50,6 @@ def find_clip(application: Application) -> ClipFunction:
 def replayed_clip(application: Application, mu: Mu, seed: int, seconds: float) -> Clip:
     """Show the end of the episode that `replay` returns, or the way from mu = 0 to a single image.
 
-    Args:
-        application: Any application.
-        mu: The world, (d,).
-        seed: Its evaluation seed.
-        seconds: The length of the clip, about.
-
     Raises:
         UserError: If `replay` or `render` of the application does not return what it should.
     """

@@ -42,14 +42,9 @@ class ShotEnding:
 
 @dataclass(frozen=True)
 class Shot:
-    """A part of an episode, or of the way to a world.
+    """A part of an episode, or of the way to a world: pictures of one size, so many a second.
 
-    Attributes:
-        pictures: Its pictures, all of one size.
-        fps: Pictures a second.
-        notes: A line below each picture.
-        world: What the adversary chose, in a line.
-        ending: How it ends.
+    A line of `notes` stands below each; `world` says in a line what the adversary chose.
     """
 
     pictures: Sequence[Image.Image]
@@ -84,16 +79,10 @@ def scored_ending(score: float, threshold: float, reason: object = None) -> Shot
 
 
 def pace(count: int, fps: float, seconds: float) -> tuple[range, float, str]:
-    """Choose the frames of an episode's end, and their pace.
+    """Choose those of an episode's `count` frames that fill the last seconds, and their pace.
 
-    Args:
-        count: The episode's frames.
-        fps: How many of them belong to a second.
-        seconds: The time to fill.
-
-    Returns:
-        The frames' indices, the last one included; frames a second; and a remark where the episode
-        is shown in slow motion.
+    Returns their indices, the last one included; frames a second; and a remark where the episode is
+    shown in slow motion.
     """
     stride = max(1, math.ceil(fps / MAX_FPS))
     if count < fps * SHORTEST_S:
@@ -119,11 +108,7 @@ def clip_failures(
 ) -> Clip:
     """Cut a sample's episodes to a clip of those that failed.
 
-    Args:
-        episodes: The episodes.
-        failed: Whether an episode failed.
-        seconds: The seconds of the sample.
-        make_shot: Makes the shot of an episode, from its number and the seconds that it gets.
+    `make_shot` makes the shot of an episode from its number and the seconds that it gets.
     """
     failures = [i for i, episode in enumerate(episodes) if failed(episode)]
     chosen, each_s = share_time(failures, seconds)

@@ -49,20 +49,12 @@ def draw_attack(
     headline: str = "",
     on_progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
 ) -> tuple[Path, ...]:
-    """Draw all pictures of an attack into a folder.
+    """Draw all pictures of an attack into a folder, and return the PNG files written.
 
-    Args:
-        application: The application that was attacked.
-        samples: The adversary's test samples.
-        queries: The training queries (Omega).
-        folder: The folder for the PNG files.
-        headline: A sentence or two that stand on top of the sheet of failures.
-        on_progress: Called with the numbers of frames drawn and of all frames, after each frame.
-
-    Returns:
-        The files written. The sheet of failures is left out where the application draws no frames,
-        where its drawing fails, or where no sample fooled the agent; the map is drawn in two
-        dimensions only.
+    The sheet of failures, with the headline on top, is left out where the application draws no
+    frames, where its drawing fails, or where no sample fooled the agent; the map of queries (Omega)
+    and samples is drawn in two dimensions only. `on_progress` is called after each frame with the
+    numbers of frames drawn and of all frames.
     """
     space, threshold = application.parameters, application.fooling_threshold
     figures = {

@@ -23,12 +23,9 @@ Indices = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Failure:
-    """A sample that fooled the agent.
+    """A sample that fooled the agent, by its row, and how many others are hardly different.
 
-    Attributes:
-        sample: Its row among the samples.
-        alike: The number of other fooling samples that are hardly different.
-        stands_for: The share of all fooling samples that a typical one is nearest to, else None.
+    `stands_for` is the share of all fooling samples that a typical one is nearest to, else None.
     """
 
     sample: int
@@ -40,10 +37,8 @@ class Failure:
 class Failures:
     """Three groups of failures, without a sample twice.
 
-    Attributes:
-        worst: Those with the lowest Q; of equal ones the most typical.
-        typical: The medoids of the rest: each stands for the samples nearest to it.
-        diverse: Those that lie farthest from all that are shown already.
+    The worst have the lowest Q, of equal ones the most typical; the typical are the medoids of the
+    rest; the diverse lie farthest from all that are shown already.
     """
 
     worst: tuple[Failure, ...]
@@ -104,8 +99,7 @@ def _distances(places: Array) -> Array:
     squares = (places**2).sum(axis=1)
     squared = squares[:, None] + squares - 2 * places @ places.T
     np.fill_diagonal(squared, 0.0)
-    distances: Array = np.sqrt(np.maximum(squared, 0.0))
-    return distances
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
 def _unlike(places: Array, apart: Array, order: Indices) -> tuple[Indices, Indices]:

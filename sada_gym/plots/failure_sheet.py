@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw
 
-from sada_gym.drawing import font, stacked, swatch, wrapped
+from sada_gym.drawing import font, resized_into, stacked, swatch, wrapped
 from sada_gym.frames import GRID, INK, MUTED, Frame, LegendEntry, rgb
 
 WIDTH = 1400
@@ -24,14 +24,7 @@ _TALLEST = 1.6  # times a cell's width
 
 @dataclass(frozen=True)
 class FrameGroup:
-    """Some frames under a heading.
-
-    Attributes:
-        title: The heading, such as `Worst`.
-        note: A few words that say what the group is.
-        frames: RGB images.
-        captions: A short line for each.
-    """
+    """Some frames, each with a caption, under a heading and a few words on what the group is."""
 
     title: str
     note: str
@@ -57,14 +50,9 @@ def failure_sheet(
     title: str,
     headline: str = "",
 ) -> Image.Image:
-    """Lay groups of frames out below one another, under a headline and the frames' legend.
+    """Lay groups of frames out, so many in a row, under a headline, a title and their legend.
 
-    Args:
-        groups: The groups; empty ones are left out.
-        columns: The number of frames in a row.
-        legend: The marks in the frames; may be empty.
-        title: A line above the legend.
-        headline: A sentence or two on top.
+    Empty groups are left out; the legend may be empty.
     """
     strips = [_space(_MARGIN)]
     if headline:
@@ -101,7 +89,6 @@ def _text(text: str, size: int, colour: str = INK, *, bold: bool = False) -> Ima
 
 
 def _heading(group: FrameGroup) -> Image.Image:
-    """Draw a thin line across, and below it a group's title and its note."""
     bold, top = font(_HEADING, bold=True), 24
     strip = _space(top + round(1.5 * _HEADING))
     draw = ImageDraw.Draw(strip)
@@ -133,9 +120,8 @@ def _legend(entries: Sequence[LegendEntry]) -> Image.Image:
 
 
 def _row(frames: Sequence[Frame], captions: Sequence[str], columns: int) -> Image.Image:
-    """Put frames beside one another, each with its caption above."""
     cell = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) // columns
-    pictures = [_fitted(frame, cell) for frame in frames]
+    pictures = [resized_into(Image.fromarray(frame), cell, _TALLEST * cell) for frame in frames]
     face, line = font(_TEXT), round(_LINE * _TEXT)
     texts = [wrapped(caption, face, cell) for caption in captions]
     top = line * max(map(len, texts)) + 6
@@ -149,12 +135,3 @@ def _row(frames: Sequence[Frame], captions: Sequence[str], columns: int) -> Imag
         corner = (left + picture.width - 1, top + picture.height - 1)
         draw.rectangle((left, top, *corner), outline=rgb(GRID))
     return strip
-
-
-def _fitted(frame: Frame, width: int) -> Image.Image:
-    """Scale a frame to a cell's width; small ones keep their pixels' edges."""
-    height, across = frame.shape[:2]
-    scale = min(width / across, _TALLEST * width / height)
-    size = (max(1, round(across * scale)), max(1, round(height * scale)))
-    how = Image.Resampling.NEAREST if scale >= 2 else Image.Resampling.LANCZOS
-    return Image.fromarray(frame).resize(size, how)

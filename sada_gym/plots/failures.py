@@ -32,11 +32,8 @@ def draw_failures(
 ) -> Image.Image:
     """Draw the worst, typical and diverse failures: the first alone, all others in one batch.
 
-    Args:
-        application: The application that was attacked.
-        samples: The adversary's test samples; some fool the agent.
-        headline: A sentence or two for the top.
-        on_progress: Called with the numbers of frames drawn and of all frames, after each frame.
+    Some of the samples fool the agent. `on_progress` is called after each frame with the numbers of
+    frames drawn and of all frames.
 
     Raises:
         NotDrawnError: If the application draws no frames, or its drawing fails.

@@ -19,11 +19,7 @@ def novelty_sheet(adversary: Sequence[Neighbours], ideal: Sequence[Neighbours] =
     """Lay out samples, each beside its nearest training queries in mu and in image space.
 
     The paper's figure "Nearest Neighbor in Training". The captions give `Neighbour.mu_distance` and
-    `Neighbour.pixel_distance`.
-
-    Args:
-        adversary: Samples of the adversary, at least one.
-        ideal: Ideal samples, which stand on the right: as many, or none.
+    `Neighbour.pixel_distance`. Ideal samples, as many or none, stand on the right.
 
     Raises:
         ValueError: If there is no sample, or not as many of both.

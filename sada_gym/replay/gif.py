@@ -34,14 +34,9 @@ _HELD_S = 1.0
 def gif(frames: Sequence[Frame], times_s: Sequence[float], max_bytes: int) -> bytes:
     """Return a video as the bytes of a GIF.
 
-    All frames share one palette. A frame holds only those pixels that changed. Where the file would
-    be too large, it gets fewer colours, a smaller picture and in the end fewer frames.
-
-    Args:
-        frames: The frames, all of one size.
-        times_s: How long each is shown.
-        max_bytes: What the file may have. A video that cannot be made so small is as small as it
-            gets.
+    All frames have one size and share one palette. A frame holds only those pixels that changed.
+    Where the file would be too large, it gets fewer colours, a smaller picture and in the end fewer
+    frames; it may still have more than `max_bytes`.
     """
     content = b""
     for kept, times in _thinned(frames, times_s):

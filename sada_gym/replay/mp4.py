@@ -30,11 +30,7 @@ def require_encoder() -> None:
 
 
 def mp4(frames: Sequence[Frame], times_s: Sequence[float]) -> bytes:
-    """Return a video as the bytes of an MP4 (H.264).
-
-    Args:
-        frames: The frames, all of one size.
-        times_s: How long each is shown.
+    """Return a video, whose frames have one size, as the bytes of an MP4 (H.264).
 
     Raises:
         MissingExtra: If imageio-ffmpeg is not installed.

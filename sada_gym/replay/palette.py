@@ -34,15 +34,7 @@ _TO_LAB = np.array(
 
 
 class Palette:
-    """A few colours that stand for all those of some frames.
-
-    Args:
-        frames: The frames.
-        count: The number of colours.
-
-    Attributes:
-        colours: (count, 3) uint8.
-    """
+    """At most `count` colours, (count, 3) uint8, that stand for all those of some frames."""
 
     def __init__(self, frames: Sequence[Frame], count: int) -> None:
         from scipy.spatial import cKDTree
@@ -55,14 +47,12 @@ class Palette:
 
     def indices(self, frame: Frame) -> Bytes:
         """Return the index of the nearest colour for each pixel, (height, width)."""
-        indices: Bytes = self._nearest[_cells(frame)]
-        return indices
+        return np.asarray(self._nearest[_cells(frame)])
 
 
 def _cells(pixels: Bytes) -> npt.NDArray[np.int32]:
     red, green, blue = (pixels[..., k].astype(np.int32) >> (8 - _BITS) for k in range(3))
-    cells: npt.NDArray[np.int32] = (red << 2 * _BITS) | (green << _BITS) | blue
-    return cells
+    return np.asarray((red << 2 * _BITS) | (green << _BITS) | blue)
 
 
 def _histogram(frames: Sequence[Frame]) -> tuple[Floats, Floats]:
@@ -92,12 +82,10 @@ def _cluster(colours: Floats, weights: Floats, count: int) -> Bytes:
     total = np.bincount(means.labels_, weights, minlength=count)
     sums = [np.bincount(means.labels_, weights * colours[:, k], minlength=count) for k in range(3)]
     used = total > 0
-    centres: Bytes = np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
-    return centres
+    return np.round(np.stack(sums, axis=1)[used] / total[used, None]).astype(np.uint8)
 
 
 def _oklab(colours: Floats) -> Floats:
     share = colours / 255.0
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    lab: Floats = np.cbrt(linear @ _TO_CONES.T) @ _TO_LAB.T
-    return lab
+    return np.asarray(np.cbrt(linear @ _TO_CONES.T) @ _TO_LAB.T)

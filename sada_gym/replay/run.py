@@ -40,12 +40,7 @@ def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
 
 
 def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> list[int]:
-    """Return the rows of the samples to replay: the worst ones, or the one that is named.
-
-    Args:
-        samples: All samples of the run.
-        worst: How many of those with the lowest scores; None takes one.
-        sample: The row of one sample, from 0.
+    """Return the rows of the `worst` samples, None for the very worst, or the one `sample`.
 
     Raises:
         UserError: If both are given, or there are not as many samples.
@@ -64,11 +59,8 @@ def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> li
 def open_target(settings: RunSettings, folder: Path, given: Application | str | None) -> OpenTarget:
     """Open what a run attacked, and check that it is the same application, agent and version.
 
-    Args:
-        settings: The run's settings.
-        folder: The run's folder, for messages.
-        given: The application, an environment's id or a TOML file; None takes what the settings
-            name.
+    `given` is the application, an environment's id or a TOML file; None takes what the settings
+    name. Messages name the run's folder.
 
     Raises:
         UserError: If it cannot be opened, or differs.
@@ -82,10 +74,6 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
             f"attacked {shown(target.track)} in an application of yours. {_mend(folder)}"
-        )
-    if given is not None and not isinstance(given, Application | str):
-        raise UserTypeError(
-            f"Expected an Application, an environment's id or a TOML file, got {given!r}."
         )
     try:
         return target.open(given)

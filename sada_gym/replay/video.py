@@ -21,6 +21,8 @@ from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
+from sada_gym.replay.gif import BYTES_PER_10_S, gif
+from sada_gym.replay.mp4 import mp4, require_encoder
 from sada_gym.replay.run import choose, open_target, read_run
 
 SECONDS = 10.0
@@ -40,10 +42,7 @@ class ReplayedSample:
 
     Attributes:
         sample: Its row in samples.npz, from 0.
-        seed: Its evaluation seed.
-        score: Its Q.
-        stored: The Q that the run stored.
-        fooled: Whether the agent is fooled.
+        score: Its Q; `stored` is the one that the run stored.
         endings: How each shot ends, such as `left its lane after 6.2 s`.
     """
 
@@ -60,11 +59,9 @@ class Video:
     """Samples of a run, played again.
 
     Attributes:
-        frames: Its frames, (height, width, 3) uint8.
-        times_s: How long each is shown.
-        samples: The samples that it shows, in this order.
-        path: The file that it was written to, if any.
-        size: The file's size in bytes; 0 without a file.
+        frames: (height, width, 3) uint8 each, shown for `times_s`.
+        samples: What it shows, in this order.
+        path: The file that it was written to, if any, of `size` bytes.
     """
 
     frames: tuple[Frame, ...]
@@ -104,7 +101,7 @@ def replay(
             opens what the run's settings name.
         seconds: The length of a sample, about. A longer episode shows its end, and several failures
             share the time. With 1.5 s for each ending the video gets a little longer.
-        on_progress: Called as the video is made.
+        on_progress: See `OnProgress`.
 
     Raises:
         UserError: If an argument is bad, the application is another one, or a score differs.
@@ -143,20 +140,13 @@ def replay(
     if path is None:
         return video
     on_progress("write", len(rows), len(rows))
-    content = _encode(video, path)
+    if path.suffix.lower() == ".mp4":
+        content = mp4(video.frames, video.times_s)
+    else:
+        limit = round(BYTES_PER_10_S * max(1.0, video.seconds / 10.0))
+        content = gif(video.frames, video.times_s, limit)
     write_file(path, content)
     return replace(video, size=len(content))
-
-
-def _encode(video: Video, path: Path) -> bytes:
-    if path.suffix.lower() == ".mp4":
-        from sada_gym.replay.mp4 import mp4
-
-        return mp4(video.frames, video.times_s)
-    from sada_gym.replay.gif import BYTES_PER_10_S, gif
-
-    limit = round(BYTES_PER_10_S * max(1.0, video.seconds / 10.0))
-    return gif(video.frames, video.times_s, limit)
 
 
 def _check_out(out: str | Path) -> Path:
@@ -170,8 +160,6 @@ def _check_out(out: str | Path) -> Path:
             f"Expected to write {path}, but its folder does not exist. Make the folder first."
         )
     if path.suffix.lower() == ".mp4":
-        from sada_gym.replay.mp4 import require_encoder
-
         require_encoder()
     return path
 
