@@ -8,7 +8,7 @@ import torch
 from drivers import as_driver
 
 from sada_gym import agents
-from sada_gym.envs.driving.agent import weights
+from sada_gym.envs.driving.agent import network
 from studies.training.common import Reinforcement
 from studies.training.driving import evaluate, train
 from studies.training.driving.evaluate import TaskFigures, measure, table
@@ -57,7 +57,7 @@ def test_a_warm_start_keeps_the_driver_until_values_are_known():
 
 def test_a_trained_driver_is_saved_and_driven_again(tmp_path):
     model = train.train(SHORTER, seed=0)  # its learning rate falls: a schedule is saved as well
-    weights.save(model, tmp_path / "ppo.safetensors")
+    network.save(model, tmp_path / "ppo.safetensors")
     again = agents.load(tmp_path / "ppo.safetensors", "SADA-Driving")
     assert as_driver(again).fingerprint == as_driver(model).fingerprint
 
@@ -123,7 +123,7 @@ def test_figures_are_written_as_a_table():
 def test_a_driver_is_measured_by_name_or_file(tmp_path, monkeypatch, capsys):
     seen = []
     monkeypatch.setattr(evaluate, "measure", lambda driver, seed: seen.append((driver, seed)) or {})
-    weights.save(train.train(SHORTER, seed=0), tmp_path / "own.safetensors")
+    network.save(train.train(SHORTER, seed=0), tmp_path / "own.safetensors")
     for name in ("cil", str(tmp_path / "own.safetensors")):
         monkeypatch.setattr(sys, "argv", ["evaluate", name, "--seed", "4"])
         before = np.random.get_state()[1].copy()  # noqa: NPY002

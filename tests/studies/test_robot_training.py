@@ -6,7 +6,7 @@ import pytest
 
 from sada_gym import agents
 from sada_gym.agents.policy import as_policy
-from sada_gym.envs.robot.agent import weights
+from sada_gym.envs.robot.agent import network
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from studies.training.robot import train
 from studies.training.robot.evaluate import measure, table
@@ -26,7 +26,7 @@ def test_a_training_is_fixed_by_its_seed():
 
 def test_a_trained_robot_is_saved_and_drives_again(tmp_path):
     model = train.train(SHORT, seed=0)
-    weights.save(model, tmp_path / "ppo.safetensors")
+    network.save(model, tmp_path / "ppo.safetensors")
     again = agents.load(tmp_path / "ppo.safetensors", "SADA-Robot")
     assert (
         as_policy(again, RobotEpisodes).fingerprint == as_policy(model, RobotEpisodes).fingerprint

@@ -9,7 +9,7 @@ CNN = AgentCard(
     "a small CNN, trained on 1,352 real digits; the default",
     "reads 98.9 % of the test images",
 )
-LOADER = "sada_gym.envs.digits.agent.weights:load"
+LOADER = "sada_gym.envs.digits.agent.network:load"
 
 CARD = ApplicationCard(
     name="SADA-Digits",

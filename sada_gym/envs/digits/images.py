@@ -21,15 +21,10 @@ _LARGEST_SIDE = 256
 
 @dataclass(frozen=True, eq=False)
 class LabelledImages:
-    """Grey images and the class of each.
+    """Grey images and the class of each."""
 
-    Attributes:
-        images: (n, height, width) float32 in [0, 1]; 0 is the background.
-        labels: (n,) int64 from 0.
-    """
-
-    images: npt.NDArray[np.float32]
-    labels: npt.NDArray[np.int64]
+    images: npt.NDArray[np.float32]  # (n, height, width) float32 in [0, 1]; 0 is the background
+    labels: npt.NDArray[np.int64]  # (n,) int64 from 0
 
     def __len__(self) -> int:
         """Return the number of images."""

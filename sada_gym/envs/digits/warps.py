@@ -15,23 +15,14 @@ Column = npt.NDArray[np.float64]  # (n,), a number for each image
 
 @dataclass(frozen=True, eq=False)
 class Warps:
-    """How n images are changed; 0, 1, 0, 0, 1, 0 changes nothing, to the last bit.
+    """How n images are changed; 0, 1, 0, 0, 1, 0 changes nothing, to the last bit."""
 
-    Attributes:
-        rotation_deg: Turns the digit counterclockwise.
-        scale: Enlarges it about the image's centre.
-        shear: Moves a pixel to the right by this times its height over the centre.
-        shift_px: Moves the digit to the right.
-        contrast: Multiplies the distance from the middle grey, 0.5; [0, 1] is not left.
-        stroke: From -1, thin, to 1, thick; see `Strokes`.
-    """
-
-    rotation_deg: Column
-    scale: Column
-    shear: Column
-    shift_px: Column
-    contrast: Column
-    stroke: Column
+    rotation_deg: Column  # turns the digit counterclockwise
+    scale: Column  # enlarges it about the image's centre
+    shear: Column  # moves a pixel to the right by this times its height over the centre
+    shift_px: Column  # moves the digit to the right
+    contrast: Column  # multiplies the distance from the middle grey, 0.5; [0, 1] is not left
+    stroke: Column  # from -1, thin, to 1, thick; see `Strokes`
 
 
 class Strokes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +18,7 @@ from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisode
 from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.closed_loop import SimulatorApplication
-from sada_gym.frames import Frame
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
-from sada_gym.seeds import validate_world
-
-if TYPE_CHECKING:
-    pass
 
 
 class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
@@ -139,11 +134,3 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
             for (_, weather, _), codes, made in zip(worlds, ending, progress, strict=True)
         ]
         return Scored(drives.score.reshape(shape).mean(axis=1)[driven], extras)
-
-    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the camera's image at the start of the first route."""
-        from sada_gym.envs.driving.frame import observation
-
-        row, seed = validate_world(self.parameters, mu, seed)
-        drives = self.episodes(row, [seed])
-        return observation(drives.starts[0], drives.states[0])

@@ -39,7 +39,7 @@ CARD = ApplicationCard(
         ),
     ),
     agent_kind="driver",
-    agent_loader="sada_gym.envs.driving.agent.weights:load",
+    agent_loader="sada_gym.envs.driving.agent.network:load",
     tasks={
         "SADA-DrivingTask-v0": (
             "sada_gym.envs.driving.task:DrivingTaskEnv",

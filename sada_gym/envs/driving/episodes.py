@@ -55,24 +55,14 @@ class DrivingEnd(IntEnum):
 
 @dataclass(frozen=True)
 class DrivingStart:
-    """How one drive begins.
-
-    Attributes:
-        route: The route to drive.
-        mount: How its camera is mounted.
-        weather: An index into `LIGHTS`.
-        seed: The number that fixes the rain.
-        lateral_m: The car's place, to the right of its lane's middle.
-        turned_rad: The angle by which the car is turned to the right.
-        speed_m_s: The car's speed.
-    """
+    """How one drive begins."""
 
     route: Route
     mount: Mount
-    weather: int
-    seed: int = 0
-    lateral_m: float = 0.0
-    turned_rad: float = 0.0
+    weather: int  # an index into `LIGHTS`
+    seed: int = 0  # the number that fixes the rain
+    lateral_m: float = 0.0  # the car's place, to the right of its lane's middle
+    turned_rad: float = 0.0  # the angle by which the car is turned to the right
     speed_m_s: float = 0.0
 
 

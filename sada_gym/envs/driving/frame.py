@@ -54,7 +54,7 @@ def summary(rollouts: Rollouts) -> Frame:
     which = failed[0] if failed else 0
     last = len(rollouts[which]["states"]) - 1
     step = max(0, last - POLICY_HZ) if failed else last // 2
-    image = Image.fromarray(_view(rollouts[which], step))
+    image = Image.fromarray(observation(rollouts[which], step))
     arrived = len(rollouts) - len(failed)
     title = f"{_world(rollouts)}\n{arrived} of {len(rollouts)} routes driven to the goal"
     seen_at = "a second before it failed" if failed else "half-way"
@@ -74,7 +74,7 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     for i, rollout in enumerate(rollouts):
         states = rollout["states"]
         for step in range(len(states)):
-            image = Image.fromarray(_view(rollout, step))
+            image = Image.fromarray(observation(rollout, step))
             pair = beside(image, _map(chart, {i: rollout}, until=step))
             ending = _ENDING_TEXTS[DrivingEnd(int(rollout["ending"][step]))]
             command = COMMANDS[rollout["command"][step]]
@@ -88,9 +88,10 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     return drawn
 
 
-def observation(start: DrivingStart, state: Floats, step: int = 0) -> Frame:
-    """Draw the camera's image, large, from a car's state (4,) after some steps."""
-    pose = np.array([[*state[:3], start.mount.height_m]])
+def observation(rollout: Rollout[DrivingStart], step: int = 0) -> Frame:
+    """Draw the camera's image, large, after some steps."""
+    start = rollout.start
+    pose = np.array([[*rollout["states"][step, :3], start.mount.height_m]])
     key = np.array([start.seed * (1 << 20) + step], np.uint64)
     rays, weather = _rays(start.mount.pitch_deg)[None], np.array([start.weather])
     frame: Frame
@@ -107,10 +108,6 @@ def _world(rollouts: Rollouts) -> str:
     start = rollouts[0].start
     height, pitch = start.mount.height_m, start.mount.pitch_deg
     return f"{NAMES[start.weather]}, {height:.2f} m, {pitch:.1f}°"
-
-
-def _view(rollout: Rollout[DrivingStart], step: int) -> Frame:
-    return observation(rollout.start, rollout["states"][step], step)
 
 
 def _map(

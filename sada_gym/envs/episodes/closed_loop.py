@@ -95,8 +95,8 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
 
     Attributes:
         episodes_class: The class of the episodes.
-        frame_module: The module that draws: its `LEGEND`, and `summary` and `frames` of the
-            rollouts of one world.
+        frame_module: The module that draws: its `LEGEND`, `summary` and `frames` of the rollouts
+            of one world, and `observation` of the first step of one rollout.
         privileged_agent: `module:Class` of an agent that knows the whole world; "" if there is
             none.
         worlds_at_once: The most worlds whose episodes are in lockstep.
@@ -159,6 +159,15 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
     def render_batch(self, mu: npt.ArrayLike, seeds: Sequence[int]) -> Iterator[Frame]:
         """Draw such frames of several worlds, whose episodes go on in lockstep."""
         return map(load(f"{self.frame_module}:summary"), self.rollouts_batch(mu, seeds))
+
+    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
+        """Draw what the agent sees at the start of the first episode."""
+        row, seed = validate_world(self.parameters, mu, seed)
+        with closing(self.episodes(row, [seed])) as episodes:
+            first = {key: values[:1] for key, values in episodes.snapshot().items()}
+            rollout = Rollout(episodes.starts[0], first, 0.0)
+            frame: Frame = load(f"{self.frame_module}:observation")(rollout)
+        return frame
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
         frames: list[Frame] = load(f"{self.frame_module}:frames")(rollouts)

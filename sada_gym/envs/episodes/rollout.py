@@ -39,16 +39,10 @@ def play(
 
 @dataclass(frozen=True)
 class Rollout(Generic[StartT]):
-    """One episode, step by step.
-
-    Attributes:
-        start: How it began.
-        snapshots: What `Episodes.snapshot` gave before every step and at the end: each key has
-            (steps + 1, ...).
-        score: The episode's Q.
-    """
+    """One episode, step by step."""
 
     start: StartT
+    # what `Episodes.snapshot` gave before every step and at the end: each key has (steps + 1, ...)
     snapshots: Mapping[str, npt.NDArray[Any]]
     score: float
 

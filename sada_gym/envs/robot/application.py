@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,7 @@ from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
 from sada_gym.envs.robot.world.floor_plan import TRIPS, floor_plan
-from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_world
-
-if TYPE_CHECKING:
-    pass
 
 PLANS = 2
 """The floor plans of one evaluation."""
@@ -125,9 +120,3 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
             for codes, row in zip(ending, remaining_m, strict=True)
         ]
         return Scored(trips.score.reshape(len(mu), -1).mean(axis=1), extras)
-
-    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the hall, and what the lidar returns, at the start of the first trip."""
-        row, seed = validate_world(self.parameters, mu, seed)
-        (frame,) = self.episodes(row, [seed]).render(np.zeros(1, np.intp))
-        return np.asarray(frame)

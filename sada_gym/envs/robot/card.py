@@ -28,7 +28,7 @@ CARD = ApplicationCard(
         ),
     ),
     agent_kind="robot",
-    agent_loader="sada_gym.envs.robot.agent.weights:load",
+    agent_loader="sada_gym.envs.robot.agent.network:load",
     tasks={
         "SADA-RobotTask-v0": (
             "sada_gym.envs.robot.task:RobotTaskEnv",

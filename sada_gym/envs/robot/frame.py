@@ -80,6 +80,12 @@ def frames(rollouts: Rollouts) -> list[Frame]:
     return drawn
 
 
+def observation(rollout: Rollout[RobotStart], step: int = 0) -> Frame:
+    """Draw the hall, and what the lidar returns, after some steps."""
+    poses, carts, points = (rollout[key][step] for key in ("poses", "carts", "points"))
+    return draw_frame(rollout.start, poses, carts, points)
+
+
 def draw_frame(start: RobotStart, pose: Floats, carts: Floats, points: Floats) -> Frame:
     """Draw the hall, the robot at a pose (3,), and what it believes to see; see `RobotEpisodes`."""
     return np.asarray(_view(start, pose, carts, points))

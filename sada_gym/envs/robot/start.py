@@ -24,18 +24,10 @@ class RobotEnd(IntEnum):
 
 @dataclass(frozen=True)
 class RobotStart:
-    """How one trip begins.
-
-    Attributes:
-        plan: The floor plan.
-        trip: Which of the plan's trips it is.
-        conditions: The physical conditions.
-        seed: Fixes the lidar's noise.
-        turned_rad: By how much the robot is turned from its way to the left.
-    """
+    """How one trip begins."""
 
     plan: FloorPlan = field(default_factory=lambda: floor_plan(0))
-    trip: int = 0
+    trip: int = 0  # which of the plan's trips it is
     conditions: Conditions = NOMINAL
-    seed: int = 0
-    turned_rad: float = 0.0
+    seed: int = 0  # fixes the lidar's noise
+    turned_rad: float = 0.0  # by how much the robot is turned from its way to the left

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.application import Scored
 from sada_gym.envs.episodes.closed_loop import SimulatorApplication
@@ -16,12 +15,7 @@ from sada_gym.envs.uav.episodes import REPLAY_HZ, RacingEpisodes
 from sada_gym.envs.uav.start_distribution import benchmark_starts
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.templates import template
-from sada_gym.frames import Frame
 from sada_gym.parameters import Mu
-from sada_gym.seeds import validate_world
-
-if TYPE_CHECKING:
-    pass
 
 
 class UAVApplication(SimulatorApplication[RacingEpisodes]):
@@ -135,11 +129,3 @@ class UAVApplication(SimulatorApplication[RacingEpisodes]):
                     }
                 )
         return Scored(np.concatenate(scores), extras)
-
-    def observation(self, mu: npt.ArrayLike, seed: int) -> Frame:
-        """Draw the camera's image at the start."""
-        from sada_gym.envs.uav.frame import observation
-
-        row, seed = validate_world(self.parameters, mu, seed)
-        (start,) = benchmark_starts(self.template.tracks(row), [seed])
-        return observation(start, start.state)

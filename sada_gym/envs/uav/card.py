@@ -28,7 +28,7 @@ CARD = ApplicationCard(
         ),
     ),
     agent_kind="pilot",
-    agent_loader="sada_gym.envs.uav.agent.weights:load",
+    agent_loader="sada_gym.envs.uav.agent.network:load",
     tasks={
         "SADA-RacingTask-v0": (
             "sada_gym.envs.uav.task:RacingTaskEnv",

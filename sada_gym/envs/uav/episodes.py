@@ -61,22 +61,15 @@ _GATE_LIMIT = round(GATE_LIMIT_S * SIMULATION_HZ)
 
 @dataclass(frozen=True)
 class RacingStart:
-    """How one race begins.
+    """How one race begins."""
 
-    Attributes:
-        gates: (g, 4) x, y, z and heading of each.
-        place: x, y, z and heading of the drone.
-        seed: The number that fixes light and background.
-        velocity: The drone's velocity in the world, in m/s.
-        first: The first gate to pass; those before it count as passed.
-        anchors: (k, 2) the track's anchor points, for pictures.
-    """
-
-    gates: Floats
-    place: tuple[float, float, float, float]
-    seed: int = 0
+    gates: Floats  # (g, 4) x, y, z and heading of each
+    place: tuple[float, float, float, float]  # x, y, z and heading of the drone
+    seed: int = 0  # the number that fixes light and background
+    # the drone's velocity in the world, in m/s
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    first: int = 0
+    first: int = 0  # the first gate to pass; those before it count as passed
+    # (k, 2) the track's anchor points, for pictures
     anchors: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
     @property

@@ -130,34 +130,28 @@ def _pair(rollout: Rollout[RacingStart], step: int, until: int) -> Image.Image:
         np.array([*state[:2], heading_of(*state[3:7])]),
         rollout["ended_at"][until - 1, endings == GateOutcome.HIT, :2],
     )
-    return beside(Image.fromarray(observation(rollout.start, state)), plan)
+    return beside(Image.fromarray(observation(rollout, step)), plan)
 
 
 def _track(rollout: Rollout[RacingStart]) -> str:
     return f"{len(rollout.start.anchors)} anchors"
 
 
-def observation(start: RacingStart, state: Floats) -> Frame:
-    """Draw what the drone's camera sees, large, from a state (13,)."""
-    lens = camera(VIEW_ROWS, VIEW_COLUMNS)
+def observation(rollout: Rollout[RacingStart], step: int = 0) -> Frame:
+    """Draw what the drone's camera sees, large, after some steps."""
+    start, states = rollout.start, rollout["states"][step : step + 1]
     frame: Frame
-    (frame,) = lens.draw(start.gates[None], state[None], [start.seed])
+    (frame,) = camera(VIEW_ROWS, VIEW_COLUMNS).draw(start.gates[None], states, [start.seed])
     return frame
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A track from above, and where it lies in a square picture.
+    """A track from above, and where it lies in a square picture."""
 
-    Attributes:
-        gates: (g, 4) x, y, z and heading.
-        line: (m, 2) the track's line.
-        size: The number of pixels of the picture's side.
-    """
-
-    gates: Floats
-    line: Floats
-    size: int = VIEW_ROWS
+    gates: Floats  # (g, 4) x, y, z and heading
+    line: Floats  # (m, 2) the track's line
+    size: int = VIEW_ROWS  # the number of pixels of the picture's side
 
     def picture(
         self,

@@ -12,7 +12,7 @@ from pathlib import Path
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
-from sada_gym.envs.driving.agent.weights import save
+from sada_gym.envs.driving.agent.network import save
 from sada_gym.envs.driving.start_distribution import StartDistribution
 from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
 from studies.training.driving.evaluate import measure, table

@@ -12,8 +12,7 @@ from pathlib import Path
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
-from sada_gym.envs.robot.agent.network import new_model
-from sada_gym.envs.robot.agent.weights import save
+from sada_gym.envs.robot.agent.network import new_model, save
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
 from studies.training.common import (

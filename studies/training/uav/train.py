@@ -12,8 +12,7 @@ from pathlib import Path
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
-from sada_gym.envs.uav.agent.network import WaypointNetwork
-from sada_gym.envs.uav.agent.weights import save
+from sada_gym.envs.uav.agent.network import WaypointNetwork, save
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
 from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script

@@ -7,7 +7,7 @@ from safetensors.torch import load_file, save_file
 from scipy.spatial.transform import Rotation
 
 from sada_gym import agents
-from sada_gym.envs.uav.agent import weights
+from sada_gym.envs.uav.agent import network as files
 from sada_gym.envs.uav.agent.drone_frame import in_level, motion
 from sada_gym.envs.uav.agent.network import new_network
 from sada_gym.envs.uav.agent.pilot import WAYPOINT_TILE, WaypointPilot
@@ -81,7 +81,7 @@ def test_a_seed_fixes_the_weights_and_leaves_the_global_generators_alone():
 
 def test_weights_survive_a_file(tmp_path, network):
     path = tmp_path / "pilot.safetensors"
-    weights.save(network, path)
+    files.save(network, path)
     loaded = agents.load(str(path), "SADA-UAV")
     assert WaypointPilot(loaded).fingerprint == WaypointPilot(network).fingerprint
 

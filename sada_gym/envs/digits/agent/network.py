@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from sada_gym.agents.weights import WeightsFile, load_weights
 from sada_gym.determinism import generators_kept
 
 CLASSES = 10
@@ -41,3 +43,14 @@ def new_network(seed: int) -> DigitNetwork:
     with generators_kept():
         torch.manual_seed(seed)
         return DigitNetwork()
+
+
+def load(path: Path) -> DigitNetwork:
+    """Read a trained classifier, frozen and ready to classify.
+
+    Raises:
+        FileError: If the file does not hold this network's weights.
+    """
+    network, content = new_network(0), "the weights of a classifier of digits"
+    load_weights(network, WeightsFile(path, content, "classifier", "studies.training.digits.train"))
+    return network.eval().requires_grad_(False)

@@ -15,7 +15,8 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from sada_gym.agents.shipped_policy import ShippedPolicy
+from sada_gym.agents.shipped_policy import PolicyFiles, ShippedPolicy
+from sada_gym.envs.driving.episodes import OBSERVATION_SPACE
 from sada_gym.envs.driving.task import DrivingTaskEnv
 
 BRANCH_FEATURES = 64
@@ -79,3 +80,11 @@ class DriverPolicy(ShippedPolicy):
 
 
 new_model = DriverPolicy.new_model
+FILES = PolicyFiles(
+    kind="driver",
+    trained_by="studies.training.driving.train",
+    new_model=new_model,
+    observation_space=OBSERVATION_SPACE,
+    built={"extractor": ConditionalExtractor.__name__, "branch_features": BRANCH_FEATURES},
+)
+save, load = FILES.save, FILES.load

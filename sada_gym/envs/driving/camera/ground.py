@@ -36,24 +36,16 @@ _DRY_GRASS = (0.17, 0.15, 0.06)
 
 
 class Ground(NamedTuple):
-    """A mip-mapped picture of the ground.
+    """A mip-mapped picture of the ground."""
 
-    Attributes:
-        texels: All levels behind one another, (k, 4) uint8: square roots of red, green and blue
-            albedo, and how much water the place holds in the wet, from 0 to 255.
-        offset: (levels,) where each level begins in `texels`.
-        shape: (levels, 2) rows and columns of each.
-        origin: (2,) world coordinates of the first texel's outer corner, in m.
-        texel_m: The side of the finest level's texels.
-        kerb_distance: (rows, columns) of the finest level, distance from the asphalt in m.
-    """
-
+    # all levels behind one another, (k, 4) uint8: square roots of red, green and blue albedo, and
+    # how much water the place holds in the wet, from 0 to 255
     texels: Bytes
-    offset: Integers
-    shape: Integers
-    origin: Floats
-    texel_m: float
-    kerb_distance: Floats32
+    offset: Integers  # (levels,) where each level begins in `texels`
+    shape: Integers  # (levels, 2) rows and columns of each
+    origin: Floats  # (2,) world coordinates of the first texel's outer corner, in m
+    texel_m: float  # the side of the finest level's texels
+    kerb_distance: Floats32  # (rows, columns) of the finest level, distance from the asphalt in m
 
 
 def paint(town: Town) -> Ground:

@@ -31,15 +31,10 @@ _NEAR_M = 10.0
 
 @dataclass(frozen=True)
 class Mount:
-    """How a camera is mounted.
+    """How a camera is mounted."""
 
-    Attributes:
-        height_m: The camera's height above the ground.
-        pitch_deg: The pitch of its axis; a negative one looks down.
-    """
-
-    height_m: float = 1.4
-    pitch_deg: float = -15.0
+    height_m: float = 1.4  # the camera's height above the ground
+    pitch_deg: float = -15.0  # the pitch of its axis; a negative one looks down
 
 
 class Lens:
@@ -93,16 +88,10 @@ class TownCamera:
     ) -> Bytes:
         """Draw what n cameras see.
 
-        Args:
-            lens: The pixels' directions.
-            rays: (m, rows, columns, 4) of the lens, at each pitch that occurs.
-            rays_of: (n,) which of them each camera has.
-            poses: (n, 4): the car's x, y and heading, and the camera's height.
-            weathers: (n,) indices into `LIGHTS`.
-            keys: (n,) what fixes the rain.
-
-        Returns:
-            (n, rows, columns, 3).
+        `lens`: the pixels' directions; `rays` (m, rows, columns, 4) of the lens, at each pitch that
+        occurs; `rays_of` (n,) which of them each camera has; `poses` (n, 4): the car's x, y and
+        heading, and the camera's height; `weathers` (n,) indices into `LIGHTS`; `keys` (n,) what
+        fixes the rain. Returns (n, rows, columns, 3).
         """
         pictures = np.empty((len(poses), lens.rows, lens.columns, 3), np.uint8)
         draw_all(

@@ -32,23 +32,16 @@ _LEAVES = ((0.06, 0.16, 0.03), (0.09, 0.18, 0.04), (0.05, 0.12, 0.04), (0.13, 0.
 
 
 class Scenery(NamedTuple):
-    """Upright objects and a grid that finds them.
+    """Upright objects and a grid that finds them."""
 
-    Attributes:
-        objects: (n, 12): kind, centre x and y, axis x and y (unit), half length along the axis,
-            half width across it, height, red, green, blue, and a number in [0, 1) of its own. A
-            tree's half length is its crown's radius, its half width the trunk's.
-        first: (cells + 1,) where each cell's objects begin in `items`, row by row.
-        items: Indices into `objects`.
-        origin: (2,) outer corner of the first cell, in m.
-        cells: (2,) rows and columns.
-    """
-
+    # (n, 12): kind, centre x and y, axis x and y (unit), half length along the axis, half width
+    # across it, height, red, green, blue, and a number in [0, 1) of its own. A tree's half length
+    # is its crown's radius, its half width the trunk's.
     objects: Floats
-    first: Integers
-    items: Integers
-    origin: Floats
-    cells: Integers
+    first: Integers  # (cells + 1,) where each cell's objects begin in `items`, row by row
+    items: Integers  # indices into `objects`
+    origin: Floats  # (2,) outer corner of the first cell, in m
+    cells: Integers  # (2,) rows and columns
 
 
 def furnish(town: Town, ground: Ground, *, seed: int = 0) -> Scenery:

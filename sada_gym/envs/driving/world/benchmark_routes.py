@@ -32,11 +32,7 @@ makes for."""
 
 @cache
 def benchmark_routes(task: str) -> tuple[Route, ...]:
-    """Make the five routes of one of the benchmark's tasks.
-
-    Raises:
-        ValueError: If there is no task of that name.
-    """
+    """Make the five routes of one of the benchmark's tasks; raise `UserError` for no such task."""
     if task not in ROUTES:
         raise UserError(f"Expected a task among {', '.join(ROUTES)}, got {task!r}.")
     ways: list[tuple[Corner, ...]] = [tuple(way.split()) for way in ROUTES[task]]

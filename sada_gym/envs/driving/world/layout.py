@@ -15,17 +15,12 @@ Corner = str
 
 @dataclass(frozen=True)
 class Layout:
-    """The plan of a town.
-
-    Attributes:
-        name: The town's name.
-        corners: The places where streets meet, (x, y) in m by name; y points to the right of x.
-        streets: Pairs of corners that a two-way street joins.
-    """
+    """The plan of a town."""
 
     name: str
+    # the places where streets meet, (x, y) in m by name; y points to the right of x
     corners: Mapping[Corner, tuple[float, float]]
-    streets: tuple[tuple[Corner, Corner], ...]
+    streets: tuple[tuple[Corner, Corner], ...]  # pairs of corners that a two-way street joins
 
     def neighbours(self, corner: Corner) -> tuple[Corner, ...]:
         """Return the corners that a street joins to this one."""

@@ -27,20 +27,14 @@ SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
 
 @dataclass(frozen=True)
 class Route:
-    """A way along lanes of a town.
+    """A way along lanes of a town."""
 
-    Attributes:
-        corners: The corner from which the first street comes, the corners passed, and the corner
-            to which the last street leads.
-        points: (n, 2) the middle of the lane, every `SPACING_M`.
-        heading: (n,) the lanes' heading there, in rad, continuous.
-        command: (n,) int8, index into `COMMANDS`.
-    """
-
+    # the corner from which the first street comes, the corners passed, and the corner to which the
+    # last street leads
     corners: tuple[Corner, ...]
-    points: Floats
-    heading: Floats
-    command: npt.NDArray[np.int8]
+    points: Floats  # (n, 2) the middle of the lane, every `SPACING_M`
+    heading: Floats  # (n,) the lanes' heading there, in rad, continuous
+    command: npt.NDArray[np.int8]  # (n,) int8, index into `COMMANDS`
 
     @property
     def length_m(self) -> float:

@@ -32,15 +32,10 @@ Manoeuvre = Literal["follow", "left", "right", "straight"]
 
 @dataclass(frozen=True)
 class Passage:
-    """The way through a corner.
+    """The way through a corner."""
 
-    Attributes:
-        manoeuvre: The driver's command there; `follow` where there is no choice.
-        lanes: One to three lanes, end to end.
-    """
-
-    manoeuvre: Manoeuvre
-    lanes: tuple[AbstractLane, ...]
+    manoeuvre: Manoeuvre  # the driver's command there; `follow` where there is no choice
+    lanes: tuple[AbstractLane, ...]  # one to three lanes, end to end
 
 
 class Town:

@@ -27,12 +27,8 @@ _BACK, _AHEAD = 6, 14
 def drive(states: Floats, steering: Floats, acceleration: Floats, dt_s: float, steps: int) -> None:
     """Move cars, as highway-env's `Vehicle.step` does; brakes stop a car and do not reverse it.
 
-    Args:
-        states: (n, 4) x, y, heading, speed; changed in place.
-        steering: (n,) in rad, positive to the right.
-        acceleration: (n,) in m/s^2.
-        dt_s: The time of one step of integration.
-        steps: The number of steps.
+    `states` (n, 4) are x, y, heading and speed, changed in place; `steering` (n,) in rad, positive
+    to the right; `acceleration` (n,) in m/s^2; `dt_s` the time of each of `steps`.
     """
     for i in range(states.shape[0]):
         x, y, heading, speed = states[i, 0], states[i, 1], states[i, 2], states[i, 3]
@@ -57,16 +53,10 @@ def locate(
 
     A car is looked for near where it was, so that a route may cross itself.
 
-    Args:
-        states: (n, 4) of the cars.
-        points: (k, 2) all routes' points behind one another.
-        heading: (k,) the heading at these points.
-        first: (n,) the index of the first point of each car's route.
-        last: (n,) the index of its last point.
-        at: (n,) the nearest point at the last call; changed in place.
-
-    Returns:
-        How far each car is past its nearest point, and how far to the right of it, in m.
+    `states` (n, 4) of the cars; `points` (k, 2) and `heading` (k,) of all routes, one after
+    another; `first` and `last` (n,) the indices of each route's ends; `at` (n,) the nearest point
+    at the last call, changed in place. Returns how far each car is past its nearest point, and how
+    far to the right of it, in m.
     """
     n = states.shape[0]
     along, lateral = np.empty(n), np.empty(n)

@@ -15,35 +15,20 @@ from sada_gym.errors import UserError
 
 
 class Light(NamedTuple):
-    """The light, the air and the water of one weather, for the pixel kernels.
+    """The light, the air and the water of one weather, for the pixel kernels."""
 
-    Attributes:
-        sun_x: The direction to the sun, a unit vector.
-        sun_y: Its second coordinate.
-        sun_z: Its third coordinate, upwards.
-        sun: The sun's light on a surface that faces it.
-        ambient: The light from everywhere.
-        zenith: The colour of the sky overhead.
-        horizon: The colour of the sky low down, and of the haze.
-        cloud: The colour of clouds.
-        cover: The share of the sky that clouds fill.
-        haze: The rate per m at which things fade into the haze.
-        wetness: The amount of water on the road, from 0 to 1.
-        rain: The strength of the rain, from 0 to 1.
-    """
-
-    sun_x: float
+    sun_x: float  # towards the sun, a unit vector; z is upwards
     sun_y: float
     sun_z: float
-    sun: Triple
-    ambient: Triple
-    zenith: Triple
-    horizon: Triple
-    cloud: Triple
-    cover: float
-    haze: float
-    wetness: float
-    rain: float
+    sun: Triple  # the sun's light on a surface that faces it
+    ambient: Triple  # the light from everywhere
+    zenith: Triple  # the colour of the sky overhead
+    horizon: Triple  # the colour of the sky low down, and of the haze
+    cloud: Triple  # the colour of clouds
+    cover: float  # the share of the sky that clouds fill
+    haze: float  # the rate per m at which things fade into the haze
+    wetness: float  # the amount of water on the road, from 0 to 1
+    rain: float  # the strength of the rain, from 0 to 1
 
 
 def _toward(elevation_deg: float, azimuth_deg: float) -> Triple:
@@ -89,11 +74,7 @@ LIGHTS = tuple(WEATHERS.values())
 
 
 def weather_index(name: str) -> int:
-    """Look a weather up by name.
-
-    Raises:
-        ValueError: If there is none of that name.
-    """
+    """Look a weather up by name; raise `UserError` if there is none."""
     if name not in NAMES:
         raise UserError(f"Expected a weather among {', '.join(NAMES)}, got {name!r}.")
     return NAMES.index(name)

@@ -1,4 +1,4 @@
-"""The robots' network: two layers over the lidar's sectors and the state."""
+"""The robots' network: two layers over the lidar's sectors and the state; robots in files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 from torch import nn
 
-from sada_gym.agents.shipped_policy import ShippedPolicy
+from sada_gym.agents.shipped_policy import PolicyFiles, ShippedPolicy
+from sada_gym.envs.robot.episodes import OBSERVATION_SPACE
 from sada_gym.envs.robot.task import RobotTaskEnv
 
 LAYERS = (128, 128)
@@ -28,3 +29,11 @@ class RobotPolicy(ShippedPolicy):
 
 
 new_model = RobotPolicy.new_model
+FILES = PolicyFiles(
+    kind="robot",
+    trained_by="studies.training.robot.train",
+    new_model=new_model,
+    observation_space=OBSERVATION_SPACE,
+    built={"layers": list(LAYERS)},
+)
+save, load = FILES.save, FILES.load

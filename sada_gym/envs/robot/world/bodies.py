@@ -75,12 +75,8 @@ class Bodies:
     def move(self, velocities: list[list[float]], carts: list[list[float]]) -> tuple[float, ...]:
         """Keep each velocity of the robot for one step, or until it touches something.
 
-        Args:
-            velocities: (steps, 3), see `robot.velocities`.
-            carts: (c, 2) the velocities of carts.
-
-        Returns:
-            The new pose.
+        `velocities` (steps, 3), see `robot.velocities`; `carts` (c, 2) the velocities of carts.
+        Returns the new pose.
         """
         robot, step = self._robot, self._space.step
         for cart, velocity in zip(self._carts, carts, strict=True):

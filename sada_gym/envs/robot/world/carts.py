@@ -30,13 +30,9 @@ def places_of(lanes: Floats, carts: Floats) -> Floats:
 def drive(poses: Floats, lanes: Floats, carts: Floats, step_s: float, steps: int) -> Floats:
     """Move carts along their lanes and back; return their velocities, (n, c, 2).
 
-    Args:
-        poses: (n, 3) of the robots.
-        lanes: (n, c, 4) x0, y0, x1, y1; an empty place has a lane without length.
-        carts: (n, c, 2) each cart's share of its lane, from 0 to 1, and its direction, 1 or -1;
-            changed in place.
-        step_s: The time of one step.
-        steps: The number of steps.
+    `poses` (n, 3) of the robots; `lanes` (n, c, 4) x0, y0, x1, y1, without length where there is no
+    cart; `carts` (n, c, 2) each cart's share of its lane, from 0 to 1, and its direction, 1 or -1,
+    changed in place; `step_s` the time of each of `steps`.
     """
     velocities = np.zeros(carts.shape)
     places = places_of(lanes, carts)

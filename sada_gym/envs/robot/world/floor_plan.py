@@ -41,25 +41,16 @@ _LEAST_M, _ROOM_M = 0.3, 0.65
 
 @dataclass(frozen=True, eq=False)
 class FloorPlan:
-    """A floor plan.
+    """A floor plan."""
 
-    Attributes:
-        number: The number that it was drawn by.
-        racks: (k, 4) rectangles x0, y0, x1, y1.
-        pillars: (p, 3) circles x, y, radius.
-        barrels: (b, 3) circles, at most `BARRELS`; a world has the first of them.
-        lanes: (c, 4), at most `CARTS`: x0, y0, x1, y1; carts drive to and fro between these points.
-        places: (CARTS,) where on their lanes carts start, from 0 to 1.
-        ways: The planned way of each trip, (n, 2) points about 0.1 m apart.
-    """
-
-    number: int
-    racks: Floats
-    pillars: Floats
-    barrels: Floats
+    number: int  # the number that it was drawn by
+    racks: Floats  # (k, 4) rectangles x0, y0, x1, y1
+    pillars: Floats  # (p, 3) circles x, y, radius
+    barrels: Floats  # (b, 3) circles, at most `BARRELS`; a world has the first of them
+    # (c, 4), at most `CARTS`: x0, y0, x1, y1; carts drive to and fro between these points
     lanes: Floats
-    places: Floats
-    ways: tuple[Floats, ...]
+    places: Floats  # (CARTS,) where on their lanes carts start, from 0 to 1
+    ways: tuple[Floats, ...]  # the planned way of each trip, (n, 2) points about 0.1 m apart
 
 
 @lru_cache(maxsize=4_096)

@@ -61,15 +61,9 @@ def spread_from(
 ) -> tuple[Floats, Integers]:
     """Find the cheapest way from one cell to all others (Dijkstra).
 
-    Args:
-        start: The cell.
-        hall: (2,) its width and height.
-        cells: The clearance of each cell.
-        least_m: No way leads through cells with less clearance.
-        room_m: A metre costs up to twice more where the clearance is less than this.
-
-    Returns:
-        The cost of the way to each cell (inf where there is none), and the cell before it.
+    `hall` (2,) is its width and height, `cells` the clearance of each cell. No way leads through
+    cells with less clearance than `least_m`; with less than `room_m` a metre costs up to twice
+    more. Returns the cost of the way to each cell (inf where there is none), and the cell before.
     """
     columns = round(hall[0] / CELL_M)
     cost, before = np.full(len(cells), math.inf), np.full(len(cells), -1)

@@ -76,15 +76,10 @@ def scan(
 
     A robot knows its pose, and believes that its lidar sits in its middle and looks ahead.
 
-    Args:
-        poses: (n, 3) x, y, heading.
-        mounts: (n, 2) the lidar's angle in rad, and its place in m, both to the left.
-        hall: (2,), as `distance` has it.
-        racks: (n, k, 4), likewise.
-        circles: (n, m, 3), likewise.
-        noise_m: (n, RAYS) what is added to each range.
-        lost: (n, RAYS) which rays return nothing.
-        points: (n, RAYS, 2), filled; NaN where a ray returned nothing.
+    `poses` (n, 3) x, y, heading; `mounts` (n, 2) the lidar's angle in rad and its place in m, both
+    to the left; `hall` (2,), `racks` (n, k, 4) and `circles` (n, m, 3) as `distance` has them;
+    `noise_m` (n, RAYS) what is added to each range; `lost` (n, RAYS) the rays that return nothing;
+    `points` (n, RAYS, 2) is filled, with NaN where a ray returned nothing.
     """
     for i in range(len(poses)):
         heading = poses[i, 2]
@@ -105,13 +100,9 @@ def scan(
 def nearest(poses: Floats, points: Floats) -> Floats32:
     """Return how near the nearest of remembered returns is in each sector, (n, SECTORS).
 
-    Args:
-        poses: (n, 3) x, y, heading.
-        points: (n, SCANS, RAYS, 2) in the hall.
-
-    Returns:
-        From 1 at the robot's middle to 0 at `RANGE_M` or where there is none; the middle of the
-        first sector is ahead, the others follow to the left.
+    `poses` (n, 3) x, y, heading; `points` (n, SCANS, RAYS, 2) in the hall. Returns from 1 at the
+    robot's middle to 0 at `RANGE_M` or where there is none; the middle of the first sector is
+    ahead, the others follow to the left.
     """
     sectors = np.zeros((len(poses), SECTORS), np.float32)
     width = 2 * math.pi / SECTORS

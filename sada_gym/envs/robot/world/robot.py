@@ -52,14 +52,10 @@ def move(
     allows. The axle does not slide sideways, and the rims do not slip, unless that takes more force
     than friction gives; then the wheel's force is what friction gives, in that direction.
 
-    Args:
-        velocity: (3,) of the centre of mass in the hall, in m/s, and the turning rate in rad/s;
-            changed in place.
-        heading: In rad.
-        payload: (2,) its mass in kg, and how far before the axle it lies in m.
-        friction: The coefficient between wheels and floor.
-        rims: (2,) the commanded speeds of the left and the right rim, in m/s.
-        dt_s: The time of the step.
+    `velocity` (3,) of the centre of mass in the hall, in m/s, and the turning rate in rad/s,
+    changed in place; `heading` in rad; `payload` (2,) its mass in kg, and how far before the axle
+    it lies in m; `friction` the coefficient between wheels and floor; `rims` (2,) the commanded
+    speeds of the left and the right rim, in m/s; `dt_s` the time of the step.
     """
     mass = MASS_KG + payload[0]
     ahead = axle_to_mass(payload[0], payload[1])
@@ -110,14 +106,9 @@ def velocities(
 ) -> Floats:
     """Return the velocities of robots over some steps, (n, steps, 3), each kept for one step.
 
-    Args:
-        poses: (n, 3) x, y, heading.
-        velocity: (n, 3), see `move`; changed in place to those after the last step.
-        payload: (n, 2), see `move`.
-        friction: (n,)
-        gain: (n,) The right wheel turns faster by this share than commanded, the left one slower.
-        rims: (n, steps, 2) the commanded speeds.
-        dt_s: The time of one step.
+    `poses` (n, 3) x, y, heading; `velocity` (n, 3), `payload` (n, 2), `friction` (n,) and `rims`
+    (n, steps, 2) as `move` has them, `velocity` changed in place to that after the last step;
+    `gain` (n,) the share by which the right wheel turns faster than commanded, the left one slower.
     """
     moved = np.empty((len(poses), rims.shape[1], 3))
     worn = np.empty(2)

@@ -22,13 +22,7 @@ _BACK, _AHEAD = 5, 15
 def locate(way: Floats, at: int, pose: Floats) -> tuple[int, float]:
     """Find the point of a way (n, 2) that is nearest to a robot's pose (3,), and what is left.
 
-    Args:
-        way: (n, 2)
-        at: The nearest point at the last call; the new one is looked for near it.
-        pose: (3,)
-
-    Returns:
-        The point's index, and the rest of the way in m.
+    The point is looked for near `at`, that of the last call. Returns its index, and the rest in m.
     """
     best, minimum = at, math.inf
     for k in range(max(0, at - _BACK), min(len(way), at + _AHEAD)):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
+from stable_baselines3 import PPO
 from torch import Tensor, nn
 
 from sada_gym.agents.shipped_policy import ShippedPolicy
+from sada_gym.agents.weights import WeightsFile, load_weights, read_weights, save_weights
 from sada_gym.determinism import generators_kept
 from sada_gym.envs.uav.camera.pinhole import COLUMNS, ROWS
 from sada_gym.envs.uav.task import RacingTaskEnv
@@ -16,6 +19,7 @@ from sada_gym.envs.uav.task import RacingTaskEnv
 _LOG_NOISE = -1.0
 """The logarithm of the noise on actions with which PPO begins. The noise is 0.37; with SB3's own,
 1, few drones reach a gate."""
+_TRAINED_BY = ("pilot", "studies.training.uav.train")
 MOTIONS = 9
 """The length of the drone's own motion: which way is up, its velocity, its turning."""
 
@@ -52,12 +56,8 @@ class WaypointNetwork(nn.Module):
     def forward(self, light: Tensor, motion: Tensor) -> Tensor:
         """Say where the next gate is.
 
-        Args:
-            light: (n, 3, rows, columns) in [0, 1].
-            motion: (n, 9), see `drone_frame.motion`.
-
-        Returns:
-            (n, 6): the opening's centre in 10 m, and the direction in which to pass it.
+        `light` (n, 3, rows, columns) in [0, 1]; `motion` (n, 9), see `drone_frame.motion`. Returns
+        (n, 6): the opening's centre in 10 m, and the direction in which to pass it.
         """
         image = self.seen(self.convolutions(light - 0.5))
         joint = torch.cat([image, self.motion(motion)], dim=1)
@@ -93,3 +93,24 @@ new_model = PilotPolicy.new_model
 
 def _block(inputs: int, outputs: int, *, kernel: int) -> list[nn.Module]:
     return [nn.Conv2d(inputs, outputs, kernel, stride=2, padding=kernel // 2), nn.ReLU()]
+
+
+def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
+    """Write a pilot's weights."""
+    save_weights(pilot if isinstance(pilot, WaypointNetwork) else pilot.policy, path)
+
+
+def load(path: Path) -> WaypointNetwork | PPO:
+    """Read a pilot's weights; their names tell which kind it is.
+
+    Raises:
+        FileError: If the file holds no weights of a pilot.
+    """
+    weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", *_TRAINED_BY))
+    if WaypointNetwork.has_weights(weights):
+        network, content = new_network(0), "the weights of a pilot like waypoint-pid"
+        load_weights(network, WeightsFile(path, content, *_TRAINED_BY))
+        return network.eval()
+    model, content = new_model(0), "the weights of a pilot like ppo"
+    load_weights(model.policy, WeightsFile(path, content, *_TRAINED_BY))
+    return model

@@ -70,13 +70,10 @@ class WaypointPilot:
     def waypoints(self, gates: Floats, poses: Floats, seeds: npt.ArrayLike) -> Floats:
         """Say where n drones see their next gates.
 
-        Args:
-            gates: (n, g, 4) all gates of each track, for the camera.
-            poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
-            seeds: (n,) integers that fix light and background, for the camera.
-
-        Returns:
-            (n, 4): in each drone's level frame, as `guidance` has them.
+        `gates` (n, g, 4) all gates of each track, for the camera; `poses` (n, 13): position,
+        quaternion x, y, z, w, velocity, angular velocity; `seeds` (n,) integers that fix light and
+        background, for the camera. Returns (n, 4): in each drone's level frame, as `guidance` has
+        them.
         """
         batch: Batch = {"image": self._camera.draw(gates, poses, seeds), "motion": motion(poses)}
         answers = tiled(self._answer, batch, WAYPOINT_TILE)

@@ -47,23 +47,15 @@ _PAINT = np.array(
 
 
 class Field(NamedTuple):
-    """The surroundings of the gates.
+    """The surroundings of the gates."""
 
-    Attributes:
-        texels: (m, 3) the levels of the ground's mip map, one after another, square and periodic.
-        first: (levels,) the index at which each begins.
-        size: The number of texels of the finest level's side, a power of two.
-        scales: (levels,) the number of texels in a metre.
-        clouds: (k, k) how white, in [0, 1], periodic, k a power of two.
-        hills: (k,) slopes of the horizon's hills, periodic.
-    """
-
+    # (m, 3) the levels of the ground's mip map, one after another, square and periodic
     texels: Bytes
-    first: Integers
-    size: int
-    scales: Floats
-    clouds: Floats32
-    hills: Floats32
+    first: Integers  # (levels,) the index at which each begins
+    size: int  # the number of texels of the finest level's side, a power of two
+    scales: Floats  # (levels,) the number of texels in a metre
+    clouds: Floats32  # (k, k) how white, in [0, 1], periodic, k a power of two
+    hills: Floats32  # (k,) slopes of the horizon's hills, periodic
 
 
 class View(NamedTuple):

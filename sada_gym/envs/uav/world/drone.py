@@ -127,13 +127,10 @@ def control(
 ) -> None:
     """Take one step of the flight controller, the rotors and the velocities of some of n drones.
 
-    Args:
-        which: The indices of these drones.
-        states: (n, 13) position, quaternion xyzw, velocity and angular velocity, in the world;
-            velocities are changed in place.
-        commands: (n, 4) wanted velocity in the world in m/s, and turning rate in rad/s.
-        headings: (n,) wanted heading; changed in place.
-        rotors: (n, 4) thrust in N; changed in place.
+    `which` are their indices; `states` (n, 13) position, quaternion xyzw, velocity and angular
+    velocity, in the world; `commands` (n, 4) wanted velocity in the world in m/s, and turning rate
+    in rad/s; `headings` (n,) wanted; `rotors` (n, 4) thrust in N. Velocities, headings and rotors
+    are changed in place.
     """
     error, torque = np.empty(3), np.empty(3)
     for i in which:

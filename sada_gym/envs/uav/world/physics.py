@@ -40,11 +40,8 @@ class FreeBodies:
     def step(self, velocities: Floats) -> Floats:
         """Move the bodies for one step of the simulation.
 
-        Args:
-            velocities: (n, 6) velocity and angular velocity of each, in the world.
-
-        Returns:
-            Their poses, (n, 7).
+        `velocities` (n, 6) velocity and angular velocity of each, in the world. Returns their
+        poses, (n, 7).
         """
         client = self._client
         for body, values in zip(self._bodies, velocities.tolist(), strict=True):

@@ -84,15 +84,9 @@ def orders(
 ) -> None:
     """Turn the actions of some of n drones into commands, or end their gates as lost.
 
-    Args:
-        which: (m,) the indices of these drones.
-        actions: (m, 4).
-        states: (n, 13).
-        next_gate: (n,).
-        endings: (n, g), changed where an action or a state is not possible; `ended_at` likewise.
-        ended_at: (n, g, 3).
-        headings: (n,) from which the flight controller starts; changed in place.
-        commands: (n, 4) to the flight controller, changed in place.
+    `which` (m,) are their indices, `actions` (m, 4), `states` (n, 13), `next_gate` (n,). Changed in
+    place: `endings` (n, g) and `ended_at` (n, g, 3), where an action or a state is not possible;
+    `headings` (n,), from which the flight controller starts, and `commands` (n, 4) to it.
     """
     for row in range(len(which)):
         i = which[row]
@@ -130,18 +124,12 @@ def judge(
 ) -> None:
     """Decide what became of the next gates of some of n drones in one step of the simulation.
 
-    Args:
-        which: The indices of these drones.
-        before: (n, 3) where they were.
-        gates: (n, g, 4).
-        states: (n, 13) as they are now.
-        next_gate: (n,), changed in place where a gate was passed. A gate that was missed stays the
-            next one, and its drone stays as it is until `RacingEpisodes` sets it back.
-        endings: (n, g), changed in place.
-        ended_at: (n, g, 3) where the drone was when a gate ended; changed in place.
-        time_s: (n,), changed in place.
-        since: (n,) steps since the last gate ended; changed in place.
-        limit: The steps in which a gate has to be passed.
+    `which` are their indices, `before` (n, 3) where they were, `states` (n, 13) as they are now;
+    `gates` (n, g, 4); `limit` the steps in which a gate has to be passed. In place change
+    `next_gate` (n,) where a gate was passed; `endings` (n, g); `ended_at` (n, g, 3), where the
+    drone was when a gate ended; `time_s` (n,); `since` (n,), the steps since the last gate ended. A gate
+    that was missed stays the next one, and its drone stays as it is until `RacingEpisodes` sets it
+    back.
     """
     for i in which:
         k = next_gate[i]

@@ -28,15 +28,10 @@ _SHARES = np.linspace(0.95, 0.0, 20)
 
 @dataclass(frozen=True)
 class Template:
-    """An undisturbed track.
+    """An undisturbed track."""
 
-    Attributes:
-        anchors: The anchor points in m, in the order of flight.
-        range_m: The distance by which mu = 1 moves an anchor, along x and along y.
-    """
-
-    anchors: tuple[tuple[float, float], ...]
-    range_m: float
+    anchors: tuple[tuple[float, float], ...]  # the anchor points in m, in the order of flight
+    range_m: float  # the distance by which mu = 1 moves an anchor, along x and along y
 
     @property
     def parameters(self) -> ParameterSpace:
@@ -80,11 +75,7 @@ TEMPLATES = {
 
 
 def template(anchors: int) -> Template:
-    """Return the template with this number of anchor points.
-
-    Raises:
-        ValueError: If there is none.
-    """
+    """Return the template with this number of anchor points; raise `UserError` if none has it."""
     whole = isinstance(anchors, int | np.integer) and not isinstance(anchors, bool)
     if not whole or anchors not in TEMPLATES:
         raise UserError(

@@ -88,12 +88,8 @@ def line(anchors: Floats, count: int = 200) -> Floats:
 def along(anchors: Floats, share: Floats) -> tuple[Floats, float]:
     """Return places on one track.
 
-    Args:
-        anchors: (k, 2).
-        share: (m,) of the lap, in [0, 1].
-
-    Returns:
-        (m, 4) x, y, z and heading there, and the lap's length in m.
+    Takes anchors (k, 2) and shares (m,) of the lap, in [0, 1]. Returns (m, 4) x, y, z and heading
+    there, and the lap's length in m.
     """
     at, length = _parameters(anchors, share)
     spline = _spline(anchors)
