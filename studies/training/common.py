@@ -202,41 +202,68 @@ class Report(BaseCallback):
         )
 
 
-def run_script(
-    description: str | None,
-    recipes: Mapping[str, Recipe[DistributionT]],
-    unit: str,
-    *,
-    train: Callable[..., Any],
-    save: Callable[[Any, Path], None],
-    measure: Callable[[Any, int], str],
-    write_card: Callable[[Path, Recipe[DistributionT], int, float, str], None],
-) -> None:
-    """Train an agent as the command line says, measure it, and write weights and card.
+@dataclass(frozen=True)
+class Script(Generic[DistributionT]):
+    """A training script: it trains an agent, measures it, and writes weights and a model card.
 
-    A trial is not measured, and gets no card.
-
-    Args:
-        description: As `parse_options` takes it, like the next two.
+    Attributes:
+        module: The script's module.
+        description: Its docstring.
         recipes: All recipes by name.
-        unit: What takes one step at a time.
+        unit: What takes one step at a time, such as `cars`.
         train: Takes a recipe and `seed=`, and gives the agent.
         save: Writes an agent's weights to a file.
-        measure: Takes an agent and a seed, and gives its figures in Markdown.
-        write_card: Takes the file of weights, recipe, seed, minutes of training and figures.
+        measure: Takes an agent and `seed=`, and gives its figures in Markdown.
+        describe: Says what an agent of a recipe is and what it learnt from, in Markdown.
+        training: How long the training took, and on what, with `{minutes}`.
+        measured: The command that measures the agent, with `{name}` and `{seed}`, and on what.
     """
-    options = parse_options(description, recipes, unit)
-    started = time.process_time()
-    agent = train(options.recipe, seed=options.seed)
-    minutes = (time.process_time() - started) / 60
-    options.out.mkdir(parents=True, exist_ok=True)
-    save(agent, options.weights)
-    if options.trial:
-        print(f"a trial's weights: {options.weights}")
-        return
-    figures = measure(agent, options.seed + 1_000)
-    print(figures)
-    write_card(options.weights, options.recipe, options.seed, minutes, figures)
+
+    module: str
+    description: str | None
+    recipes: Mapping[str, Recipe[DistributionT]]
+    unit: str
+    train: Callable[..., Any]
+    save: Callable[[Any, Path], None]
+    measure: Callable[..., str]
+    describe: Callable[[Recipe[DistributionT]], str]
+    training: str
+    measured: str
+
+    def run(self) -> None:
+        """Train as the command line says; a trial is not measured, and gets no card."""
+        options = parse_options(self.description, self.recipes, self.unit)
+        started = time.process_time()
+        agent = self.train(options.recipe, seed=options.seed)
+        minutes = (time.process_time() - started) / 60
+        options.out.mkdir(parents=True, exist_ok=True)
+        self.save(agent, options.weights)
+        if options.trial:
+            print(f"a trial's weights: {options.weights}")
+            return
+        figures = self.measure(agent, seed=options.seed + 1_000)
+        print(figures)
+        self.write_card(options.weights, options.recipe, options.seed, minutes, figures)
+
+    def write_card(
+        self,
+        weights: Path,
+        recipe: Recipe[DistributionT],
+        seed: int,
+        minutes: float,
+        figures: str,
+    ) -> None:
+        """Write a model card: how the agent was trained, its file's SHA-256, what it scores."""
+        name = weights.stem
+        ModelCard(
+            name=name,
+            description=self.describe(recipe),
+            command=f"python -m {self.module} {name} --seed {seed} --out DIR",
+            training=self.training.format(minutes=minutes),
+            recipe=recipe,
+            measured=self.measured.format(name=name, seed=seed + 1_000),
+            figures=figures,
+        ).write(weights.with_suffix(".md"), weights)
 
 
 @dataclass(frozen=True)

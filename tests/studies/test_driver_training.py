@@ -97,7 +97,7 @@ def test_the_script_never_writes_into_the_package_unasked(monkeypatch, capsys):
 def test_a_card_names_command_file_and_figures(tmp_path):
     weights = tmp_path / "cil.safetensors"
     weights.write_bytes(b"weights")
-    train.write_card(weights, RECIPES["cil"], 3, 12.4, "| task |")
+    train.SCRIPT.write_card(weights, RECIPES["cil"], 3, 12.4, "| task |")
     text = (tmp_path / "cil.md").read_text()
     for part in ("train cil --seed 3 --out", "12 minutes", "evaluate cil --seed 1003", "| task |"):
         assert part in text

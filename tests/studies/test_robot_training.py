@@ -44,7 +44,7 @@ def test_a_trial_of_the_script_writes_weights_and_no_card(tmp_path, monkeypatch,
 def test_a_card_names_command_file_and_figures(tmp_path):
     file = tmp_path / "ppo.safetensors"
     file.write_bytes(b"weights")
-    train.write_card(file, RECIPES["ppo"], 3, 12.4, "| what |")
+    train.SCRIPT.write_card(file, RECIPES["ppo"], 3, 12.4, "| what |")
     text = (tmp_path / "ppo.md").read_text()
     for part in ("train ppo --seed 3 --out", "12 minutes", "evaluate ppo --seed 1003", "| what |"):
         assert part in " ".join(text.split())

@@ -7,14 +7,12 @@ written. The shipped drivers' names and SHA-256 stand in `sada_gym/envs/driving/
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
 from sada_gym.envs.driving.agent.network import save
 from sada_gym.envs.driving.start_distribution import StartDistribution
-from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
+from studies.training.common import Imitation, Recipe, Reinforcement, Script
 from studies.training.driving.evaluate import measure, table
 from studies.training.driving.imitation import imitate
 from studies.training.driving.recipe import RECIPES
@@ -29,43 +27,38 @@ def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
         return reinforce(recipe, seed=seed)
 
 
-def write_card(
-    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
-) -> None:
-    """Write a model card: how the driver was trained, its file's SHA-256, what it scores."""
-    name = weights.stem
+def describe(recipe: Recipe[StartDistribution]) -> str:
+    """Say what a driver of a recipe is and what it learnt from, in Markdown."""
     how = "imitation of a privileged expert (DAgger)"
     if isinstance(recipe, Reinforcement):
         how = f"PPO on the driving task, from the weights of {recipe.initial_agent or 'nothing'}"
-    ModelCard(
-        name=name,
-        description=f"""A driver that steers by camera, speed and command
+    return f"""A driver that steers by camera, speed and command
 (`sada_gym/envs/driving/agent/network.py`), held in a Stable-Baselines3 PPO. It learnt
 by {how},
 in the training town; the benchmark's routes lie in another. It has never seen a photograph, and it
-is not CARLA's.""",
-        command=f"python -m studies.training.driving.train {name} --seed {seed} --out DIR",
-        training=f"{minutes:.0f} minutes of one core, driving included",
-        recipe=recipe,
-        measured=f"""Measured by
-`python -m studies.training.driving.evaluate {name} --seed {seed + 1_000}`:
+is not CARLA's."""
+
+
+SCRIPT = Script(
+    module="studies.training.driving.train",
+    description=__doc__,
+    recipes=RECIPES,
+    unit="cars",
+    train=train,
+    save=save,
+    measure=lambda driver, seed: table(measure(driver, seed=seed)),
+    describe=describe,
+    training="{minutes:.0f} minutes of one core, driving included",
+    measured="""Measured by
+`python -m studies.training.driving.evaluate {name} --seed {seed}`:
 the five routes at the default camera in each weather from ten starts, the task's own and nine up to
 0.3 m and 3° beside it; and uniform mu, fooled where Q <= 0.6.""",
-        figures=figures,
-    ).write(weights.with_suffix(".md"), weights)
+)
 
 
 def main() -> None:
     """Train, measure, write."""
-    run_script(
-        __doc__,
-        RECIPES,
-        "cars",
-        train=train,
-        save=save,
-        measure=lambda driver, seed: table(measure(driver, seed=seed)),
-        write_card=write_card,
-    )
+    SCRIPT.run()
 
 
 if __name__ == "__main__":

@@ -7,23 +7,13 @@ names and SHA-256 stand in `sada_gym/envs/robot/card.py`.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
 from sada_gym.envs.robot.agent.network import new_model, save
 from sada_gym.envs.robot.start_distribution import StartDistribution
 from sada_gym.envs.robot.task import RobotTaskVectorEnv
-from studies.training.common import (
-    ModelCard,
-    Recipe,
-    Reinforcement,
-    Report,
-    learn,
-    new_learner,
-    run_script,
-)
+from studies.training.common import Recipe, Reinforcement, Report, Script, learn, new_learner
 from studies.training.robot.evaluate import measure, table
 from studies.training.robot.recipe import RECIPES
 
@@ -37,38 +27,30 @@ def train(recipe: Recipe[StartDistribution], *, seed: int) -> PPO:
         return learn(model, recipe, seed=seed, report=Report("arrived"))
 
 
-def write_card(
-    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
-) -> None:
-    """Write a model card: how the robot was trained, its file's SHA-256, what it scores."""
-    name = weights.stem
-    ModelCard(
-        name=name,
-        description="""A robot that drives by its lidar and the way that was planned on its map
+SCRIPT = Script(
+    module="studies.training.robot.train",
+    description=__doc__,
+    recipes=RECIPES,
+    unit="robots",
+    train=train,
+    save=save,
+    measure=lambda robot, seed: table(measure(robot, seed=seed)),
+    describe=lambda _: (
+        """A robot that drives by its lidar and the way that was planned on its map
 (`sada_gym/envs/robot/agent/network.py`), trained by Stable-Baselines3's PPO on SADA-RobotTask-v0,
-on 2,000 floor plans. The benchmark draws other floor plans.""",
-        command=f"python -m studies.training.robot.train {name} --seed {seed} --out DIR",
-        training=f"{minutes:.0f} minutes of one core, simulation included",
-        recipe=recipe,
-        measured=f"""Measured by `python -m studies.training.robot.evaluate {name} --seed
-{seed + 1_000}`: nominal worlds (mu = 0), mild ones (uniform within 0.25), and uniform mu,
+on 2,000 floor plans. The benchmark draws other floor plans."""
+    ),
+    training="{minutes:.0f} minutes of one core, simulation included",
+    measured="""Measured by `python -m studies.training.robot.evaluate {name} --seed
+{seed}`: nominal worlds (mu = 0), mild ones (uniform within 0.25), and uniform mu,
 fooled where Q <= 0.6; the mu that fooled, again on other seeds; and the privileged driver on
 uniform mu.""",
-        figures=figures,
-    ).write(weights.with_suffix(".md"), weights)
+)
 
 
 def main() -> None:
     """Train, measure, write."""
-    run_script(
-        __doc__,
-        RECIPES,
-        "robots",
-        train=train,
-        save=save,
-        measure=lambda robot, seed: table(measure(robot, seed=seed)),
-        write_card=write_card,
-    )
+    SCRIPT.run()
 
 
 if __name__ == "__main__":

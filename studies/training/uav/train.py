@@ -7,15 +7,13 @@ names and SHA-256 stand in `sada_gym/envs/uav/card.py`.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from stable_baselines3 import PPO
 
 from sada_gym.determinism import one_thread
 from sada_gym.envs.uav.agent.network import WaypointNetwork, save
 from sada_gym.envs.uav.start_distribution import StartDistribution
 from sada_gym.envs.uav.world.guidance import SPEED_M_S
-from studies.training.common import Imitation, ModelCard, Recipe, Reinforcement, run_script
+from studies.training.common import Imitation, Recipe, Reinforcement, Script
 from studies.training.uav.evaluate import NEAR, measure, table
 from studies.training.uav.imitation import imitate
 from studies.training.uav.recipe import MILD, RECIPES, WIDE
@@ -40,37 +38,27 @@ def train(recipe: Recipe[StartDistribution], *, seed: int) -> WaypointNetwork | 
         return reinforce(recipe, seed=seed)
 
 
-def write_card(
-    weights: Path, recipe: Recipe[StartDistribution], seed: int, minutes: float, figures: str
-) -> None:
-    """Write a model card: how the pilot was trained, its file's SHA-256, what it scores."""
-    name = weights.stem
-    ModelCard(
-        name=name,
-        description=_DESCRIPTIONS[type(recipe)],
-        command=f"python -m studies.training.uav.train {name} --seed {seed} --out DIR",
-        training=f"{minutes:.1f} minutes of one core, flights included",
-        recipe=recipe,
-        measured=f"""Measured by
-`python -m studies.training.uav.evaluate FILE --seed {seed + 1_000}`:
+SCRIPT = Script(
+    module="studies.training.uav.train",
+    description=__doc__,
+    recipes=RECIPES,
+    unit="drones",
+    train=train,
+    save=save,
+    measure=lambda pilot, seed: table(measure(pilot, seed=seed)),
+    describe=lambda recipe: _DESCRIPTIONS[type(recipe)],
+    training="{minutes:.1f} minutes of one core, flights included",
+    measured=f"""Measured by
+`python -m studies.training.uav.evaluate FILE --seed {{seed}}`:
 the undisturbed track with 32 seeds; 100 mild tracks that the training did not see; and 500
 uniform mu, fooled where Q <= 0.7, beside the privileged pilot on the same tracks. Those that fooled
 are flown once more with other seeds: again as they are, and near, moved by {NEAR:g} (normal).""",
-        figures=figures,
-    ).write(weights.with_suffix(".md"), weights)
+)
 
 
 def main() -> None:
     """Train, measure, write."""
-    run_script(
-        __doc__,
-        RECIPES,
-        "drones",
-        train=train,
-        save=save,
-        measure=lambda pilot, seed: table(measure(pilot, seed=seed)),
-        write_card=write_card,
-    )
+    SCRIPT.run()
 
 
 if __name__ == "__main__":

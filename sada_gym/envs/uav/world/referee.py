@@ -127,9 +127,9 @@ def judge(
     `which` are their indices, `before` (n, 3) where they were, `states` (n, 13) as they are now;
     `gates` (n, g, 4); `limit` the steps in which a gate has to be passed. In place change
     `next_gate` (n,) where a gate was passed; `endings` (n, g); `ended_at` (n, g, 3), where the
-    drone was when a gate ended; `time_s` (n,); `since` (n,), the steps since the last gate ended. A gate
-    that was missed stays the next one, and its drone stays as it is until `RacingEpisodes` sets it
-    back.
+    drone was when a gate ended; `time_s` (n,); `since` (n,), the steps since the last gate ended.
+    A gate that was missed stays the next one, and its drone stays as it is until `RacingEpisodes`
+    sets it back.
     """
     for i in which:
         k = next_gate[i]
