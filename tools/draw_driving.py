@@ -15,7 +15,7 @@ from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Lens, Mount, camera
 from sada_gym.envs.driving.episodes import PICTURE_COLUMNS, PICTURE_ROWS
 from sada_gym.envs.driving.frame import summary
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
+from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"

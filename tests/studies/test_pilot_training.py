@@ -99,7 +99,7 @@ def test_a_reinforcement_moves_the_weights():
 )
 @pytest.mark.usefixtures("impatient")
 def test_the_script_writes_weights_and_a_card(name, recipe, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(train, "RECIPES", {name: recipe})
+    monkeypatch.setitem(train.RECIPES, name, recipe)
     monkeypatch.setattr(
         train,
         "measure",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sada_gym.application import Application, Scored
+from sada_gym.arrays import Floats, Integers
 from sada_gym.errors import UserError, UserTypeError
 from sada_gym.evaluations import fools
 from sada_gym.frames import Frame, LegendEntry
@@ -74,7 +75,7 @@ class AnalyticApplication(Application):
     - v0: first version.
     """
 
-    name: ClassVar[str] = "SADA-Analytic"
+    name = "SADA-Analytic"
     fooling_threshold = 0.3
     sample_size = 250
 
@@ -107,7 +108,7 @@ class AnalyticApplication(Application):
             "noise": self.noise,
         }
 
-    def fooling_region(self, mu: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    def fooling_region(self, mu: npt.ArrayLike) -> Integers:
         """Return the region of each mu (n, d): (n,) indices, -1 where Q is above the threshold."""
         return self._regions(self.parameters.validate(mu))[0]
 
@@ -146,7 +147,7 @@ class AnalyticApplication(Application):
         """Draw Q over the first two coordinates, the others held at mu, and a cross at mu."""
         return self._drawn(mu, seed)[0]
 
-    def _drawn(self, mu: npt.ArrayLike, seed: int) -> tuple[Frame, npt.NDArray[np.float64]]:
+    def _drawn(self, mu: npt.ArrayLike, seed: int) -> tuple[Frame, Floats]:
         """Draw `observation`, and return the scores in it, too, (rows, columns)."""
         (point,), seed = validate_world(self.parameters, mu, seed)
         axis = np.linspace(-1.0, 1.0, _IMAGE_SIZE, dtype=np.float32)
@@ -172,7 +173,7 @@ class AnalyticApplication(Application):
             score = np.clip(score + self.noise * np.array([shift[seed] for seed in seeds]), 0, 1)
         return Scored(score, [{"region": index} for index in region.tolist()])
 
-    def _regions(self, mu: Mu) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    def _regions(self, mu: Mu) -> tuple[Integers, Floats]:
         """Return the region and the undisturbed Q of each mu, both (n,)."""
         rows = max(1, _AT_ONCE // self.centres.size)
         distance = np.empty((len(mu), self.regions))
@@ -185,9 +186,7 @@ class AnalyticApplication(Application):
         return np.where(fooled, distance.argmin(axis=1), -1), score
 
 
-def _place_boxes(
-    dimension: int, regions: int, volume: float
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _place_boxes(dimension: int, regions: int, volume: float) -> tuple[Floats, Floats]:
     """Return the boxes' centres (regions, d) and their common half sides (d,)."""
     factors = _prime_factors(regions)
     cells_along = np.ones(dimension, dtype=np.int64)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
@@ -99,8 +100,7 @@ class DigitsApplication(ClassifierApplication):
     - v0: initial version.
     """
 
-    name: ClassVar[str] = "SADA-Digits"
-    version: ClassVar[int] = 0
+    name = "SADA-Digits"
     fooling_threshold = 0.1
     sample_size = 250
 
@@ -129,15 +129,13 @@ class DigitsApplication(ClassifierApplication):
         """The resolved keywords that a score depends on."""
         return {**super().settings, "parameters": list(self.parameters.names)}
 
-    def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def _change(self, mu: Mu, positions: Indices) -> Floats32:
         values = {name: np.full(len(mu), neutral) for name, neutral in self._neutral.items()}
         values |= dict(zip(self.parameters.names, self.parameters.physical(mu).T, strict=True))
         return warp(self._strokes, positions, Warps(**values))
 
-    def _score(
-        self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.float64]:
-        score: npt.NDArray[np.float64] = probabilities[np.arange(len(labels)), labels]
+    def _score(self, probabilities: Floats, labels: Integers) -> Floats:
+        score: Floats = probabilities[np.arange(len(labels)), labels]
         return score
 
 

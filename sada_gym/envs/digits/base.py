@@ -14,6 +14,7 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.contract import identity_of
 from sada_gym.application import Application, Scored
+from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.envs.digits.classifier import ClassifierAgent, ClassifierLike
 from sada_gym.envs.digits.frame import LEGEND, beside, enlarged
 from sada_gym.envs.digits.images import test_images, validate_images
@@ -100,7 +101,7 @@ class ClassifierApplication(Application):
             )
         return int(digit)
 
-    def _attackable(self) -> npt.NDArray[np.intp]:
+    def _attackable(self) -> Indices:
         """Find the images that seeds pick from."""
         labels = self.images.labels
         rows = np.arange(len(labels))
@@ -116,7 +117,7 @@ class ClassifierApplication(Application):
             )
         if self.image is not None:
             return rows
-        right: npt.NDArray[np.intp] = rows[answers.argmax(axis=1) == labels[rows]]
+        right: Indices = rows[answers.argmax(axis=1) == labels[rows]]
         if not len(right):
             raise UserError(
                 f"Expected a classifier that gets some of the {len(rows)} unchanged images right, "
@@ -126,13 +127,11 @@ class ClassifierApplication(Application):
         return right
 
     @abstractmethod
-    def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def _change(self, mu: Mu, positions: Indices) -> Floats32:
         """Change images: mu (n, d), positions (n,) within `indices`, to (n, height, width)."""
 
     @abstractmethod
-    def _score(
-        self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.float64]:
+    def _score(self, probabilities: Floats, labels: Integers) -> Floats:
         """Score probabilities (n, K) by the true classes (n,): Q, (n,)."""
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
@@ -144,12 +143,12 @@ class ClassifierApplication(Application):
         extras = [dict(zip(columns, answer, strict=True)) for answer in answers]
         return Scored(self._score(probabilities, labels), extras)
 
-    def _positions(self, seeds: Sequence[int]) -> npt.NDArray[np.intp]:
+    def _positions(self, seeds: Sequence[int]) -> Indices:
         # `seed % n` alone would show each stream its own images: its seeds share their lowest bits
         mixed = splitmix(np.array(seeds, np.uint64))
         return (mixed % np.uint64(len(self.indices))).astype(np.intp)
 
-    def _classified(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    def _classified(self, mu: Mu, positions: Indices) -> Floats:
         """Return the classifier's probabilities for the changed images, (n, K)."""
         step = max(1, _PIXELS_AT_ONCE // self.images.images[0].size)
         parts = [slice(start, start + step) for start in range(0, len(mu), step)]
@@ -157,9 +156,7 @@ class ClassifierApplication(Application):
             [self._classifier.act(self._change(mu[part], positions[part])) for part in parts]
         )
 
-    def attacked_image(
-        self, mu: npt.ArrayLike, seed: int
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def attacked_image(self, mu: npt.ArrayLike, seed: int) -> tuple[Floats32, Floats32]:
         """Return the unchanged image of a seed and the one that mu, (d,), makes of it."""
         row, seed = validate_world(self.parameters, mu, seed)
         positions = self._positions([seed])

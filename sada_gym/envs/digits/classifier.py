@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
+from sada_gym.arrays import Floats, Floats32
 from sada_gym.envs.checks import check_evaluation_mode, check_tile
 from sada_gym.errors import UserError, UserTypeError
 
@@ -62,9 +62,7 @@ class ClassifierAgent:
     def start(self, count: int) -> None:
         """Begin with `count` new images; the classifier remembers no others."""
 
-    def act(
-        self, episodes: npt.NDArray[np.float32], which: Indices | None = None
-    ) -> npt.NDArray[np.float64]:
+    def act(self, episodes: Floats32, which: Indices | None = None) -> Floats:
         """Return the softmax over the classes, (n, K).
 
         Args:
@@ -81,7 +79,7 @@ class ClassifierAgent:
             raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
         return np.concatenate(parts)
 
-    def _probabilities(self, batch: Batch) -> npt.NDArray[np.float64]:
+    def _probabilities(self, batch: Batch) -> Floats:
         import torch
 
         with torch.inference_mode():
@@ -94,7 +92,7 @@ class ClassifierAgent:
                     f"got {type(error).__name__}: {error}. {_CONVENTION}"
                 ) from error
             logits = _validate_logits(logits, self.tile)
-            probabilities: npt.NDArray[np.float64] = logits.double().softmax(dim=1).cpu().numpy()
+            probabilities: Floats = logits.double().softmax(dim=1).cpu().numpy()
         return probabilities
 
 

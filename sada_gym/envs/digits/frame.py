@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from sada_gym.arrays import Bytes, Floats, Floats32
 from sada_gym.drawing import dashed, font
 from sada_gym.frames import GREEN, VERMILLION, LegendEntry, rgb
 
@@ -25,7 +25,7 @@ LEGEND = (
 )
 
 
-def enlarged(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+def enlarged(image: Floats32) -> Bytes:
     """Draw an image (height, width) in [0, 1] with large square pixels: (h, w, 3) uint8."""
     factor = max(1, -(-SIDE // max(image.shape)))
     grey = np.rint(255.0 * image.astype(np.float64)).astype(np.uint8)
@@ -33,15 +33,10 @@ def enlarged(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     return np.repeat(large[..., None], 3, axis=2)
 
 
-def beside(
-    images: npt.NDArray[np.float32], probabilities: npt.NDArray[np.float64], label: int
-) -> npt.NDArray[np.uint8]:
+def beside(images: Floats32, probabilities: Floats, label: int) -> Bytes:
     """Draw an unchanged image and the changed one side by side, with captions.
 
-    Args:
-        images: (2, height, width) in [0, 1].
-        probabilities: (2, K), the classifier's for each image.
-        label: The true class.
+    Images are (2, height, width) in [0, 1], with probabilities (2, K); `label` is the true class.
     """
     panels = [enlarged(image) for image in images]
     height, width = panels[0].shape[:2]

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sada_gym.arrays import as_array
+from sada_gym.arrays import Floats32, Indices, Integers, as_array
 from sada_gym.errors import UserError, UserTypeError
 
 TEST_EVERY = 4
@@ -23,14 +22,14 @@ _LARGEST_SIDE = 256
 class LabelledImages:
     """Grey images and the class of each."""
 
-    images: npt.NDArray[np.float32]  # (n, height, width) float32 in [0, 1]; 0 is the background
-    labels: npt.NDArray[np.int64]  # (n,) int64 from 0
+    images: Floats32  # (n, height, width) float32 in [0, 1]; 0 is the background
+    labels: Integers  # (n,) int64 from 0
 
     def __len__(self) -> int:
         """Return the number of images."""
         return len(self.images)
 
-    def __getitem__(self, rows: npt.NDArray[np.intp]) -> LabelledImages:
+    def __getitem__(self, rows: Indices) -> LabelledImages:
         """Return the images at these rows."""
         return LabelledImages(self.images[rows], self.labels[rows])
 
@@ -54,10 +53,10 @@ def all_digits() -> LabelledImages:
 
 
 @functools.cache
-def turns() -> npt.NDArray[np.int64]:
+def turns() -> Integers:
     """Count the digits of the same class before each in the data set, (1797,)."""
     same = all_digits().labels == np.arange(10)[:, None]
-    count: npt.NDArray[np.int64] = np.where(same, same.cumsum(axis=1) - 1, 0).sum(axis=0)
+    count: Integers = np.where(same, same.cumsum(axis=1) - 1, 0).sum(axis=0)
     return count
 
 

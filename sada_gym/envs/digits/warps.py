@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Images = npt.NDArray[np.float32]  # (n, height, width) in [0, 1]
-Values = npt.NDArray[np.float64]  # (n, height, width)
-Column = npt.NDArray[np.float64]  # (n,), a number for each image
+from sada_gym.arrays import Floats, Floats32, Indices
+
+Images = Floats32  # (n, height, width) in [0, 1]
+Values = Floats  # (n, height, width)
+Column = Floats  # (n,), a number for each image
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Strokes:
         self._thick = 0.5 * (greatest - self._images)
         self._thin = self._images * np.maximum(2.0 * share - 1.0, 0.0) - self._images
 
-    def __call__(self, rows: npt.NDArray[np.intp], stroke: Column) -> Values:
+    def __call__(self, rows: Indices, stroke: Column) -> Values:
         """Return the images at rows (n,) with strokes (n,) from -1 to 1: (n, height, width)."""
         amount = stroke[:, None, None]
         change: Values = np.maximum(amount, 0.0) * self._thick[rows]
@@ -52,7 +53,7 @@ class Strokes:
         return self._images[rows] + change
 
 
-def warp(strokes: Strokes, rows: npt.NDArray[np.intp], warps: Warps) -> Images:
+def warp(strokes: Strokes, rows: Indices, warps: Warps) -> Images:
     """Warp the images at rows (n,) bilinearly; what comes from beyond an image's border is 0.
 
     Returns:

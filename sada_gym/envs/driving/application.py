@@ -15,7 +15,7 @@ from sada_gym.application import Scored
 from sada_gym.arrays import Floats32
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
+from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.closed_loop import SimulatorApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace

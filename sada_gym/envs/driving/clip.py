@@ -14,8 +14,7 @@ from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, steps_be
 from sada_gym.envs.driving.camera.pinhole import Lens, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
 from sada_gym.envs.driving.frame import town_plan  # the whole town from above
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
-from sada_gym.envs.driving.world.route import COMMANDS
+from sada_gym.envs.driving.world.route import COMMANDS, LAYOUT
 from sada_gym.envs.driving.world.vehicle import LENGTH_M, WIDTH_M
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout

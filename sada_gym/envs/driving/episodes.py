@@ -69,10 +69,6 @@ class DrivingStart:
 class DrivingEpisodes(Episodes[DrivingStart]):
     """Cars that drive in lockstep.
 
-    Args:
-        camera: The camera of the town.
-        starts: How each drive begins.
-
     Attributes:
         states: (n, 4) x, y, heading, speed.
         progress_m: (n,) along the route.
@@ -164,12 +160,7 @@ class DrivingEpisodes(Episodes[DrivingStart]):
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some cars drive one step.
 
-        Args:
-            which: (n,) indices of these cars.
-            actions: (n, 2), clipped to [-1, 1]: steering, positive to the right, and acceleration.
-
-        Raises:
-            UserError: If the actions are of another shape or not finite.
+        Actions (n, 2) are clipped to [-1, 1]: steering, positive to the right, and acceleration.
         """
         actions = np.clip(self._validate_actions(which, actions), -1.0, 1.0)
         states = self.states[which]

@@ -14,8 +14,7 @@ from sada_gym.drawing import INK_RGB, beside, caption, cross, dashed, font, stac
 from sada_gym.envs.driving.camera.pinhole import Lens, TownCamera, camera
 from sada_gym.envs.driving.camera.scenery import BUILDING
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingStart
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT
-from sada_gym.envs.driving.world.route import COMMANDS
+from sada_gym.envs.driving.world.route import COMMANDS, LAYOUT
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import NAMES
 from sada_gym.envs.episodes.rollout import Rollout

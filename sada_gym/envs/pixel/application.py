@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.arrays import Floats, Floats32, Indices, Integers
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.digits.base import ClassifierApplication
 from sada_gym.envs.digits.classifier import ClassifierLike
@@ -73,8 +74,7 @@ class PixelApplication(ClassifierApplication):
     - v0: initial version.
     """
 
-    name: ClassVar[str] = "SADA-Pixel"
-    version: ClassVar[int] = 0
+    name = "SADA-Pixel"
     fooling_threshold = 0.0
     sample_size = 100
 
@@ -109,30 +109,26 @@ class PixelApplication(ClassifierApplication):
         """The resolved keywords that a score depends on."""
         return {**super().settings, "radius": self.radius}
 
-    def attacked(
-        self, mu: npt.ArrayLike, images: npt.NDArray[np.float32]
-    ) -> npt.NDArray[np.float32]:
+    def attacked(self, mu: npt.ArrayLike, images: Floats32) -> Floats32:
         """Put the noise of mu, (n, d), on images (n, height, width): the attacked images."""
         return self._attacked(self.parameters.validate(mu), images)
 
-    def _attacked(self, mu: Mu, images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def _attacked(self, mu: Mu, images: Floats32) -> Floats32:
         clean = images.astype(np.float64)
         share = mu.astype(np.float64).reshape(clean.shape)
         room = np.where(share > 0.0, 1.0 - clean, clean)
         attacked = clean + share * np.minimum(self.radius, room)
         return np.clip(attacked, 0.0, 1.0).astype(np.float32)
 
-    def _change(self, mu: Mu, positions: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def _change(self, mu: Mu, positions: Indices) -> Floats32:
         return self._attacked(mu, self.images.images[self.indices[positions]])
 
-    def _score(
-        self, probabilities: npt.NDArray[np.float64], labels: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.float64]:
+    def _score(self, probabilities: Floats, labels: Integers) -> Floats:
         rows = np.arange(len(labels))
         true = probabilities[rows, labels]
         others = probabilities.copy()
         others[rows, labels] = 0.0
-        score: npt.NDArray[np.float64] = np.maximum(true - others.max(axis=1), 0.0)
+        score: Floats = np.maximum(true - others.max(axis=1), 0.0)
         return score
 
 

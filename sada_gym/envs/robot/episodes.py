@@ -47,9 +47,6 @@ _CIRCLES = 4 + BARRELS + CARTS
 class RobotEpisodes(Episodes[RobotStart]):
     """Robots that drive to their goals in lockstep.
 
-    Args:
-        starts: How each trip begins.
-
     Attributes:
         poses: (n, 3) x, y of the axle's middle in m, heading in rad.
         velocities: (n, 3) of the centre of mass in m/s, and the turning rate in rad/s.
@@ -171,13 +168,8 @@ class RobotEpisodes(Episodes[RobotStart]):
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
         """Let some robots drive one step.
 
-        Args:
-            which: (n,) indices of these robots.
-            actions: (n, 2), clipped to [-1, 1]: the speed, from 0.1 m/s backwards to 0.6 m/s, and
-                the turning rate in 1.5 rad/s to the left.
-
-        Raises:
-            UserError: If the actions are of another shape or not finite.
+        Actions (n, 2) are clipped to [-1, 1]: the speed, from 0.1 m/s backwards to 0.6 m/s, and the
+        turning rate in 1.5 rad/s to the left.
         """
         actions = np.clip(self._validate_actions(which, actions), -1.0, 1.0)
         commands = self.commands[which]

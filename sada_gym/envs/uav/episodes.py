@@ -81,14 +81,10 @@ class RacingStart:
 
 
 class RacingEpisodes(Episodes[RacingStart]):
-    """Drones that race in lockstep, each as if it were alone.
-
-    Args:
-        starts: How each race begins; all have the same number of gates.
-        tracks: The tracks of all races, where they are known.
+    """Drones that race in lockstep, each as if it were alone; all have the same number of gates.
 
     Attributes:
-        tracks: As given.
+        tracks: The tracks of all races, where they are known.
         gates: (n, g, 4) x, y, z and heading.
         states: (n, 13) of the drones: position, quaternion xyzw, velocity, angular velocity.
         next_gate: (n,) intp, the gate to pass next; g where a race is over.
@@ -154,9 +150,7 @@ class RacingEpisodes(Episodes[RacingStart]):
     def waypoints(self, which: Indices, ahead: int = 0) -> Floats:
         """Return the true waypoints of some drones, (n, 4): see `guidance`.
 
-        Args:
-            which: (n,) indices of these drones.
-            ahead: 0 for the next gate, 1 for the one after it; after the last comes the first.
+        They are of the next gate, or of one `ahead` of it; after the last comes the first.
         """
         gate = (self.next_gate[which] + ahead) % self.gates.shape[1]
         return waypoints(self.gates[which, gate], self.states[which])
@@ -175,15 +169,10 @@ class RacingEpisodes(Episodes[RacingStart]):
         return camera().draw(self.gates[which], self.states[which], seeds)
 
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
-        """Let some drones fly for a decision's time.
+        """Let some drones, whose races are not over, fly for a decision's time.
 
-        Args:
-            which: (n,) indices of these drones; their races must not be over.
-            actions: (n, 4), clipped to [-1, 1], see `guidance.steer`. A drone whose action is not
-                finite is lost.
-
-        Raises:
-            UserError: If the actions are of another shape.
+        Actions (n, 4) are clipped to [-1, 1], see `guidance.steer`. A drone whose action is not
+        finite is lost.
         """
         actions = self._validate_actions(which, actions)
         self.steps[which] += 1

@@ -162,11 +162,8 @@ class Plan:
     ) -> Image.Image:
         """Draw the track.
 
-        Args:
-            endings: (g,) of `GateOutcome`; by default all gates are ahead.
-            flown: The ways flown, (k, 2) each.
-            drone: The drone's x, y and heading.
-            hits: (k, 2) where it hit something; each is marked by a cross.
+        `endings` (g,) are `GateOutcome`s, by default all ahead; `flown` the ways, (k, 2) each;
+        `drone` its x, y and heading; `hits` (k, 2) where it hit something, marked by crosses.
         """
         side = self.size * _FINER
         picture = Image.new("RGB", (side, side), _FIELD)

@@ -16,7 +16,7 @@ from sada_gym.agents.wrappers import Predictor
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import DrivingEnd, DrivingEpisodes, DrivingStart
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, ROUTES
+from sada_gym.envs.driving.world.route import LAYOUT, ROUTES
 from sada_gym.envs.driving.world.weather import NAMES, TRAINING_WEATHERS
 from studies.training.measuring import evaluate_uniform, parse_agent, rate
 

@@ -5,7 +5,7 @@ from sada_gym.envs import AdversaryEnv, AdversaryVectorEnv
 from sada_gym.envs.driving.application import DrivingApplication
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
-from sada_gym.envs.driving.world.benchmark_routes import LAYOUT, benchmark_routes
+from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import NAMES
 
 MU = [[-0.2, 0.0, -0.9], [0.0, 1.0, -0.5], [1.0, 0.8, 0.0], [-1.0, -0.4, 0.3], [0.6, 0.2, 0.7]]

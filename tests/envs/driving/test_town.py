@@ -6,8 +6,14 @@ import pytest
 from highway_env.road.lane import LineType, SineLane
 from highway_env.utils import wrap_to_pi
 
-from sada_gym.envs.driving.world.benchmark_routes import ROUTES, benchmark_routes
-from sada_gym.envs.driving.world.route import COMMANDS, SPACING_M, make_route, random_route
+from sada_gym.envs.driving.world.route import (
+    COMMANDS,
+    ROUTES,
+    SPACING_M,
+    benchmark_routes,
+    make_route,
+    random_route,
+)
 from sada_gym.envs.driving.world.town import local_coordinates, town
 
 LAYOUTS = ["benchmark", "training"]

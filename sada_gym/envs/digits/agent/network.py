@@ -46,11 +46,7 @@ def new_network(seed: int) -> DigitNetwork:
 
 
 def load(path: Path) -> DigitNetwork:
-    """Read a trained classifier, frozen and ready to classify.
-
-    Raises:
-        FileError: If the file does not hold this network's weights.
-    """
+    """Read a trained classifier, frozen; raise `FileError` if the file holds other weights."""
     network, content = new_network(0), "the weights of a classifier of digits"
     load_weights(network, WeightsFile(path, content, "classifier", "studies.training.digits.train"))
     return network.eval().requires_grad_(False)

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from sada_gym.arrays import Bytes, Floats, Floats32, Indices, Integers
 from sada_gym.compiled import kernel, uncounted
-from sada_gym.envs.driving.camera.arrays import TownArrays
 from sada_gym.envs.driving.camera.casting import MOST_HITS, REACH_M, cast
 from sada_gym.envs.driving.camera.rain import draw_rain
+from sada_gym.envs.driving.camera.scenery import TownArrays
 from sada_gym.envs.driving.camera.sky import sky_colour
 from sada_gym.envs.driving.camera.surface import ground_colour, mirrored_share
 from sada_gym.envs.driving.camera.uprights import first_upright

@@ -20,6 +20,9 @@ from sada_gym.envs.pixels import Triple
 TEXEL_M = 0.15
 LEVELS = 7
 """The number of levels of the mip map. Each level halves the resolution of the one before."""
+SHADE_LEVEL = 2
+"""The level at whose resolution shadows are kept."""
+SHADE_TEXEL_M = TEXEL_M * 2**SHADE_LEVEL
 
 _MARGIN_M = 45.0
 _SHOULDER_M = 0.35

@@ -10,11 +10,10 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from sada_gym.arrays import Bytes, Floats, Floats32, Integers
-from sada_gym.envs.driving.camera.arrays import SHADE_LEVEL, TownArrays
 from sada_gym.envs.driving.camera.casting import sunlit
 from sada_gym.envs.driving.camera.drawing import draw_all
-from sada_gym.envs.driving.camera.ground import paint
-from sada_gym.envs.driving.camera.scenery import furnish
+from sada_gym.envs.driving.camera.ground import SHADE_LEVEL, paint
+from sada_gym.envs.driving.camera.scenery import TownArrays, furnish
 from sada_gym.envs.driving.world.town import town
 from sada_gym.envs.driving.world.weather import LIGHTS
 from sada_gym.envs.pixels import pixel_size, ranked, tone_table
@@ -38,12 +37,7 @@ class Mount:
 
 
 class Lens:
-    """The directions of a picture's pixels.
-
-    Args:
-        rows: The number of the picture's rows.
-        columns: The number of the picture's columns.
-    """
+    """The directions of a picture's pixels."""
 
     def __init__(self, rows: int, columns: int) -> None:
         self.rows, self.columns = rows, columns

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sada_gym.arrays import Floats, Integers
+from sada_gym.arrays import Bytes, Floats, Floats32, Integers
 from sada_gym.envs.driving.camera.ground import Ground
 from sada_gym.envs.driving.world.town import Town
 
@@ -42,6 +42,15 @@ class Scenery(NamedTuple):
     items: Integers  # indices into `objects`
     origin: Floats  # (2,) outer corner of the first cell, in m
     cells: Integers  # (2,) rows and columns
+
+
+class TownArrays(NamedTuple):
+    """A town for the kernels: clouds are periodic noise, tone maps light to bytes."""
+
+    ground: Ground
+    scenery: Scenery
+    clouds: Floats32
+    tone: Bytes
 
 
 def furnish(town: Town, ground: Ground, *, seed: int = 0) -> Scenery:

@@ -6,8 +6,7 @@ import math
 
 from sada_gym.arrays import Bytes, Integers
 from sada_gym.compiled import inlined
-from sada_gym.envs.driving.camera.arrays import SHADE_TEXEL_M
-from sada_gym.envs.driving.camera.ground import TEXEL_M
+from sada_gym.envs.driving.camera.ground import SHADE_TEXEL_M, TEXEL_M
 from sada_gym.envs.driving.world.weather import Light
 from sada_gym.envs.pixels import Triple, clip, plus, times
 

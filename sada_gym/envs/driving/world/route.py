@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ from highway_env.road.lane import AbstractLane
 
 from sada_gym.arrays import Floats
 from sada_gym.envs.driving.world.layout import Corner
-from sada_gym.envs.driving.world.town import Manoeuvre, Town
+from sada_gym.envs.driving.world.town import Manoeuvre, Town, town
 from sada_gym.errors import UserError
 
 COMMANDS: tuple[Manoeuvre, ...] = ("follow", "left", "right", "straight")
@@ -23,6 +24,24 @@ CRUISE_M_S = 8.0
 """The speed at which a car should follow a route where nothing makes it slower."""
 SLOWEST_MEAN_SPEED_M_S = 10 / 3.6
 """The time limit is what the route takes at 10 km/h, as in CARLA's benchmark."""
+
+LAYOUT = "benchmark"
+
+ROUTES: dict[str, tuple[str, ...]] = {
+    "straight": ("A1 B1 C1", "D2 D1 D0", "C3 C2 C1", "C2 B2 A2", "C0 B0 A0"),
+    "one_curve": ("A1 B1 B0", "C3 C2 B2", "C2 B2 B1", "E1 D1 D0", "D3 E3 E2"),
+    "navigation": (
+        "A0 B0 B1 C1 C2",
+        "D3 C3 C2 B2 A2",
+        "C0 D0 D1 E1 E2",
+        "A2 B2 B1 A1 A0",
+        "D2 C2 C1 C0 B0",
+    ),
+}
+"""The benchmark's three tasks, five routes each in a town that no driver was trained in, as the
+corners that a route comes from, passes and makes for. After CARLA's (Dosovitskiy et al. 2017). Left
+and right are balanced: as many turns to either side on `one_curve`, where the fifth route is a
+bend, and 6 to 7 on `navigation`."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +109,15 @@ def make_route(
         if command:  # a bend has none of its own, and ends no junction's before it
             commands[(along >= begin) & (along < end)] = command
     return Route(corners, points, heading, commands)
+
+
+@cache
+def benchmark_routes(task: str) -> tuple[Route, ...]:
+    """Make the five routes of one of the benchmark's tasks; raise `UserError` for no such task."""
+    if task not in ROUTES:
+        raise UserError(f"Expected a task among {', '.join(ROUTES)}, got {task!r}.")
+    ways: list[tuple[Corner, ...]] = [tuple(way.split()) for way in ROUTES[task]]
+    return tuple(make_route(town(LAYOUT), way) for way in ways)
 
 
 def random_route(town: Town, rng: np.random.Generator, corners: int) -> Route:

@@ -135,8 +135,7 @@ def town(layout_name: str) -> Town:
 def local_coordinates(lane: AbstractLane, points: Floats) -> tuple[Floats, Floats]:
     """Return longitudinal and lateral lane coordinates of points (..., 2), as highway-env has them.
 
-    Raises:
-        TypeError: If the lane is neither straight nor circular.
+    Raise `UserTypeError` if the lane is neither straight nor circular.
     """
     if type(lane) is StraightLane:  # its subclasses bend
         delta = points - lane.start

@@ -19,17 +19,9 @@ class Bodies:
 
     The grip of the wheels decides the robot's velocity. pymunk integrates it, and finds the first
     contact.
-
-    Args:
-        plan: The floor plan.
-        barrels: The number of barrels.
-        pose: (3,) x, y of the axle's middle, heading.
-        carts: (c, 2) where the carts are.
-        ahead_m: How far the robot's centre of mass lies before its axle.
-        step_s: The time of one step.
-
-    Attributes:
-        touched: Whether the robot has touched anything.
+    `pose` (3,) is x, y of the axle's middle and the heading, `carts` (c, 2) where the carts are,
+    `ahead_m` how far the robot's centre of mass lies before its axle. `touched` says whether the
+    robot has touched anything.
     """
 
     def __init__(
@@ -75,8 +67,8 @@ class Bodies:
     def move(self, velocities: list[list[float]], carts: list[list[float]]) -> tuple[float, ...]:
         """Keep each velocity of the robot for one step, or until it touches something.
 
-        `velocities` (steps, 3), see `robot.velocities`; `carts` (c, 2) the velocities of carts.
-        Returns the new pose.
+        `velocities` (steps, 3), see `robot.velocities`; `carts` (c, 2) those of carts. Returns the
+        new pose.
         """
         robot, step = self._robot, self._space.step
         for cart, velocity in zip(self._carts, carts, strict=True):

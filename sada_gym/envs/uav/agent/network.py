@@ -101,11 +101,7 @@ def save(pilot: WaypointNetwork | PPO, path: Path) -> None:
 
 
 def load(path: Path) -> WaypointNetwork | PPO:
-    """Read a pilot's weights; their names tell which kind it is.
-
-    Raises:
-        FileError: If the file holds no weights of a pilot.
-    """
+    """Read a pilot's weights, whose names tell its kind; raise `FileError` if it has none."""
     weights, _ = read_weights(WeightsFile(path, "the weights of a pilot", *_TRAINED_BY))
     if WaypointNetwork.has_weights(weights):
         network, content = new_network(0), "the weights of a pilot like waypoint-pid"

@@ -37,11 +37,7 @@ PilotLike: TypeAlias = WaypointNetwork | Predictor | Pilot
 
 
 class WaypointPilot:
-    """Says where the next gate is, from the camera's image and the drone's motion.
-
-    Args:
-        network: The perception network.
-    """
+    """Says where the next gate is, from the camera's image and the drone's motion."""
 
     def __init__(self, network: WaypointNetwork) -> None:
         self.network = network.eval()

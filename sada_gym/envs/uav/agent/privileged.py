@@ -15,11 +15,7 @@ FEASIBLE_SPEED_M_S = 7.0
 
 
 class PrivilegedPilot:
-    """Flies drones through gates whose true poses it knows.
-
-    Args:
-        speed_m_s: The speed of the guidance.
-    """
+    """Flies drones through gates whose true poses it knows, at the speed of the guidance."""
 
     def __init__(self, speed_m_s: float = FEASIBLE_SPEED_M_S) -> None:
         self._speed_m_s = speed_m_s

@@ -30,10 +30,7 @@ class DroneCamera:
 
     A picture depends on its own gates, pose and seed alone. The seed fixes the sun, the light's
     colour, and where field, clouds and hills lie; it changes no gate.
-
-    Args:
-        rows: The number of the pictures' rows.
-        columns: The number of their columns; the field of view stays the same.
+    The field of view is the same whatever the number of rows and columns.
     """
 
     def __init__(self, rows: int = ROWS, columns: int = COLUMNS) -> None:

@@ -66,10 +66,7 @@ def wanted_attitude(force: Floats, heading: float) -> Floats:
 
     The x axis lies exactly above the heading, however the body leans, so that a camera does not
     swing when the drone does.
-
-    Args:
-        force: (3,) with an upward part.
-        heading: The heading in rad.
+    The force (3,) has an upward part; the heading is in rad.
     """
     size = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     z0, z1, z2 = force[0] / size, force[1] / size, force[2] / size

@@ -24,10 +24,8 @@ _SHARES = np.append(0.5, np.arange(GATES) + 1.0) / GATES
 class Tracks:
     """The tracks of a batch of anchor points.
 
-    A track is built by itself, from arrays of one size: it never depends on the others.
-
-    Args:
-        anchors: (n, k, 2) in m, in the order of flight; k is at least 3.
+    A track is built by itself, from arrays of one size: it never depends on the others. Anchors are
+    (n, k, 2) in m, in the order of flight; k is at least 3.
 
     Attributes:
         gates: (n, GATES, 4) x, y, z of the opening's centre, and the heading of flight.
