@@ -44,7 +44,7 @@ _LEGEND = """\
 - μ_std: the samples' spread, 0.577 where uniform. Novelty: the median distance from a sample to the
   nearest training query; over ideal samples', 0 where it repeats queries.
 - In brackets: 95 % intervals. Ranks that the data cannot tell apart are shared (`=`); `ideal` and
-  `archive` are controls and have none.
+  `memorise` are controls and have none.
 """
 
 

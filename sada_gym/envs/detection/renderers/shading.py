@@ -71,11 +71,11 @@ def _sunlit(point: Triple, bias: float, lamp: Lamp) -> float:
         return 1.0
     i, j = int(u), int(v)
     fu, fv = u - i, v - j
-    depth = inverse * (1.0 + bias * inverse)
-    a = 1.0 if lamp.nearest[j, i] <= depth else 0.0
-    b = 1.0 if lamp.nearest[j, i + 1] <= depth else 0.0
-    c = 1.0 if lamp.nearest[j + 1, i] <= depth else 0.0
-    d = 1.0 if lamp.nearest[j + 1, i + 1] <= depth else 0.0
+    biased = inverse * (1.0 + bias * inverse)
+    a = 1.0 if lamp.nearest[j, i] <= biased else 0.0
+    b = 1.0 if lamp.nearest[j, i + 1] <= biased else 0.0
+    c = 1.0 if lamp.nearest[j + 1, i] <= biased else 0.0
+    d = 1.0 if lamp.nearest[j + 1, i + 1] <= biased else 0.0
     lit: float = (a + fu * (b - a)) * (1 - fv) + (c + fu * (d - c)) * fv
     return lit
 
