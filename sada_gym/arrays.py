@@ -43,11 +43,9 @@ def as_array(given: Any, what: str) -> npt.NDArray[Any]:
 
 
 def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
-    """Return a user's array of integers or floats.
+    """Return a user's array of integers or floats; raise `UserTypeError` for anything else.
 
-    Raises:
-        UserTypeError: If it has a mask, is ragged, or holds anything else, which NumPy would turn
-            into numbers of another meaning.
+    NumPy would turn other types into numbers of another meaning.
     """
     array = as_array(given, what)
     if array.dtype.kind not in "iuf":
@@ -61,8 +59,7 @@ def real_numbers(given: Any, what: str) -> npt.NDArray[Any]:
 def real_scores(given: Any, source: str) -> Floats:
     """Return scores from a user's code, the `source`, as float64; booleans count as 0 and 1.
 
-    Raises:
-        UserTypeError: If they have a mask or are no real numbers.
+    Raise `UserTypeError` if they have a mask or are no real numbers.
     """
     scores = as_array(given, "scores")
     if scores.dtype.kind not in "biuf":
@@ -76,12 +73,9 @@ def real_scores(given: Any, source: str) -> Floats:
 def validate_shape(
     given: Any, shape: tuple[int, ...] | None, what: str, noun: str = "mu"
 ) -> npt.NDArray[Any]:
-    """Return a user's action, or actions, as an array of this shape.
+    """Return an array of this shape; raise `UserError` if it is another one, ragged or masked.
 
     `what` is its name in messages on the shape: `an action` or `actions`; `noun` in others.
-
-    Raises:
-        UserError: If it is of another shape, ragged or masked.
     """
     array = as_array(given, noun)
     if array.shape != shape:

@@ -26,12 +26,7 @@ def fools(score: float, threshold: float) -> bool: ...
 @overload
 def fools(score: AnyFloats, threshold: float) -> Bools: ...
 def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
-    """Return whether the agent is fooled: Q <= epsilon.
-
-    Args:
-        score: The score Q, or an array of scores.
-        threshold: The fooling threshold epsilon.
-    """
+    """Return whether the agent is fooled: Q <= epsilon, for one score or an array of them."""
     fooled = score <= threshold
     return fooled if isinstance(fooled, np.ndarray) else bool(fooled)
 
@@ -40,10 +35,7 @@ def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
 class Evaluations:
     """A record of n evaluations; `evaluations[rows]` selects some, and `+` joins two records.
 
-    Attributes:
-        mu: (n, d) float32 in [-1, 1].
-        score: (n,) float64, the score Q of each mu.
-        seed: (n,) int64; with mu it replays the evaluation exactly.
+    Score and seed are (n,). A row's mu and seed replay its evaluation exactly.
     """
 
     mu: Mu
@@ -91,12 +83,6 @@ def evaluation_seeds(seed: int, stream: Stream, start: int, count: int) -> list[
 
     They are a hash of (seed, index) and not draws of a generator, so that a query's seed depends on
     nothing that came before it. The two lowest bits hold the stream, so streams are disjoint.
-
-    Args:
-        seed: The oracle's seed.
-        stream: The purpose of the evaluations.
-        start: Index of the first query.
-        count: The number of seeds.
     """
     texts = (f"{seed}:{i}" for i in range(start, start + count))
     words = (hashlib.blake2b(text.encode(), digest_size=4).digest() for text in texts)

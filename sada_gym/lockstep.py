@@ -41,14 +41,7 @@ class RenderModes(list[str]):
 
 
 class Transition(NamedTuple):
-    """What a step of n episodes gives.
-
-    Attributes:
-        reward: (n,) float64.
-        terminated: (n,) bool.
-        truncated: (n,) bool.
-        infos: n dictionaries.
-    """
+    """What a step of n episodes gives: three arrays (n,) and n dictionaries."""
 
     reward: Floats
     terminated: Bools
@@ -57,17 +50,9 @@ class Transition(NamedTuple):
 
 
 class Lockstep(ABC, Generic[Observed]):
-    """The episodes of n environments; one after another takes place in each.
+    """The episodes of n environments, 1 to `MAX_ENVS`; one after another takes place in each.
 
-    Args:
-        count: n.
-
-    Attributes:
-        action_space: The space of one environment's actions.
-        observation_space: The space of one environment's observations.
-
-    Raises:
-        UserError: If `count` is no whole number from 1 to `MAX_ENVS`.
+    The spaces are those of one environment.
     """
 
     action_space: gym.Space[Any]
@@ -84,24 +69,16 @@ class Lockstep(ABC, Generic[Observed]):
     def validate_actions(
         self, actions: Any, shape: tuple[int, ...] | None, what: str
     ) -> npt.NDArray[Any]:
-        """Return actions of this shape as an array; messages call them `what`.
-
-        Raises:
-            UserError: If they are no such actions.
-        """
+        """Return actions of this shape as an array, else raise `UserError`, which says `what`."""
         return validate_shape(actions, shape, what)
 
     @abstractmethod
     def begin(
         self, i: int, seed: int | None, rng: np.random.Generator, *, autoreset: bool = False
     ) -> None:
-        """Begin the next episode of environment i.
+        """Begin the next episode of environment i, after a reset or, with `autoreset`, without.
 
-        Args:
-            i: The environment.
-            seed: The seed of its reset, if one was given; `rng` was made from it.
-            rng: The environment's generator.
-            autoreset: Whether the episode follows the one before it without a reset.
+        `rng` is the environment's generator, made from the reset's seed where one was given.
         """
 
     @abstractmethod
@@ -110,8 +87,7 @@ class Lockstep(ABC, Generic[Observed]):
     ) -> Transition:
         """Take one action in each environment, (n, ...), with the environments' generators.
 
-        Raises:
-            ResetNeeded: If an episode has not begun or is over.
+        Raise `ResetNeeded` if an episode has not begun or is over.
         """
 
     @abstractmethod
@@ -131,12 +107,7 @@ class Lockstep(ABC, Generic[Observed]):
 
 
 class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
-    """One environment: a batch of one.
-
-    Args:
-        lockstep: The episodes, of one environment.
-        render_mode: Among those of the class's `metadata`.
-    """
+    """One environment: a batch of one. The class's `metadata` names its render modes."""
 
     def __init__(self, lockstep: Lockstep[Observed], render_mode: str | None = None) -> None:
         self._lockstep = lockstep
@@ -147,12 +118,7 @@ class LockstepEnv(gym.Env[Observed, npt.NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-            seed: Any int from 0 up.
-            options: There are none.
-        """
+        """Begin an episode; a seed is any int from 0 up, and there are no options."""
         check_reset_options(options)
         seed = validate_seed(seed)
         if seed is not None:
@@ -189,14 +155,8 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
     """Many environments with a generator each: `SyncVectorEnv` of `LockstepEnv` in SAME_STEP mode.
 
     Where an episode ends, its last info and observation stand in `infos["final_info"]` and
-    `infos["final_obs"]`, and the observation is the next episode's first.
-
-    Args:
-        lockstep: The episodes.
-        render_mode: Among those of the class's `metadata`.
-
-    Attributes:
-        autoreset_mode: The mode in `metadata`; some clients expect it as an attribute.
+    `infos["final_obs"]`, and the observation is the next episode's first. Some clients expect the
+    `autoreset_mode` of `metadata` as an attribute.
     """
 
     def __init__(self, lockstep: Lockstep[Observed], render_mode: str | None = None) -> None:
@@ -222,12 +182,9 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observed, dict[str, Any]]:
-        """Begin an episode in all environments, or in those of `options["reset_mask"]`.
+        """Begin an episode in all environments, or in those of `options["reset_mask"]`, (n,) bool.
 
-        Args:
-            seed: An int from 0 up (environment i gets seed + i), or a sequence of one seed an
-                environment.
-            options: `reset_mask`, (num_envs,) bool, where only some are to be reset.
+        With a seed, any int from 0 up, environment i gets seed + i; a sequence has one for each.
         """
         seeds = spread_seeds(seed, self.num_envs)
         for i in reset_mask(options, self.num_envs):
@@ -243,13 +200,7 @@ class LockstepVectorEnv(gym.vector.VectorEnv[Observed, npt.NDArray[Any], npt.NDA
 
     def step(
         self, actions: npt.NDArray[Any]
-    ) -> tuple[
-        Observed,
-        Floats,
-        Bools,
-        Bools,
-        dict[str, Any],
-    ]:
+    ) -> tuple[Observed, Floats, Bools, Bools, dict[str, Any]]:
         """Take one action each, (num_envs, ...); where an episode ends, another begins."""
         valid = self._lockstep.validate_actions(actions, self.action_space.shape, "actions")
         reward, terminated, truncated, last_infos = self._lockstep.step(valid, self._generators)

@@ -19,10 +19,10 @@ Mu = npt.NDArray[np.float32]
 class Parameter:
     """One semantic parameter of a world.
 
+    `low` and `high` are its physical values at mu = -1 and +1.
+
     Attributes:
         name: Name with its unit as suffix, such as `camera_azimuth_deg`.
-        low: Physical value at mu = -1.
-        high: Physical value at mu = +1.
         unit: The unit in tables and axes, such as `deg`; empty if there is none.
         choices: Names of equal parts of the range, if the parameter is a choice.
         directions: What lies at 0, 90, 180 and 270 degrees, if the parameter is an angle that goes
@@ -62,8 +62,7 @@ class Parameter:
 
     def text(self, value: float) -> str:
         """Write a physical value as people say it, such as `camera pitch 35°` or `light low`."""
-        count = len(self.choices)
-        if count:
+        if count := len(self.choices):
             place = (value - self.low) / (self.high - self.low) * count
             return f"{self.label} {self.choices[min(int(place), count - 1)]}"
         return f"{self.label} {self.with_unit(number(value))}"
@@ -80,11 +79,7 @@ def number(value: float) -> str:
 
 
 class ParameterSpace:
-    """An ordered set of parameters, which makes the box that an adversary acts in.
-
-    Args:
-        *parameters: The parameters in the order of mu's columns; names must differ.
-    """
+    """Parameters in the order of mu's columns: the box that an adversary acts in."""
 
     def __init__(self, *parameters: Parameter) -> None:
         if not parameters:

@@ -16,11 +16,7 @@ SEED_BOUND = 2**31
 
 
 def validate_world(parameters: ParameterSpace, mu: npt.ArrayLike, seed: int) -> tuple[Mu, int]:
-    """Return one mu, (d,), and a seed, checked, as (1, d) and a Python int.
-
-    Raises:
-        ValueError: If they are not what `Application.evaluate` takes.
-    """
+    """Return one mu, (d,), as (1, d), and a seed as an int, checked as `evaluate` checks them."""
     batch: Any = [mu]
     return parameters.validate(batch), validate_seeds([seed], 1)[0]
 
@@ -37,15 +33,9 @@ def fold_seed(seed: int) -> int:
 
 
 def validate_seeds(seeds: Sequence[int], count: int, *, bounded: bool = True) -> list[int]:
-    """Return `count` seeds, ints in [0, 2**31), as Python ints.
+    """Return `count` seeds, ints in [0, 2**31), as Python ints, else raise `ValueError`.
 
-    Args:
-        seeds: The seeds.
-        count: The expected number of seeds.
-        bounded: Whether seeds must be below 2**31. Gymnasium's may be any ints from 0 up.
-
-    Raises:
-        ValueError: If their number differs, or one is no such int.
+    Where they are not `bounded`, seeds may be any ints from 0 up, as Gymnasium's are.
     """
     if not isinstance(seeds, Sequence) and np.ndim(seeds) != 1:
         raise UserTypeError(f"Expected a list of seeds, one for each mu, got {seeds!r}.")

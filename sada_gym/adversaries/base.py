@@ -41,17 +41,12 @@ class Query(Protocol):
 class Adversary(ABC):
     """Learns, from a budget of queries, to sample mu that fool the agent.
 
-    Args:
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness of training and sampling; None draws one.
-        preset: The named set of options to start from, where there are `presets`.
-        options: Single options, the fields of `options_class`.
+    The dimension d is the number of semantic parameters. The seed fixes all randomness of training
+    and sampling; None draws one. The options are fields of `options_class`; those not given are the
+    preset's.
 
     Attributes:
-        name: The adversary's name in the registry.
-        options_class: The dataclass that declares the options.
         presets: Named sets of options, `default` among them; none where there is one set.
-        options: The options, those not given at their defaults.
         packages: The packages that its samples depend on, by their names on PyPI, beside NumPy and
             SciPy. A run records their versions. Where a class does not declare them, a run
             records the versions of all packages that any of ours needs.
@@ -103,8 +98,7 @@ class Adversary(ABC):
     def sample(self, n: int) -> Mu:
         """Draw n fresh mu from the learnt distribution: (n, d) float32 in [-1, 1].
 
-        Raises:
-            RuntimeError: If the adversary was neither trained nor loaded.
+        Raise `RuntimeError` if the adversary was neither trained nor loaded.
         """
 
     @abstractmethod

@@ -28,7 +28,7 @@ class BayesianOptions(Options):
     Attributes:
         initial: Uniform points that the search starts from, at most the budget. None takes 10 d
             (Jones, Schonlau & Welch 1998), but at most a quarter of the budget.
-        last: Number of evaluations at the end that S is induced from.
+        last: Number of evaluations at the end that S is selected from.
         induced_size: s, the most points of S; 0 for all that fool.
         components: Sizes of mixtures to try.
         candidates: Number of points that each step chooses from, a power of two.
@@ -95,18 +95,11 @@ def minimise(
     fitted to all evaluations. Q is noisy, so the incumbent is the lowest posterior mean at an
     evaluated point (expected improvement with plug-in: Picheny, Wagner & Ginsbourger 2013, "A
     benchmark of kriging-based infill criteria for noisy optimization"). Kernel and candidates (see
-    `Search`) are renewed whenever the evaluations have doubled.
-
-    Args:
-        oracle: Answers the queries.
-        queries: What was evaluated before, at least one point.
-        rng: All randomness.
-        candidates: Number of candidates, a power of two.
-        batch: Number of points in one query. Within a batch, each point counts as if it scored its
-            posterior mean ("kriging believer": Ginsbourger, Le Riche & Carraro 2010).
+    `Search`) are renewed whenever the evaluations have doubled. In a batch, a point counts as if
+    it scored its posterior mean ("kriging believer": Ginsbourger, Le Riche & Carraro 2010).
 
     Returns:
-        All evaluations, those of `queries` first, in order.
+        All evaluations: those of before, `queries`, at least one, and the new ones in order.
 
     Raises:
         ValueError: If a score is not finite.

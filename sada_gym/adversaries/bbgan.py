@@ -32,11 +32,8 @@ class BBGAN(FittedAdversary):
     `paper` preset is the authors' own setting. The `default` preset departs from it where it loses
     whole fooling regions. See `BBGANOptions`.
 
-    The other arguments are those of `Adversary`.
-
-    Args:
-        log_dir: Folder for a TensorBoard log of the training; None writes none. It is not saved:
-            loading writes no log.
+    `log_dir` is a folder for a TensorBoard log of the training. It is not saved: loading writes no
+    log. The other arguments are those of `Adversary`.
 
     Raises:
         ModuleNotFoundError: If there is a `log_dir`, but no tensorboard.

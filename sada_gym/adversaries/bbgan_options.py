@@ -14,8 +14,7 @@ class BBGANOptions(Options):
 
     Attributes:
         latent: Dimensions of z.
-        generator: Widths of the generator's hidden layers.
-        discriminator: Widths of the discriminator's hidden layers.
+        generator, discriminator: Widths of the hidden layers.
         transport: Whether the generator moves uniform points or maps z alone. A generator that
             moves uniform points starts as the uniform distribution, which covers every region.
         fold: Whether outputs are folded back at the box's faces, which they reach as often as any
@@ -24,14 +23,10 @@ class BBGANOptions(Options):
         frequency: The scale of the features times d. Small networks blur narrow regions without
             such features.
         initial_sd: Standard deviation of truncated normal weights; 0 for PyTorch's own scale.
-        steps: Training steps.
         batch: Samples of each kind in an update.
-        discriminator_updates: Updates of the discriminator in each step.
-        generator_updates: Updates of the generator in each step.
-        learning_rate: The learning rate of Adam.
+        discriminator_updates, generator_updates: Updates in each training step.
+        learning_rate, beta1, beta2: The learning rate of Adam, the decay rates of its moments.
         decay: Whether the learning rate falls linearly to 0 over the second half.
-        beta1: The decay rate of Adam's first moment.
-        beta2: The decay rate of Adam's second moment.
         dropout: The dropout of the discriminator, which keeps it from memorising a noisy Omega.
         induced_size: s, the most points of the induced set; 0 for all that fool.
         rest: The weight of the points of Omega that do not fool, as further fakes. It is at most

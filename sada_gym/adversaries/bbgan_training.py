@@ -32,13 +32,6 @@ def train_gan(
     fooling rate p(mu) is noisy, G is then drawn to where p is high; without noise its optimum is
     unchanged.
 
-    Args:
-        induced: S, (s, d), and the rest of Omega, (n, d).
-        o: The options.
-        generator: All randomness.
-        log: Gets losses and samples, if there is one.
-        on_step: Called after each step with the steps done and their number.
-
     Returns:
         G and D, their weights averaged over the steps where `o.average` says so.
 
@@ -114,7 +107,6 @@ def _diverged(step: int, o: BBGANOptions) -> TrainingDiverged:
 
 
 def _draw(points: Tensor, n: int, generator: torch.Generator) -> Tensor:
-    """Draw n of the points, (n, d), with repetition."""
     return points[torch.randint(len(points), (n,), generator=generator)]
 
 

@@ -32,7 +32,7 @@ class CMAMAEOptions(Options):
 
     Attributes:
         uniform_share: The share of the budget that is uniform.
-        cells: Number of cells of the archive; few cells get many queries each.
+        cells: Cells of the archive; few cells get many queries each.
         emitters: Number of evolution strategies.
         learning_rate: The rate at which thresholds rise: 0 optimises, 1 explores as CMA-ME does.
         sigma: The standard deviation that the strategies start with.

@@ -105,16 +105,14 @@ class CrossEntropy(FittedAdversary):
 
     def _fit_mixture(self, queries: Evaluations, level: float) -> Mixture:
         elite = queries.mu[queries.score <= level].astype(np.float64)
-        log_density = logsumexp(
-            [self._log_density(elite, *stage) for stage in self._stages], axis=0
-        )
+        densities = [self._log_density(elite, *stage) for stage in self._stages]
+        log_density = logsumexp(densities, axis=0)
         weights = np.exp(log_density.min() - log_density)
         return fit_best_mixture(elite, self._sizes, self.rng, weights=weights)
 
     def _log_density(
         self, points: Floats, count: int, mixture: Mixture | None, mass: float
     ) -> Floats:
-        """Return the log density of a stage's points at points (n, d), up to a constant: (n,)."""
         if mixture is None:
             return np.full(len(points), math.log(count))
         truncated = mixture.log_density(points) - math.log(mass)
@@ -128,7 +126,6 @@ class CrossEntropy(FittedAdversary):
         return [2**i for i in range(self.options.components.bit_length())]
 
     def _odds(self, points: Floats) -> Floats:
-        """Estimate the probability that points (n, d) fool: (n,)."""
         below, above = (mixture.log_density(points) for mixture in self._classes)
         probability: Floats = expit(self._log_odds + below - above)
         return probability

@@ -55,11 +55,8 @@ class FittedAdversary(Adversary):
     Saving needs nothing more: loading fits again, to the same points and from the same state of
     the generator. Where that takes long, a subclass saves the model: `_arrays` and `_restore`.
 
-    The arguments and other attributes are those of `Adversary`.
-
-    Attributes:
-        queries: All points evaluated in training; no sample repeats one.
-        threshold: The fooling threshold of the training.
+    Arguments are those of `Adversary`. `queries` are all points evaluated in training, at its
+    `threshold`; no sample repeats one.
     """
 
     queries: Evaluations
@@ -89,12 +86,10 @@ class FittedAdversary(Adversary):
         self._fit(self.queries)
 
     def _propose(self, n: int, noise: float) -> AnyFloats:
-        """Draw some candidates, (m, d), and add noise of a standard deviation."""
         drawn = self._draw(n)
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
 
     def _uniform(self, n: int) -> Mu:
-        """Draw n uniform mu, (n, d)."""
         return draw_uniform(n, self.dimension, self.rng)
 
     def _select_fooling(self, queries: Evaluations, size: int = 0) -> InducedSet:
@@ -141,11 +136,7 @@ class FittedAdversary(Adversary):
             raise RuntimeError(f"Expected a trained adversary to {what}; call train or load first.")
 
     def save(self, folder: Path) -> None:
-        """Write the record (`adversary.json`) and the arrays (`adversary.safetensors`).
-
-        Raises:
-            RuntimeError: If it was not trained.
-        """
+        """Write `adversary.json` and `adversary.safetensors`; raise `RuntimeError` if untrained."""
         self._check_trained("save")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -188,7 +179,11 @@ class FittedAdversary(Adversary):
         adversary = cls(record.dimension, seed=0, **options.as_dict())
         adversary.threshold = record.threshold
         arrays = load((folder / _ARRAYS).read_bytes())
-        _check_numbers(arrays)
+        for name, array in arrays.items():
+            if array.dtype.kind not in "fiu":
+                raise UserError(f"{name} holds {array.dtype}, not numbers")
+            if not np.isfinite(array).all():
+                raise UserError(f"{name} holds NaN or infinite numbers")
         score = validate_array(arrays, "omega.score", None)
         mu = validate_array(arrays, "omega.mu", len(score), adversary.dimension)
         if mu.dtype != np.float32 or score.dtype != np.float64 or (np.abs(mu) > 1.0).any():
@@ -204,11 +199,7 @@ class FittedAdversary(Adversary):
 
 
 def validate_array(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray[Any]:
-    """Return one of a file's arrays, which must have this shape; None allows any length.
-
-    Raises:
-        ValueError: If the array is missing or has another shape.
-    """
+    """Return a file's array; raise `UserError` for another shape, where None is any length."""
     if name not in arrays:
         raise UserError(f"the array {name} is missing")
     array = arrays[name]
@@ -223,14 +214,6 @@ def validate_array(arrays: Arrays, name: str, *shape: int | None) -> npt.NDArray
 def without_prefix(arrays: Arrays, prefix: str) -> Arrays:
     """Return the arrays whose names start with a prefix, by the rest of their names."""
     return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
-
-
-def _check_numbers(arrays: Arrays) -> None:
-    for name, array in arrays.items():
-        if array.dtype.kind not in "fiu":
-            raise UserError(f"{name} holds {array.dtype}, not numbers")
-        if not np.isfinite(array).all():
-            raise UserError(f"{name} holds NaN or infinite numbers")
 
 
 def _in_a_line(error: Exception) -> str:

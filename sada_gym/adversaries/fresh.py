@@ -23,20 +23,15 @@ def row_keys(mu: Mu) -> set[bytes]:
 
 
 def fresh_rows(
-    propose: Callable[[int, float], AnyFloats],
-    shape: tuple[int, int],
-    excluded: set[bytes],
+    propose: Callable[[int, float], AnyFloats], shape: tuple[int, int], excluded: set[bytes]
 ) -> Mu:
     """Collect rows, no two equal and none excluded: `shape`, (n, d), float32 in [-1, 1].
 
     After 100 rounds the proposals get noise of 1e-4. Whenever less than a tenth of the proposals of
     20 further rounds was new, the noise grows tenfold, up to the width of the box.
 
-    Args:
-        propose: Called as propose(missing, noise), it gives some rows. The noise is 0 as long as
-            enough distinct rows come; then it is the standard deviation of noise to add.
-        shape: n and d.
-        excluded: The `row_keys` of what must not come again.
+    `propose(missing, noise)` gives some rows; the noise is the standard deviation of what to add.
+    `excluded` are the `row_keys` of what must not come again.
 
     Raises:
         AdversaryError: If a proposal is not finite, or so many different rows cannot be drawn.

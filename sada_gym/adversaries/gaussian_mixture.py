@@ -14,11 +14,7 @@ from sada_gym.evaluations import Evaluations
 
 @dataclass(frozen=True)
 class GaussianOptions(Options):
-    """The options of `gaussian`, `gmm10` and `gmm50`.
-
-    Attributes:
-        induced_size: s, the most points of the induced set; 0 takes all that fool.
-    """
+    """The options of `gaussian`, `gmm10`, `gmm50`: s, the most points of S; 0 for all that fool."""
 
     induced_size: int = option(100, 0, 10**9)
 

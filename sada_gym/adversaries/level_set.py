@@ -62,9 +62,6 @@ class LevelSet(FittedAdversary):
     the set where it is rare. The level is 1/2, raised as far as the predicted coverage (Naeem et
     al. 2020) allows, but never so high that the set has less than `volume` of the volume that is
     predicted to fool. See `LevelSetOptions`.
-
-    Attributes:
-        level: Samples are drawn where p >= level.
     """
 
     name: ClassVar[str] = "level-set"
@@ -141,13 +138,7 @@ class LevelSet(FittedAdversary):
                 break
         return pool, p
 
-    def _predict_coverage(
-        self,
-        pool: Mu,
-        p: Floats,
-        rows: Indices,
-        real: Mu,
-    ) -> float:
+    def _predict_coverage(self, pool: Mu, p: Floats, rows: Indices, real: Mu) -> float:
         covered = []
         for _ in range(_DRAWS):
             samples = self.rng.choice(rows, _SAMPLES, replace=False)

@@ -60,9 +60,8 @@ class Rule:
         """Say it as a part of a sentence: `an int from 1 to 100`."""
         rule = f"one of {', '.join(self.choices)}" if self.choices else _NAMES[self.kind]
         if self.low is not None and self.high is not None:
-            low, high = (
-                f"{n:,}" if isinstance(n, int) else f"{n:g}" for n in (self.low, self.high)
-            )
+            ends = self.low, self.high
+            low, high = (f"{n:,}" if isinstance(n, int) else f"{n:g}" for n in ends)
             between = f" between {low} and {high}, both excluded"
             rule += between if self.inside else f" from {low} to {high}"
         if self.max_items:
@@ -82,15 +81,10 @@ def option(
 ) -> T:
     """Declare an option as a field of `Options`: its default and what it may be.
 
-    Args:
-        default: The default; its type is the option's. None allows None beside `kind`. A tuple
-            means a list of items of the type.
-        low: The minimum of a number, or of each number of a tuple.
-        high: The maximum. Choose one that no user will miss and that memory can bear.
-        kind: The type where the default is None.
-        inside: Whether `low` and `high` themselves are refused.
-        choices: The texts allowed; none for any.
-        max_items: The maximum number of items of a tuple.
+    The type is the default's, or `kind` where the default is None, which allows None as well. A
+    tuple means a list of 1 to `max_items` items. A number, or each of a list, lies from `low` to
+    `high`, which are refused themselves with `inside`. Choose a maximum that no user will miss and
+    that memory can bear. A text is one of the `choices`, if there are any.
     """
     several = isinstance(default, tuple)
     kind = kind or type(default[0] if isinstance(default, tuple) else default)
@@ -127,14 +121,7 @@ def choose_options(
     preset: str,
     given: Mapping[str, Any],
 ) -> Chosen:
-    """Return a preset's options and replace some of them.
-
-    Args:
-        adversary: The adversary's name, which error messages name.
-        default: The options where there are no presets.
-        presets: The named sets of options.
-        preset: The name of the preset to start from.
-        given: Single options.
+    """Return a preset's options, or the default where there are none, and replace those given.
 
     Raises:
         ValueError: If the preset or an option is unknown, or a value is bad.

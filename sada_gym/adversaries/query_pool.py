@@ -17,12 +17,9 @@ FALLBACK_SIZE = 100
 
 @dataclass(frozen=True)
 class InducedSet:
-    """The induced set S and the rest of Omega.
+    """The points of the induced set S, (s, d), and those of Omega that do not fool, (n, d).
 
-    Attributes:
-        chosen: (s, d), the points of S, the virtual samples from the fooling distribution.
-        rest: (n, d), the points of Omega that do not fool.
-        fallback: True where no point fooled, and S holds the lowest scores instead.
+    S holds virtual samples from the fooling distribution; the lowest scores where none fooled.
     """
 
     chosen: Mu
@@ -31,11 +28,7 @@ class InducedSet:
 
 
 def evaluate(mu: Mu, oracle: Query) -> Evaluations:
-    """Query the oracle about mu, (n, d).
-
-    Raises:
-        ValueError: If a score is not finite.
-    """
+    """Query the oracle about mu, (n, d); raise `UserError` if a score is not finite."""
     score = np.asarray(oracle(mu), dtype=np.float64)
     if score.shape != (len(mu),) or not np.isfinite(score).all():
         raise UserError(
@@ -53,11 +46,7 @@ def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
 def evaluate_uniform(
     n: int, dimension: int, oracle: Query, rng: np.random.Generator
 ) -> Evaluations:
-    """Query the oracle about n uniform mu (Omega_0 in the paper).
-
-    Raises:
-        ValueError: If n is below 1, or a score is not finite.
-    """
+    """Query the oracle about n uniform mu (Omega_0 in the paper), at least one."""
     if n < 1:
         raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
     return evaluate(draw_uniform(n, dimension, rng), oracle)
@@ -66,13 +55,9 @@ def evaluate_uniform(
 def select_fooling(
     queries: Evaluations, threshold: float, rng: np.random.Generator, *, size: int | None = None
 ) -> InducedSet:
-    """Pick the lowest-scoring points of Omega with Q <= threshold (the paper's inducer).
+    """Pick the s = `size` lowest-scoring points of Omega that fool (the paper's inducer), or all.
 
-    Args:
-        queries: The evaluated pool.
-        threshold: The fooling threshold epsilon.
-        rng: Breaks the ties among equal scores.
-        size: s, the most points to pick; None picks all that fool.
+    The generator breaks ties among equal scores.
     """
     shuffled = rng.permutation(len(queries))
     order = shuffled[np.argsort(queries.score[shuffled], kind="stable")]

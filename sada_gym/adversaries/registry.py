@@ -40,14 +40,7 @@ _PACKAGES = {"cma-mae": "ribs"}
 
 @dataclass(frozen=True)
 class Description:
-    """A row of the table of adversaries.
-
-    Attributes:
-        name: The name on the command line.
-        summary: One sentence about the adversary.
-        presets: The names of its sets of options.
-        options: Its options and their defaults.
-    """
+    """A row of the table of adversaries: the names of the presets, the options' defaults."""
 
     name: str
     summary: str
@@ -63,18 +56,13 @@ def names() -> list[str]:
 def missing_package(name: str) -> str | None:
     """Return the optional package that an adversary needs and that is not installed, if any."""
     package = _PACKAGES.get(name)
-    missing = package is not None and importlib.util.find_spec(package) is None
-    return package if missing else None
+    return None if package is None or importlib.util.find_spec(package) else package
 
 
 def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) -> Adversary:
-    """Make an adversary by its name.
+    """Make an adversary by one of `names()`, or by `module:Class` for one of your own.
 
-    Args:
-        name: One of `names()`, or `module:Class` for an adversary of one's own.
-        dimension: d, the number of semantic parameters.
-        seed: Fixes all randomness; None draws one.
-        options: The adversary's own, `preset` among them where it has presets.
+    Its options are its own, `preset` among them where it has presets. See `Adversary`.
 
     Raises:
         ValueError: If the name, an option or its value is unknown or bad.

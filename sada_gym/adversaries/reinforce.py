@@ -85,7 +85,6 @@ class Reinforce(RLAdversary):
         return all(bool(parameter.isfinite().all()) for parameter in self._parameters.values())
 
     def _log_density(self, points: Tensor) -> Tensor:
-        """Return the mixture's log density at points (n, d), before reflection: (n,)."""
         logits, means, log_deviations = self._parameters.values()
         scaled = (points[:, None] - means) / log_deviations.exp()
         normal = -0.5 * (scaled**2 + math.log(2.0 * math.pi)) - log_deviations

@@ -45,12 +45,7 @@ class RLOptions(Options):
 
 @dataclass(frozen=True)
 class PolicySteps:
-    """The steps that a policy proposes, one row for each meta-episode.
-
-    Attributes:
-        start: The place that the episode starts from, which the policy observes: (n, d) in [-1, 1].
-        action: The step from there, (n, d).
-    """
+    """The steps that a policy proposes, (n, d), and where they start, which the policy observes."""
 
     start: Floats
     action: Floats
@@ -152,14 +147,7 @@ def failure_rewards(
     missed so far, these included, whose score is above its own (half of the equal ones count). So
     only the order of scores matters. Where a query fooled, `dissimilarity` times its `novelties` is
     added (Corso et al. 2019, "Adaptive stress testing with reward augmentation for autonomous
-    vehicle validation").
-
-    Args:
-        asked: The rollout's queries.
-        seen: All queries before it.
-        threshold: The fooling threshold.
-        rank: The highest reward of a query that did not fool.
-        dissimilarity: The weight of the bonus.
+    vehicle validation"). The queries before the rollout are `seen`.
     """
     fooled = asked.fooled(threshold)
     known = seen + asked

@@ -186,8 +186,8 @@ class OffPolicyOptions(SB3Options):
     """The options that `sac` and `td3` share, beside those of `SB3Options`.
 
     Attributes:
-        updates: Number of steps of Adam for each query.
-        batch: Number of queries in a step of Adam.
+        updates: Steps of Adam for each query.
+        batch: Queries in a step of Adam.
     """
 
     updates: float = option(0.5, 0, 100, inside=True)
@@ -225,7 +225,6 @@ class SACOptions(OffPolicyOptions):
     """The options of `sac`, beside those of `OffPolicyOptions`.
 
     Attributes:
-        dissimilarity: The weight of the bonus for failures far from those already found.
         entropy: The temperature: the reward for each nat of the policy's entropy.
     """
 

@@ -41,10 +41,8 @@ class SVM(Selection):
     packages = ("scikit-learn",)
 
     def _fit(self, queries: Evaluations) -> None:
-        x, label = (
-            _UNIT_VARIANCE * queries.mu.astype(np.float64),
-            np.digitize(queries.score, _EDGES),
-        )
+        x = _UNIT_VARIANCE * queries.mu.astype(np.float64)
+        label = np.digitize(queries.score, _EDGES)
         self._classes = np.unique(label)
         self._gamma = 0.0
         self._vectors = np.zeros((0, self.dimension))

@@ -12,14 +12,7 @@ from sada_gym.parameters import Mu
 
 
 class TrainingLog:
-    """Writes losses, and histograms and a scatter plot of samples.
-
-    Args:
-        folder: The folder that TensorBoard will read.
-
-    Raises:
-        ModuleNotFoundError: If tensorboard is not installed.
-    """
+    """Writes losses, and histograms and a scatter plot of samples; it needs tensorboard."""
 
     def __init__(self, folder: str | Path) -> None:
         self._prefix = ""

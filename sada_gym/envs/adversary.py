@@ -101,14 +101,7 @@ class AdversaryVectorEnv(LockstepVectorEnv[Floats32]):
 
     It equals `SyncVectorEnv` of `AdversaryEnv` with `AutoresetMode.SAME_STEP`, see
     `LockstepVectorEnv`, but for one thing: an autoreset evaluates nothing and leaves what `render`
-    draws, the last evaluation, in place.
-
-    Args:
-        application: The black box under attack, as `AdversaryEnv` takes it.
-        num_envs: Number of environments.
-        horizon: Proposals in one episode.
-        render_mode: `"rgb_array"` makes `render` give a frame of each environment.
-        **keywords: The application's own, where its class is given.
+    draws, the last evaluation, in place. Arguments are those of `AdversaryEnv`, and `num_envs`.
     """
 
     metadata: dict[str, Any] = {**AdversaryEnv.metadata, **SAME_STEP}  # noqa: RUF012
@@ -169,13 +162,14 @@ class _Evaluations(Proposals):
         return batch, outcomes.score, outcomes.infos
 
     def render(self, which: Indices) -> list[Frame]:
-        return [self._draw(self._shown[i]) for i in which.tolist()]
-
-    def _draw(self, shown: tuple[Floats32, int] | None) -> Frame:
-        if shown is None:
-            raise ResetNeeded("Expected reset() before render(): there is no world yet.")
-        with isolated_rng(self._application):
-            return self._application.render(*shown)
+        frames = []
+        for i in which.tolist():
+            shown = self._shown[i]
+            if shown is None:
+                raise ResetNeeded("Expected reset() before render(): there is no world yet.")
+            with isolated_rng(self._application):
+                frames.append(self._application.render(*shown))
+        return frames
 
     def close(self) -> None:
         self._application.close()
@@ -184,7 +178,6 @@ class _Evaluations(Proposals):
 def _made(
     application: Application | type[Application] | str, keywords: Mapping[str, Any]
 ) -> Application:
-    """Return the application that an environment is built around, made where it is not yet."""
     named = load(application) if isinstance(application, str) else application
     if isinstance(named, Application):
         if keywords:

@@ -14,14 +14,9 @@ MAX_TILE = 1_024
 
 
 def check_tile(tile: Any, network: str) -> int:
-    """Return a tile as an int.
+    """Return the number of images in one call of a network, an int from 1 to `MAX_TILE`.
 
-    Args:
-        tile: The number of images in one call of a network.
-        network: The network's name in messages, such as `detector`.
-
-    Raises:
-        UserError: If it is no int from 1 to `MAX_TILE`.
+    Raise `UserError` for anything else; `network` is its name there, such as `detector`.
     """
     whole = isinstance(tile, int | np.integer) and not isinstance(tile, bool)
     if not whole or not 1 <= tile <= MAX_TILE:
@@ -33,14 +28,9 @@ def check_tile(tile: Any, network: str) -> int:
 
 
 def check_evaluation_mode(network: Any, kind: str) -> None:
-    """Check that no part of a network is in training mode.
+    """Raise `UserError` if a part of a network is in training mode; messages call it `kind`.
 
-    Args:
-        network: A torch module, or anything else, whose attribute `training` is checked.
-        kind: The network's name in messages, such as `detector`.
-
-    Raises:
-        UserError: If it is in training mode.
+    Of anything but a torch module the attribute `training` is checked.
     """
     import torch
 
@@ -55,20 +45,15 @@ def check_evaluation_mode(network: Any, kind: str) -> None:
 
 
 def check_number(name: str, given: Any, low: float, high: float) -> None:
-    """Check that an argument is a number in a range.
-
-    Raises:
-        ValueError: If it is not a number from low to high.
-    """
+    """Raise `UserError` if an argument is not a number from low to high."""
     if not is_number(given) or not low <= given <= high:
         raise UserError(f"Expected {name} from {low:g} to {high:g}, got {given!r}.")
 
 
 def check_range(name: str, given: Any, low: float, high: float) -> None:
-    """Check that an argument is a tuple of two numbers; ints if low and high are ints.
+    """Raise `UserError` if an argument is no tuple of two numbers in order, from low to high.
 
-    Raises:
-        ValueError: If it is not a tuple of two such numbers in order.
+    They must be ints if low is one.
     """
     whole = isinstance(low, int)
     if (
@@ -84,23 +69,16 @@ def check_range(name: str, given: Any, low: float, high: float) -> None:
 
 
 def bounded(low: float, high: float, default: Any = None) -> Any:
-    """Return a dataclass field whose range `check_bounds` checks.
+    """Return a dataclass field whose range, low to high, `check_bounds` checks.
 
-    Args:
-        low: The least value.
-        high: The greatest value.
-        default: A number, the middle of the range by default, or a tuple of two, see `check_range`.
+    The default is a number, by default the middle, or a tuple of two, see `check_range`.
     """
     middle = (low + high) / 2 if default is None else default
     return field(default=middle, metadata={"bounds": (low, high)})
 
 
 def check_bounds(settings: Any) -> None:
-    """Check all `bounded` fields of a dataclass's object.
-
-    Raises:
-        ValueError: If one is outside of its range.
-    """
+    """Raise `UserError` if a `bounded` field of a dataclass's object is outside its range."""
     for setting in fields(settings):
         if "bounds" in setting.metadata:
             check = check_range if isinstance(setting.default, tuple) else check_number
@@ -108,11 +86,7 @@ def check_bounds(settings: Any) -> None:
 
 
 def check_kind(name: str, given: Any, kind: type[Any]) -> None:
-    """Check that an argument is an object of a class.
-
-    Raises:
-        ValueError: If its class is another one.
-    """
+    """Raise `UserError` if an argument is not an object of a class."""
     if not isinstance(given, kind):
         raise UserError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
 

@@ -30,9 +30,6 @@ def collapse_flag(mu: npt.ArrayLike) -> str | None:
     and more), and above what a GAN that collapsed draws (0.0002 to 0.05). A sample of a few
     separate points is not called collapsed; `coverage` shows that.
 
-    Args:
-        mu: The samples, (n, d) in [-1, 1].
-
     Raises:
         ValueError: If mu is no array of shape (n, d) of finite numbers.
     """

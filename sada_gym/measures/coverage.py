@@ -18,7 +18,6 @@ NEAREST = 5
 DRAWS = 20
 """The number of times that the reference points are drawn anew."""
 
-
 _BLOCK = 2**22  # distances held at once: 32 MiB
 
 
@@ -26,11 +25,9 @@ _BLOCK = 2**22  # distances held at once: 32 MiB
 class DensityCoverage:
     """How samples lie among reference points.
 
-    Attributes:
-        density: The mean number of reference points' neighbourhoods that a sample lies in, over k.
-            It is about 1 where both have one distribution, and above 1 where samples crowd dense
-            places.
-        coverage: The share of the reference points with a sample in their neighbourhood.
+    The density is the mean number of reference points' neighbourhoods that a sample lies in, over
+    k: about 1 where both have one distribution, above 1 where samples crowd dense places. The
+    coverage is the share of the reference points with a sample in their neighbourhood.
     """
 
     density: float
@@ -39,12 +36,7 @@ class DensityCoverage:
 
 @dataclass(frozen=True)
 class FoolingCoverage(DensityCoverage):
-    """How the samples that fool lie in the fooling set; means over draws of reference points.
-
-    Attributes:
-        points: The number of reference points in each draw.
-        draws: The number of draws.
-    """
+    """How the samples that fool lie in the fooling set: means over draws of so many points each."""
 
     points: int
     draws: int
@@ -58,10 +50,7 @@ def density_and_coverage(
     The neighbourhood of a real point is the open ball that reaches to its k-th nearest other real
     point. Where more than k real points coincide it is empty: they are never covered.
 
-    Args:
-        real: The reference points, (n, d) with n > k.
-        fake: The samples, (m, d); no samples give zeros.
-        k: The number of the neighbour that sets the radius.
+    The reference points are (n, d) with n > k, the samples (m, d); no samples give zeros.
 
     Raises:
         ValueError: If the shapes do not fit, or there are too few reference points.
@@ -93,13 +82,8 @@ def fooling_coverage(
     than M points is taken whole: its coverage is then higher by nature, and comparable when divided
     by that of ideal samples.
 
-    Args:
-        samples: The test samples, (M, d).
-        fooled: Which of them fooled the agent, (M,) bool.
-        fooling_set: Floats known to fool, (R, d) with R > k, uniform in the true fooling set.
-        seed: The seed of the draws.
-        draws: The number of draws.
-        k: The number of the neighbour that sets a point's radius.
+    `fooled`, (M,) bool, says which test samples, (M, d), fooled the agent. The points known to
+    fool, (R, d) with R > k, are uniform in the true fooling set.
 
     Raises:
         ValueError: If the shapes do not fit, there are no samples, or too few points.
@@ -126,12 +110,7 @@ def expected_coverage(real: int, fake: int, k: int = NEAREST) -> float:
 
     1 - (n-1)...(n-k) / ((m+n-1)...(m+n-k)) for n real and m fake points, whatever the distribution,
     as long as it has no ties (Naeem et al. 2020, lemma 2): a point is uncovered where its k nearest
-    among all others are all real.
-
-    Args:
-        real: The number n of reference points, more than k.
-        fake: The number m of samples, at least 0.
-        k: The number of the neighbour that sets the radius.
+    among all others are all real. n must be above k.
     """
     _check_k(real, k)
     if fake < 0:

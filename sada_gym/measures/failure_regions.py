@@ -34,12 +34,9 @@ _OCTANTS = 8
 
 
 class Condition(Strict):
-    """A range of one parameter, or several ranges.
+    """One or more ranges of a parameter, (low, high) in physical values; any of them will do.
 
-    Attributes:
-        parameter: The parameter's name.
-        ranges: (low, high) in physical values; any of them will do.
-        text: The condition as people say it, such as `camera pitch is above 35°`.
+    The text is the condition as people say it, such as `camera pitch is above 35°`.
     """
 
     parameter: str
@@ -51,7 +48,6 @@ class FailureRegions(Strict):
     """Where the agent fails.
 
     Attributes:
-        sentence: The finding in one sentence.
         conditions: The conditions that hold for most failures, the strongest first; none where
             failures are too few, or no range stands out.
         share: The share of the failures for which all conditions hold; None without any.
@@ -72,11 +68,7 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     (1997). A range counts if n KL(p, v) >= log(tests / ALPHA), where p of n failures and v of
     uniform worlds lie in it: by Chernoff's bound and the sum over all tests, that happens with a
     chance of at most ALPHA where failures are uniform. An adversary that found one kind of failure
-    shows that kind only.
-
-    Args:
-        space: The parameters.
-        failures: (n, d), the mu of the samples that fooled the agent. Repeated rows count once.
+    shows that kind only. Failures, (n, d), are the mu that fooled; repeated rows count once.
 
     Raises:
         ValueError: If the failures are not as described.
@@ -147,18 +139,13 @@ class _Grid:
 
 @dataclass(frozen=True)
 class _Finding:
-    """A set of cells in which failures crowd."""
-
     grid: _Grid
     cells: Bools  # (k,)
-    uniform: float  # the share of uniform worlds in it
+    uniform: float  # the share of uniform worlds in the cells
 
 
 def _strongest(
-    space: ParameterSpace,
-    values: Floats,
-    among: Bools,
-    findings: dict[int, _Finding],
+    space: ParameterSpace, values: Floats, among: Bools, findings: dict[int, _Finding]
 ) -> tuple[int, _Finding, Bools] | None:
     open_ = [index for index in range(len(space)) if index not in findings]
     best, best_ratio = None, 0.0
@@ -213,7 +200,6 @@ def _grid(parameter: Parameter) -> _Grid:
 
 
 def _cells(parameter: Parameter, grid: _Grid, values: Floats) -> Indices:
-    """Say in which cell of the grid values lie: (n,)."""
     if parameter.directions:
         values = values % 360.0
     return np.searchsorted(grid.edges[1:-1], values, side="right")
@@ -242,12 +228,10 @@ def _sectors() -> Bools:
 
 
 def _largest_sets(counts: Floats) -> Bools:
-    order = np.argsort(-counts, kind="stable")
-    rank = np.empty(len(counts), np.intp)
-    rank[order] = np.arange(len(counts))
-    return np.array([rank < size for size in range(1, len(counts))], dtype=np.bool_).reshape(
-        -1, len(counts)
-    )
+    rank = np.argsort(np.argsort(-counts, kind="stable"), kind="stable")
+    sizes = np.arange(1, len(counts))
+    largest: Bools = rank < sizes[:, None]
+    return largest
 
 
 def _is_ordered(parameter: Parameter) -> bool:

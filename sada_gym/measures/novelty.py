@@ -21,9 +21,7 @@ class Novelty(Strict):
     """Euclidean distances in [-1, 1]^d from samples to their nearest training queries.
 
     Attributes:
-        median: The median over the samples.
         fifth_percentile: It is near 0 where a twentieth of the samples or more are hardly new.
-        minimum: The smallest distance.
         repeats: Number of samples that are a query, to the last bit of float32.
         ratio: The median over that of ideal samples: about 1 where the samples are as new as the
             truth's, near 0 where they are stored queries, shaken or not. None without ideal
@@ -42,13 +40,10 @@ class Novelty(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Neighbour:
-    """A training query near a sample, drawn in the sample's world.
+    """A training query near a sample, by its row, drawn with the sample's seed.
 
-    Attributes:
-        query: The query's row among the queries.
-        frame: The query's image with the sample's seed.
-        mu_distance: The Euclidean distance in [-1, 1]^d.
-        image_distance: The L2 distance of the whole images, pixels from -1 to 1, as in the paper.
+    Distances are Euclidean: of mu in [-1, 1]^d, and of whole images with pixels from -1 to 1, as in
+    the paper.
     """
 
     query: int
@@ -64,14 +59,9 @@ class Neighbour:
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """A sample and the training queries nearest to it.
+    """A sample, (d,), and the training queries nearest to it, in mu and, of those drawn, as images.
 
-    Attributes:
-        mu: The sample, (d,) float32.
-        seed: The evaluation seed of all three images: shape and place are the same.
-        frame: The sample's image.
-        in_mu: The query nearest in mu.
-        in_image: The query nearest in image space among those that were drawn.
+    All three images have one evaluation seed: shape and place are the same.
     """
 
     mu: Floats32
@@ -104,15 +94,11 @@ def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
 def relative_novelty(
     samples: npt.ArrayLike, ideal: npt.ArrayLike, queries: npt.ArrayLike
 ) -> Novelty:
-    """Compare the novelty of an adversary's samples with that of ideal samples.
+    """Compare the novelty of an adversary's samples, (m, d), with that of ideal ones, (l, d).
 
-    Ideal samples say how near the queries any good sample must lie: a thorough search leaves no
-    place that is far from all of them.
-
-    Args:
-        samples: The adversary's samples, (m, d).
-        ideal: Samples that are uniform in the true fooling set, (l, d), independent of the queries.
-        queries: The adversary's training queries, (n, d).
+    Ideal samples are uniform in the true fooling set and independent of the queries, (n, d). They
+    say how near the queries any good sample must lie: a thorough search leaves no place that is far
+    from all of them.
 
     Raises:
         ValueError: If the shapes do not fit, or the ideal samples are themselves queries.
@@ -142,21 +128,10 @@ def image_neighbours(
 
     The paper's figure "Nearest Neighbor in Training", with two differences. All images beside a
     sample are drawn with the sample's own seed, so that mu alone sets them apart. And the nearest
-    image is looked for among the nearest queries in mu and some random ones.
-
-    Args:
-        application: The application that was attacked.
-        samples: The samples to compare, (m, d), 8 to 16 for a figure.
-        seeds: Their m evaluation seeds.
-        queries: The training queries, (n, d).
-        neighbours: The number of queries nearest in mu to draw, at least 1.
-        others: The number of random other queries to draw.
-        seed: The seed that picks the random queries.
-        frame: The function of mu, (d,), and a seed that draws the images; by default
-            `application.observation`.
-
-    Returns:
-        The neighbours of each sample; nothing where the application draws no images.
+    image is looked for among so many `neighbours`, the nearest queries in mu, and `others`, random
+    ones that `seed` picks. Samples are (m, d), 8 to 16 for a figure, with a seed each; queries are
+    (n, d). `frame` draws the image of a mu, (d,), and a seed: by default `application.observation`.
+    Where the application draws no images, nothing is returned.
 
     Raises:
         ValueError: If the arguments do not fit together.

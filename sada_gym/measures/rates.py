@@ -17,14 +17,7 @@ _Z95 = 1.959963984540054  # the standard normal's 97.5 % point
 
 @dataclass(frozen=True)
 class FoolingRate:
-    """The attack fooling rate (AFR): the share of samples with Q <= epsilon.
-
-    Attributes:
-        fooled: The number of samples that fooled the agent.
-        samples: The number of samples.
-        rate: The share of samples that fooled the agent.
-        low, high: The ends of its 95 % interval.
-    """
+    """The attack fooling rate (AFR): the share of samples with Q <= epsilon, its 95 % interval."""
 
     fooled: int
     samples: int
@@ -91,14 +84,10 @@ def mu_std(mu: npt.ArrayLike) -> float:
 
 
 def nearest_neighbours(samples: npt.ArrayLike, queries: npt.ArrayLike) -> tuple[Floats, Indices]:
-    """Find each sample's nearest training query; distances are near 0 if an adversary memorises.
-
-    Args:
-        samples: The samples, (n, d).
-        queries: The training queries, (m, d) with m >= 1.
+    """Find the nearest training query, of (m, d), m >= 1, of each sample of (n, d).
 
     Returns:
-        (n,) Euclidean distances in [-1, 1]^d, and (n,) row numbers in `queries`.
+        (n,) Euclidean distances, near 0 if an adversary memorises, and (n,) rows of `queries`.
     """
     from scipy.spatial import cKDTree
 

@@ -29,23 +29,15 @@ from sada_gym.parameters import Mu
 FOLDER = Path(__file__).parents[1] / "references"
 INDEX = "index.json"
 
-_STREAM_SEED = 0
-_SPLIT_SEED = 0
+_STREAM_SEED = _SPLIT_SEED = 0
 
 
 class ReferenceEntry(Strict):
     """A row of the index of reference sets: what one of them was made of.
 
-    Attributes:
-        track: The environment's id.
-        agent: The agent's name.
-        version: The environment's version.
-        fingerprint: The application's fingerprint: the agent's SHA-256.
-        points: The number of points.
-        seeds: The number of evaluations of each point.
-        sobol_seed: The seed that makes the points, see `reference_mu`.
-        mu_sha256: The SHA-256 of the points' float32 bytes.
-        sha256: The SHA-256 of the file.
+    The version is the environment's, the fingerprint the application's: the agent's SHA-256.
+    `seeds` is the number of evaluations of each point; `sobol_seed` makes the points, see
+    `reference_mu`. The SHA-256 are those of the points' float32 bytes, and of the file.
     """
 
     track: str
@@ -72,13 +64,9 @@ class ReferenceIndex(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A dense sample of the box, each point evaluated on several seeds.
+    """A dense sample of the box: scrambled Sobol points, each evaluated on `entry.seeds` seeds.
 
-    Attributes:
-        entry: The set's row of the index.
-        mu: The scrambled Sobol points, (n, d) float32.
-        fooled: The number of seeds, of `entry.seeds`, on which each point fooled, (n,) uint8.
-        mean_score: The mean Q of each point, (n,) float32.
+    `fooled`, (n,), says on how many seeds a point fooled, `mean_score`, (n,), what its mean Q is.
     """
 
     entry: ReferenceEntry
@@ -146,12 +134,7 @@ def write_reference(
 ) -> ReferenceEntry:
     """Write the reference set of a track's application and enter it into the folder's index.
 
-    Args:
-        folder: The folder of the reference sets.
-        track: The environment's id.
-        application: The application that was evaluated.
-        scores: Q of each point on each of its k seeds, (n, k).
-        sobol_seed: The seed that made the points.
+    The scores, (n, k), are Q of each point on each of its k seeds.
 
     Raises:
         ValueError: If the application has no fingerprint, or a score is no number.
@@ -192,11 +175,7 @@ def write_reference(
 
 
 def read_index(folder: str | Path = FOLDER) -> ReferenceIndex:
-    """List the reference sets that a folder holds.
-
-    Raises:
-        FileError: If the index cannot be read.
-    """
+    """List the reference sets that a folder holds; raise `FileError` if it cannot be read."""
     folder = Path(folder)
     path = folder / INDEX
     with file_errors("read", folder):

@@ -20,10 +20,9 @@ from sada_gym.measures.coverage import (
 
 
 class SearchPoint(Strict):
-    """A point of an anytime curve.
+    """A point of an anytime curve, after so many queries.
 
     Attributes:
-        queries: The number of queries spent.
         found: The number of distinct mu among them that fooled. A repeated question finds nothing.
         share: The share of the queries that fooled.
         coverage: The share of the fooling set's points that have a found mu in their neighbourhood,
@@ -51,13 +50,9 @@ def anytime(
     compares searches on one set; `expected_coverage(R, found)` is what as many mu drawn from the
     truth would reach.
 
-    Args:
-        queries: The queries in the order of asking, (N, d); they are rounded to float32.
-        scores: Q of each query, (N,).
-        threshold: The fooling threshold epsilon.
-        fooling_set: Points known to fool, (R, d) with R > k, or None where none is known.
-        checkpoints: Increasing numbers of queries, from 1 to N.
-        k: The number of the neighbour that sets the radius of a point's neighbourhood.
+    Queries, (N, d), are in the order of asking and are rounded to float32; scores are (N,).
+    Checkpoints are increasing numbers of queries, from 1 to N. The set is (R, d) with R > k, or
+    None where no point is known to fool.
 
     Raises:
         ValueError: If an argument is not as described.
@@ -89,12 +84,7 @@ def anytime(
     )
 
 
-def _coverage(
-    found: Floats32,
-    counts: Indices,
-    fooling_set: npt.ArrayLike,
-    k: int,
-) -> list[float]:
+def _coverage(found: Floats32, counts: Indices, fooling_set: npt.ArrayLike, k: int) -> list[float]:
     reference, fooling = validate_points(fooling_set, found, k)
     radii = neighbourhood_radii(reference, k)
     nearest = np.full(len(reference), np.inf)

@@ -18,19 +18,15 @@ Interval = tuple[float, float]
 Statistic = Literal["mean", "iqm"]
 Resampled = Literal["seeds", "test samples", "seeds and test samples", "nothing"]
 
-
 _TRIMMED = {"mean": 0.0, "iqm": 0.25}  # cut off at either end
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A statistic of many runs and how far it can be trusted.
+    """A statistic of many runs and its bootstrap interval, None where nothing could be resampled.
 
-    Attributes:
-        value: The statistic.
-        interval: Its bootstrap interval; None where nothing could be resampled.
-        resampled: What was drawn anew. With one seed a track it is the test samples at best. The
-            interval then does not show how another training run would have turned out.
+    With one seed a track the test samples are drawn anew at best. The interval then does not show
+    how another training run would have turned out.
     """
 
     value: float
@@ -40,14 +36,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Standing:
-    """An adversary's place in a table.
+    """An adversary's figure, its interval where that is known, and its rank in a table.
 
-    Attributes:
-        name: The adversary's name.
-        value: The adversary's figure.
-        interval: The figure's interval; None where it is unknown.
-        rank: The rank, 1 for the best; None for a control.
-        label: The rank as tables show it: `1`, `1=` where it is shared, `-` for a control.
+    The best has rank 1, a control none. Tables show the label: `1`, `1=` where the rank is shared,
+    `-` for a control.
     """
 
     name: str
@@ -58,12 +50,9 @@ class Standing:
 
 
 def interquartile_mean(values: npt.ArrayLike) -> float:
-    """Average the middle half of all values (Agarwal et al., NeurIPS 2021).
+    """Average the middle half of all values, of any shape (Agarwal et al., NeurIPS 2021).
 
     A quarter, rounded down, is cut off at either end; of three values or fewer it is the mean.
-
-    Args:
-        values: The figures of all tracks' runs, of any shape.
 
     Raises:
         ValueError: If there are none, or one is not finite.
@@ -98,16 +87,11 @@ def estimate(
     alone would make them, the test samples are resampled instead: the track's rate is drawn from
     its Jeffreys posterior, the Beta(x + 1/2, N - x + 1/2) of x fooled among N samples of all seeds.
 
-    Args:
-        values: One figure for each run, (tracks, seeds).
-        statistic: The mean or the interquartile mean of all runs.
-        samples: M where the values are rates among M test samples, as AFR is: one number, or one
-            for each track. None where they are anything else, such as coverage.
-        draws: For figures that are no plain rates: what each track's mean could have been with
-            other test samples, (tracks, resamples). They stand in for the posterior of a rate.
-        seed: The seed of the resampling.
-        resamples: The number of resamples.
-        level: The interval's nominal coverage.
+    Values are one figure for each run, (tracks, seeds); `level` is the interval's nominal coverage.
+    `samples` is M where the values are rates among M test samples, as AFR is: one number, or one
+    for each track; None where they are anything else, such as coverage. `draws` are for figures
+    that are no plain rates: what each track's mean could have been with other test samples,
+    (tracks, resamples). They stand in for the posterior of a rate.
 
     Raises:
         ValueError: If an argument is not as described.
@@ -145,13 +129,8 @@ def shared_ranks(
     An adversary's rank is 1 + the number of adversaries whose interval lies entirely above its
     own, but never better than that of an adversary with a higher value: a wide interval
     wins no rank. Shared ranks are not transitive: with A over B over C, where only the intervals
-    of A and C are apart, A and B share rank 1 and C has rank 2.
-
-    Args:
-        values: A figure for each adversary; higher is better.
-        intervals: The intervals (low, high) of the figures. An unknown one is None and overlaps
-            with all others.
-        controls: Names that stand in the table without a rank and count for nobody's.
+    of A and C are apart, A and B share rank 1 and C has rank 2. An unknown interval, None, overlaps
+    with all others. Controls stand in the table without a rank and count for nobody's.
 
     Returns:
         The standings of all adversaries, the highest value first.
@@ -185,7 +164,6 @@ def shared_ranks(
 
 
 def _varies_as_samples_do(runs: Floats, counts: Floats | None, means: Floats | None) -> Bools:
-    """Tell in which tracks the test samples explain all differences between seeds, (tracks,)."""
     tracks, seeds = runs.shape
     spread = runs.var(axis=1, ddof=1) if seeds > 1 else np.zeros(tracks)
     if means is not None:
@@ -204,7 +182,6 @@ def _resample(
     resamples: int,
     rng: np.random.Generator,
 ) -> Floats:
-    """Draw seeds, or rates from their posterior: (resamples, tracks, max(seeds - 1, 1))."""
     tracks, seeds = runs.shape
     chosen = rng.integers(seeds, size=(resamples, tracks, max(seeds - 1, 1)))
     drawn = np.take_along_axis(runs[None], chosen, axis=2)
@@ -243,7 +220,6 @@ def _validate_draws(draws: npt.ArrayLike, shape: tuple[int, int]) -> Floats:
 
 
 def _validate_counts(samples: int | npt.ArrayLike, runs: Floats) -> Floats:
-    """Return M of each track, (tracks,)."""
     given = as_array(samples, "samples").astype(np.float64)
     if given.shape not in {(), (len(runs),)} or not (given >= 1).all():
         raise UserError(

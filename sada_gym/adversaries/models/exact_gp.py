@@ -30,12 +30,8 @@ _ITERATIONS = 50
 class Kernel:
     """k(a, b) = signal * exp(-r), r the distance of a / length_scales and b / length_scales.
 
-    The Matern kernel with nu = 1/2 (Rasmussen & Williams 2006, equation 4.18), with noise beside.
-
-    Attributes:
-        length_scales: (d,).
-        signal: Variance of the process.
-        noise: Variance of the noise of an observation.
+    The Matern kernel with nu = 1/2 (Rasmussen & Williams 2006, equation 4.18), with (d,) scales,
+    the variance of the process and, beside, that of the noise of an observation.
     """
 
     length_scales: Floats
@@ -54,13 +50,8 @@ class Kernel:
 def log_marginal_likelihood(kernel: Kernel, x: Floats, y: Floats) -> tuple[float, Floats]:
     """Return log p(y | x) and its gradient (Rasmussen & Williams 2006, equations 2.30 and 5.9).
 
-    Args:
-        kernel: The hyper-parameters.
-        x: (n, d).
-        y: (n,), of zero mean.
-
-    Returns:
-        The value, and (d + 2,) its derivatives by the logarithms of length-scales, signal, noise.
+    x is (n, d), y (n,), of zero mean. The derivatives, (d + 2,), are those by the logarithms of
+    length-scales, signal and noise.
     """
     z = x / kernel.length_scales
     distance = cdist(z, z)
@@ -92,9 +83,7 @@ def log_marginal_likelihood(kernel: Kernel, x: Floats, y: Floats) -> tuple[float
 def fit_kernel(x: Floats, y: Floats) -> Kernel:
     """Find the hyper-parameters that maximise the marginal likelihood, by L-BFGS from one start.
 
-    Args:
-        x: (n, d) in [-1, 1]. Each step costs n^3 operations.
-        y: (n,), of zero mean and unit variance.
+    x is (n, d) in [-1, 1], y (n,), of zero mean and unit variance. Each step costs n^3 operations.
     """
     d = x.shape[1]
 

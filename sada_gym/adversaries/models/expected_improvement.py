@@ -20,15 +20,10 @@ _WATCHED = 256
 
 
 def expected_improvement(mean: Floats, deviation: Floats, incumbent: float) -> Floats:
-    """Return how far below the incumbent normal variables are expected to fall: (m,).
+    """Return how far below the incumbent, the least value so far, normal variables (m,) will fall.
 
     Jones, Schonlau & Welch 1998 ("Efficient global optimization of expensive black-box functions"),
-    equation 15.
-
-    Args:
-        mean: (m,).
-        deviation: (m,), positive.
-        incumbent: The least value so far.
+    equation 15. Deviations are positive.
     """
     gap = incumbent - mean
     u = gap / deviation
@@ -52,16 +47,9 @@ class Search:
     replace those of the least expected improvement, which refines the search where it is worth it.
     Of the evaluated points, those of the 256 lowest posterior means stay among the candidates.
 
-    Args:
-        mu: (n, d) float32, what was evaluated before, at least one point.
-        score: (n,) its scores.
-        kernel: The kernel that the fit starts from; None starts at the prior's mode.
-        rng: All randomness.
-        candidates: Number of candidates, a power of two.
-        capacity: The most evaluations, those of `mu` included.
-
-    Attributes:
-        kernel: The fitted kernel.
+    At least one mu, (n, d) float32, was evaluated before. The fit starts from a kernel, or from the
+    prior's mode. The candidates are a power of two, the capacity the most evaluations, those of
+    before included.
     """
 
     def __init__(

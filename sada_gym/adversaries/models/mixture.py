@@ -29,10 +29,8 @@ _TRIAL_POINTS, _FOLDS = 2000, 5
 class Mixture:
     """A mixture of Gaussians with full covariances, which samples within [-1, 1]^d.
 
-    Attributes:
-        weights: (k,), positive, their sum is 1.
-        means: (k, d).
-        factors: (k, d, d), lower Cholesky factors of the covariances.
+    Weights are (k,) and sum to 1, means (k, d), factors (k, d, d): lower Cholesky factors of the
+    covariances.
 
     Raises:
         ValueError: If the shapes do not belong together, or the weights are no probabilities.
@@ -95,7 +93,6 @@ class Mixture:
         """Make a mixture of what `to_arrays` gave; other entries are ignored.
 
         Raises:
-            KeyError: If one is missing.
             ValueError: If the shapes do not belong together, or to points of that dimension.
         """
         mixture = cls(arrays["weights"], arrays["means"], arrays["factors"])
@@ -115,7 +112,6 @@ class Mixture:
         return points
 
     def _log_joint(self, points: Floats) -> Floats:
-        """Return log(weight_k N_k) at points (n, d): (n, k)."""
         joint = np.empty((len(points), len(self.weights)))
         constant = -0.5 * points.shape[1] * np.log(2.0 * np.pi) + np.log(self.weights)
         for k, factor in enumerate(self.factors):
@@ -142,12 +138,9 @@ def fit_mixture(
     OAS rule (Chen, Wiesel, Eldar & Hero 2010). With one component and many points what remains is
     the maximum likelihood.
 
-    Args:
-        points: (n, d), n >= 1; few or identical ones will do.
-        components: The most components; there are no more than distinct points.
-        rng: Starts k-means.
-        weights: (n,), at least 0; None weighs all alike. Only their ratios count; the size of the
-            sample is Kish's effective one.
+    Few or identical points, (n, d), n >= 1, will do; there are no more components than distinct
+    points. Of the weights, (n,), at least 0, only the ratios count; the sample's size is Kish's
+    effective one.
 
     Raises:
         ValueError: If there are no points, or shapes or values are bad.
@@ -164,13 +157,10 @@ def fit_best_mixture(
     *,
     weights: npt.ArrayLike | None = None,
 ) -> Mixture:
-    """Fit mixtures of several sizes and give that with the best cross-validated log likelihood.
+    """Fit mixtures of several sizes; return that with the best cross-validated log likelihood.
 
-    Args:
-        points: (n, d), n >= 1; fewer than two points a fold decide nothing and give the first size.
-        sizes: Numbers of components to try, the first wins ties.
-        rng: Deals the folds and starts k-means.
-        weights: (n,), at least 0; None weighs all alike.
+    The first size wins ties. Fewer than two points a fold decide nothing and give the first size.
+    Points and weights are those of `fit_mixture`.
 
     Raises:
         ValueError: If there are no points or sizes, or shapes or values are bad.
@@ -227,7 +217,7 @@ def _validate(points: npt.ArrayLike, weights: npt.ArrayLike | None) -> tuple[Flo
 
 
 def _covariance(offset: Floats, w: Floats) -> Floats:
-    """Return the weighted covariance of centred points (n, d), shrunk towards a sphere by OAS."""
+    """Shrink the weighted covariance of centred points towards a sphere by OAS."""
     d = offset.shape[1]
     covariance: Floats = (offset * (w / w.sum())[:, None]).T @ offset
     variance = float(np.trace(covariance)) / d
@@ -239,7 +229,6 @@ def _covariance(offset: Floats, w: Floats) -> Floats:
 
 
 def _expectation_maximisation(x: Floats, w: Floats, shares: Floats, prior: Floats) -> Mixture:
-    """Alternate M and E steps from shares (n, k), until the log likelihood settles."""
     before = -np.inf
     for _ in range(_STEPS):
         mixture = _maximise(x, w[:, None] * shares, prior)
@@ -253,7 +242,6 @@ def _expectation_maximisation(x: Floats, w: Floats, shares: Floats, prior: Float
 
 
 def _maximise(x: Floats, shares: Floats, prior: Floats) -> Mixture:
-    """Return the mixture of the posterior mode for weighted shares (n, k)."""
     d = x.shape[1]
     counts = shares.sum(axis=0)
     alive = counts > _MIN_SHARE * counts.sum()

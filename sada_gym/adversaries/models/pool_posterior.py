@@ -40,11 +40,7 @@ def fit_matern(x: AnyFloats, y: Floats, start: Matern | None = None) -> Matern:
     Maximises the marginal likelihood (Rasmussen & Williams 2006, equations 5.8 and 5.9) times the
     prior of the length-scales of Hvarfner, Hellsten & Nardi 2024 ("Vanilla Bayesian optimization
     performs great in high dimensions"), without which few points in many dimensions settle nothing.
-
-    Args:
-        x: The points.
-        y: Their values.
-        start: Where the search starts; None starts at the prior's mode.
+    Without a kernel to start from the search starts at the prior's mode.
     """
     d = x.shape[1]
     mode = 2.0**0.5 - 3.0 + np.log(2.0 * d**0.5)  # the prior is for sides of 1, ours are 2
@@ -72,19 +68,10 @@ class PoolPosterior:
     and V = L^-1 k(observations, pool). So an observation costs one product with V, O(n * pool),
     where an evaluation from scratch costs O(n^3 + n^2 * pool).
 
-    Args:
-        kernel: The covariance.
-        pool: (m, d) candidates.
-        x: (n, d) points observed so far.
-        y: (n,) the values observed there.
-        capacity: The most observations that it will hold, n among them. It takes capacity *
-            (m + capacity) numbers.
-        dtype: The type of L and V. float32 takes half the time and memory of float64.
-
-    Attributes:
-        pool: (m, d).
-        mean: (m,) float64, the posterior mean at each candidate.
-        variance: (m,) float64, the posterior variance of the function (not of an observation).
+    It starts from values y, (n,), at x, (n, d), and will hold `capacity` observations, n among
+    them, in capacity * (m + capacity) numbers for m candidates. L and V of float32 take half the
+    time and memory of float64. Mean and variance, (m,) float64, are the posterior ones of the
+    function (not of an observation) at each candidate.
     """
 
     def __init__(

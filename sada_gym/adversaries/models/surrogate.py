@@ -22,14 +22,7 @@ _JITTER, _BLOCK, _MAX_LEVERAGE = 1e-6, 4_000, 0.999
 class CrossFittedTrees:
     """Gradient-boosted trees, one ensemble a fold; the prediction is their mean.
 
-    Args:
-        x: (n, d) points.
-        y: (n,) values.
-        rng: Splits the folds and seeds the trees.
-
-    Attributes:
-        held_out: (n,) each point's prediction by the ensemble that did not see it.
-        ensembles: The ensembles.
+    `held_out`, (n,), is each point's prediction by the ensemble that did not see it.
     """
 
     def __init__(self, x: Floats, y: Floats, rng: np.random.Generator) -> None:
@@ -60,17 +53,8 @@ class SparseGP:
     """The posterior mean of a Gaussian process that lives on some of its points.
 
     The subset of regressors (Rasmussen & Williams 2006, section 8.3.1): n points in m^2 n
-    operations. It is a ridge regression, so its leave-one-out means cost nothing more.
-
-    Args:
-        x: (n, d) points.
-        y: (n,) values.
-        rng: Picks the regressors, and the points that the kernel's hyper-parameters are fitted to.
-        regressors: The most regressors, m.
-        subset: The most points that the hyper-parameters are fitted to.
-
-    Attributes:
-        held_out: (n,) the mean at each point, learnt from all other points.
+    operations. It is a ridge regression, so its leave-one-out means cost nothing more: `held_out`,
+    (n,). A subset of the points settles the kernel's hyper-parameters.
     """
 
     def __init__(
@@ -128,18 +112,7 @@ class Surrogate:
     dimensions, a Gaussian process smooth ones. A logistic regression of what fooled on both
     predictions, each made without the point itself, weighs them (stacking, Wolpert 1992) and
     calibrates them (Platt 1999). Where fewer than 20 queries fool, the threshold is raised to the
-    20th lowest score, as in the cross-entropy method.
-
-    Args:
-        mu: (n, d), all evaluated points.
-        score: (n,), their scores.
-        threshold: The fooling threshold.
-        rng: All randomness.
-        models: The names of the `MODELS` to use.
-
-    Attributes:
-        raised: Whether the threshold was raised.
-        regressions: The models, which predict ranks.
+    20th lowest score, as in the cross-entropy method: it is `raised`.
     """
 
     def __init__(
