@@ -45,26 +45,13 @@ def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> l
     by_place: dict[tuple[str, str], list[RunSettings]] = {}
     for run in runs:
         by_place.setdefault((run.key.table, run.key.track), []).append(run)
-    return [
-        _of_place(table, track, chosen, took) for (table, track), chosen in sorted(by_place.items())
-    ]
-
-
-def _of_place(
-    table: str, track: str, runs: Sequence[RunSettings], took: dict[tuple[str, ...], list[float]]
-) -> CostEstimate:
-    seconds = []
-    for run in runs:
-        known = next((took[like(run.key)] for like in _LIKE if like(run.key) in took), None)
-        if known is not None:
-            seconds.append(sum(known) / len(known))
-    return CostEstimate(
-        table=table,
-        track=track,
-        runs=len(runs),
-        evaluations=sum(
-            run.experiment.protocol.budget + run.experiment.protocol.samples for run in runs
-        ),
-        core_hours=sum(seconds) / 3600,
-        unknown=len(runs) - len(seconds),
-    )
+    estimates = []
+    for (table, track), chosen in sorted(by_place.items()):
+        keys = [[like(run.key) for like in _LIKE] for run in chosen]
+        known = [next((took[key] for key in likes if key in took), None) for likes in keys]
+        seconds = [sum(times) / len(times) for times in known if times is not None]
+        protocols = [run.experiment.protocol for run in chosen]
+        evaluations = sum(protocol.budget + protocol.samples for protocol in protocols)
+        hours, unknown = sum(seconds) / 3600, len(chosen) - len(seconds)
+        estimates.append(CostEstimate(table, track, len(chosen), evaluations, hours, unknown))
+    return estimates

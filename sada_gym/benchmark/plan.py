@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from sada_gym import adversaries, agents
 from sada_gym.adversaries.base import Adversary
-from sada_gym.benchmark.metadata import metadata_of
-from sada_gym.benchmark.suite import Suite, Table
+from sada_gym.benchmark.suite import ADVERSARIES, Suite, Table
 from sada_gym.errors import UserError
-from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.adversary import AdversarySpec, json_compatible
 from sada_gym.experiment.ideal import IDEAL
 from sada_gym.experiment.packages import packages
 from sada_gym.experiment.record import Experiment, RunSettings
 from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.files import first_error
 from sada_gym.measures.coverage import NEAREST
 from sada_gym.measures.reference import FOLDER
 from sada_gym.parameters import Mu
-from sada_gym.results.models import EntryMetadata, Result
+from sada_gym.results.models import EntryMetadata, Result, entry_name
+
+AUTHORS, LICENCE = ("sada_gym's developers",), "MIT"
+"""Who made the entries of our own adversaries, and the licence of their data."""
 
 _MAX_PLACE = 150
 
@@ -78,15 +84,18 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
         for target, tables in _targets(suite, track, references):
             if target.fooling_set is None:
                 notes.append(_no_reference(target))
+            # each is made once, so that what is wrong with one shows before anything runs
+            solvers = [
+                (label, spec, spec.make(target.dimension, seed=0, ideal_set=target.ideal_set))
+                for label, spec in rows.items()
+                if spec.name != IDEAL or target.ideal_set is not None
+            ]
             runs = [
                 _settings(suite, table, target, label, spec.resolve(), solver)
-                # each is made once, so that what is wrong with one shows before anything runs
-                for label, spec, solver in _solvers(rows, target)
                 for table in tables
+                for label, spec, solver in solvers
                 if table.includes(label)
             ]
-            order = {table.name: i for i, table in enumerate(tables)}
-            runs.sort(key=lambda run: order[run.experiment.protocol.rule])
             groups += [
                 Group(
                     target.target,
@@ -106,12 +115,28 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     return plan
 
 
-def _solvers(
-    rows: Mapping[str, AdversarySpec], target: OpenTarget
-) -> Iterator[tuple[str, AdversarySpec, Adversary]]:
-    for label, spec in rows.items():
-        if spec.name != IDEAL or target.ideal_set is not None:
-            yield label, spec, spec.make(target.dimension, seed=0, ideal_set=target.ideal_set)
+def metadata_of(label: str, adversary: AdversarySpec) -> EntryMetadata:
+    """Write down what the entry of an adversary says of itself.
+
+    Raises:
+        UserError: If its label gives no name for a folder, or its options are no JSON.
+    """
+    ours = ADVERSARIES.get(label) == adversary
+    try:
+        json_compatible(adversary.options)
+        return EntryMetadata(
+            name=entry_name(label),
+            title=label,
+            authors=AUTHORS if ours else (),
+            licence=LICENCE if ours else "",
+            command=shlex.join(["sada-gym", "benchmark", "-a", label]) if ours else "",
+        )
+    except (ValidationError, UserError) as error:
+        reason = first_error(error) if isinstance(error, ValidationError) else str(error)
+        raise UserError(
+            f"Expected an adversary that an entry can describe, got {label!r} ({reason}). Give it "
+            "a short label, and options that can be written as JSON."
+        ) from error
 
 
 def _at_seed(run: RunSettings, seed: int) -> RunSettings:

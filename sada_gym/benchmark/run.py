@@ -87,8 +87,8 @@ def run_benchmark(
         missing = find_missing(entries_folder, plan)
         called.on_start(plan, missing)
         if missing.runs:
-            places = folder.absolute(), entries_folder.absolute()
-            do_runs(plan, missing.runs, *places, workers, executor, called)
+            out, entries = folder.absolute(), entries_folder.absolute()
+            do_runs(plan, missing.runs, out, entries, workers, executor, called)
         called.on_report()
         return report_benchmark(
             folder,

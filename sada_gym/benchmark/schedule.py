@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,12 +62,13 @@ def do_runs(
         for group in plan.groups
         if (runs := deque(run for run in group.runs if id(run) in wanted))
     )
-    with progress_folder(out) as token:
-        schedule = _Schedule(plan, groups, workers, executor, (out, entries), token, callback)
-        try:
-            schedule.do()
-        finally:
-            schedule.close()
+    with (
+        progress_folder(out) as token,
+        closing(
+            _Schedule(plan, groups, workers, executor, out, entries, token, callback)
+        ) as schedule,
+    ):
+        schedule.do()
 
 
 class _Schedule:
@@ -82,12 +84,13 @@ class _Schedule:
         groups: deque[tuple[Group, deque[RunSettings]]],
         workers: int,
         executor: Executor | None,
-        places: tuple[Path, Path],
+        out: Path,
+        entries: Path,
         token: str,
         callback: BenchmarkCallback,
     ) -> None:
         self._plan, self._groups, self._executor = plan, groups, executor
-        self._out, self._entries = places
+        self._out, self._entries = out, entries
         self._token, self._callback = token, callback
         self._places = min(workers, len(groups))
         self._each = max(1, workers // len(groups)) if executor is None else 1
@@ -168,7 +171,13 @@ class _Schedule:
             self._pools.pop(chain.place).close(now=True)
             self._count_death(chain.run, error)
         else:
-            self._keep(chain.group, done)
+            if done.evaluations:  # of a worker that doesn't see the folder
+                path = store_file(self._out, chain.group.target, chain.group.seed)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with EvaluationStore(path) as store:
+                    context = store.context(chain.group.target.application)
+                    for part in done.evaluations:
+                        store.commit(context, part.mu, part.seed.tolist(), part.score)
             add_run(self._entries, self._plan.metadata[chain.run.label], done)
             write_costs(self._out, done)
             self._callback.on_finish(chain.left.popleft(), done.timing)
@@ -176,16 +185,6 @@ class _Schedule:
             self._submit(chain)
         else:
             self._begin_group(chain.place)
-
-    def _keep(self, group: Group, done: RunDone) -> None:
-        """Store what a worker evaluated that doesn't see the folder."""
-        if done.evaluations:
-            path = store_file(self._out, group.target, group.seed)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with EvaluationStore(path) as store:
-                context = store.context(group.target.application)
-                for part in done.evaluations:
-                    store.commit(context, part.mu, part.seed.tolist(), part.score)
 
     def _count_death(self, run: RunSettings, error: Exception) -> None:
         self._deaths[str(run)] += 1

@@ -106,7 +106,7 @@ class Suite(Strict):
     """Everything that one benchmark runs.
 
     Attributes:
-        adversaries: The rows of the tables: the adversaries by label.
+        adversaries: The rows of the tables: the adversaries by label. All of ours by default.
         seeds: The number of seeds on each track, unless `seeds_of` has another one.
         images: The number of samples whose neighbours are compared as images too, on the first
             seed; 0 for none.
@@ -115,7 +115,7 @@ class Suite(Strict):
     name: str
     tracks: tuple[str, ...]
     tables: tuple[Table, ...]
-    adversaries: dict[str, AdversarySpec]
+    adversaries: dict[str, AdversarySpec] = Field(default_factory=lambda: dict(ADVERSARIES))
     seeds: int = Field(default=1, ge=1)
     seeds_of: dict[str, int] = Field(default_factory=dict)
     images: int = Field(default=4, ge=0)
@@ -196,7 +196,6 @@ def _suite_of(card: ApplicationCard, suite: SuiteCard) -> Suite:
         name=suite.name,
         tracks=card.track_ids,
         tables=tuple(_against_the_default(TABLES[name]) for name in suite.tables),
-        adversaries=dict(ADVERSARIES),
         seeds=suite.seeds,
         seeds_of={card.track_id(suffix): seeds for suffix, seeds in suite.seeds_of.items()},
         images=suite.images,
@@ -211,7 +210,6 @@ SUITES: tuple[Suite, ...] = (
         name="quick",
         tracks=tuple(track for track in CLASS_COLUMNS.values() if track in _TABLE_1),
         tables=(_against_the_default(_EQUAL_QUERIES),),
-        adversaries=dict(ADVERSARIES),
     ),
     Suite(
         name="table-1",
@@ -223,7 +221,6 @@ SUITES: tuple[Suite, ...] = (
         name="table-1-columns",
         tracks=_TABLE_1,
         tables=(_against_the_default(_PAPER_BUDGETS),),
-        adversaries=dict(ADVERSARIES),
     ),
     Suite(
         name="agents",
@@ -234,7 +231,6 @@ SUITES: tuple[Suite, ...] = (
             for track in card.track_ids
         ),
         tables=(_OTHER_AGENTS,),
-        adversaries=dict(ADVERSARIES),
         images=0,
     ),
 )
@@ -258,10 +254,9 @@ def find_suite(name: str) -> Suite:
 def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
     """Return the tables of some rules: ours, and a plain one for any other rule."""
     ours = [table for name, table in TABLES.items() if name in rules]
-    unknown = sorted(set(rules) - set(TABLES))
     plain = [
         Table(name=rule, title=rule, note="", budget=Budget(queries=1), agents="all")
-        for rule in unknown
+        for rule in sorted(set(rules) - set(TABLES))
     ]
     return (*ours, *plain)
 
@@ -297,34 +292,25 @@ def choose(
 ) -> Suite:
     """Narrow or change a suite as the command line does; what is not given stays.
 
-    Args:
-        suite: The suite to start from.
-        tracks: Ids of environments.
-        tables: Names of the suite's tables.
-        chosen: The adversaries, each as `find_adversary` takes it.
-        agents: The agents that every table attacks.
-        seeds: The number of seeds on every track.
-        budget: N of every table and adversary; where boosting comes on top it still does.
-        samples: The number of test samples.
-        images: The number of samples whose neighbours are compared as images.
+    `chosen` are adversaries, each as `find_adversary` takes it. The agents, seeds, budget and
+    samples are those of every table and track; where boosting comes on top of the budget it still
+    does.
 
     Raises:
         ValueError: If a table or an adversary is unknown, a track is a file, or a number is out of
             range.
     """
-    for name, value, maximum in (
-        ("seeds", seeds, MAX_SEEDS),
-        ("budget", budget, MAX_QUERIES),
-        ("samples", samples, MAX_QUERIES),
+    for name, value, minimum, maximum in (
+        ("seeds", seeds, 1, MAX_SEEDS),
+        ("budget", budget, 1, MAX_QUERIES),
+        ("samples", samples, 1, MAX_QUERIES),
+        ("images", images, 0, None),
     ):
         if value is not None:
-            check_integer(name, value, 1, maximum)
-    if images is not None:
-        check_integer("images", images, 0)
-    files = [*filter(names_file, tracks)]
-    if files:
+            check_integer(name, value, minimum, maximum)
+    for file in filter(names_file, tracks):
         raise UserError(
-            f"Expected tracks that are ids of environments, got the file {files[0]}. Attack it by "
+            f"Expected tracks that are ids of environments, got the file {file}. Attack it by "
             "sada-gym attack."
         )
     check_known("table", tables, [table.name for table in suite.tables])

@@ -103,10 +103,8 @@ class Target(Strict):
         Raises:
             UserError: If it cannot be opened, or is not the same.
         """
-        if isinstance(environment, str) and names_file(environment):
-            evaluator = Evaluator(environment, workers=workers)
-        elif isinstance(environment, str) or environment is None:
-            evaluator = self._reopened(environment or self.track, workers)
+        if environment is None or _is_id(environment):
+            evaluator = self._reopened(str(environment or self.track), workers)
         else:
             evaluator = Evaluator(environment, workers=workers)
         try:
@@ -184,8 +182,9 @@ class OpenTarget:
             TypeError, ValueError: If it cannot be opened.
         """
         keywords = dict(env_kwargs or {})
-        options: dict[str, Any] = {"chunk_size": chunk_size, "executor": executor}
-        evaluator = _open(environment, keywords, agent, workers=workers, **options)
+        evaluator = _open(
+            environment, keywords, agent, workers=workers, chunk_size=chunk_size, executor=executor
+        )
         try:
             application = evaluator.application
             if application is None:
@@ -195,8 +194,7 @@ class OpenTarget:
                     "an agent to name."
                 )
             # the record does not depend on where a file lies
-            is_id = isinstance(environment, str) and not names_file(environment)
-            track = str(environment) if is_id else ""
+            track = str(environment) if _is_id(environment) else ""
             reference = _find_reference(application, track, keywords, references)
             return cls(Target.of(application, track, reference=reference), evaluator, references)
         except BaseException:
@@ -244,8 +242,9 @@ class OpenTarget:
     def fooling_points(self) -> Mu | None:
         """All points of the reference set that fool, (R, d); None where there are too few."""
         summary, reference = self.target.reference, self.reference
-        usable = reference is not None and summary is not None and summary.usable
-        return reference.fooling_set if usable and reference is not None else None
+        if summary is None or reference is None or not summary.usable:
+            return None
+        return reference.fooling_set
 
     @cached_property
     def _split(self) -> tuple[Mu, Mu] | tuple[None, None]:
@@ -278,6 +277,10 @@ class OpenTarget:
         self.close(now=kind is not None)
 
 
+def _is_id(environment: object) -> bool:
+    return isinstance(environment, str) and not names_file(environment)
+
+
 def _open(
     environment: str | Application,
     keywords: Mapping[str, Any],
@@ -287,7 +290,7 @@ def _open(
     """Open an environment with an agent, which needs no keyword where it is the default."""
     if not isinstance(environment, str) or not agent:
         return Evaluator(environment, env_kwargs=keywords, **options)
-    card = None if names_file(environment) else card_of(environment)
+    card = card_of(environment) if _is_id(environment) else None
     if card is None or agent not in agents.names(card.name)[1:]:
         evaluator = Evaluator(environment, env_kwargs=keywords, **options)
         if evaluator.application is None or evaluator.application.agent_name == agent:
@@ -323,8 +326,7 @@ def _find_reference(
 
 
 def _has_settings(track: str, application: Application) -> bool:
-    evaluator = _open(track, {}, application.agent_name)
-    with closing(evaluator):
+    with closing(_open(track, {}, application.agent_name)) as evaluator:
         other = evaluator.application
         assert other is not None
         return (other.name, other.settings) == (application.name, application.settings)

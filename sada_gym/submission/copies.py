@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.stats import norm
 
 from sada_gym.measures.reference import reference_mu
@@ -43,13 +44,9 @@ def nearness(mu: Mu, points: Mu, *, seed: int = 0) -> Nearness:
     without the shipped points lie as near to the other sets, wherever they lie. One sample counts
     for each nearest point, because samples that crowd around one place all say the same.
 
-    Args:
-        mu: The samples, (n, d) float32 in [-1, 1], n >= 1.
-        points: All points of the reference set, (R, d) float32, whether they fool or not.
-        seed: Fixes the other sets.
+    `mu` is (n, d) float32 in [-1, 1], n >= 1, and `points` are all points of the reference set,
+    (R, d) float32, whether they fool or not. The seed fixes the other sets.
     """
-    from scipy.spatial import cKDTree
-
     tree = cKDTree(points.astype(np.float64))
     distances, nearest = tree.query(mu.astype(np.float64))
     first = np.sort(np.unique(nearest, return_index=True)[1])
@@ -67,16 +64,12 @@ def nearness(mu: Mu, points: Mu, *, seed: int = 0) -> Nearness:
 
 def spacing(points: Mu) -> float:
     """Return the median distance from a point to its nearest other one."""
-    from scipy.spatial import cKDTree
-
     array = points.astype(np.float64)
     return float(np.median(cKDTree(array).query(array[:1_000], k=2)[0][:, 1]))
 
 
 @lru_cache(maxsize=2)
 def _other_sets(count: int, dimension: int, seed: int) -> list[Any]:
-    from scipy.spatial import cKDTree
-
     first = _FIRST_SEED + seed * OTHER_SETS
     sets = (reference_mu(dimension, count, first + i) for i in range(OTHER_SETS))
     return [cKDTree(mu.astype(np.float64)) for mu in sets]

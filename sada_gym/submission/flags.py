@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 from scipy.stats import binomtest, fisher_exact
 
 from sada_gym.evaluations import Evaluations
@@ -186,8 +187,6 @@ def is_near(near: Nearness) -> bool:
 
 def duplicates_flag(evidence: Evidence) -> str | None:
     """Find samples that equal others of the result, or of another entry."""
-    from scipy.spatial import cKDTree
-
     mu = evidence.mu.astype(np.float64)
     # the nearest is the sample itself
     nearest = cKDTree(mu).query(mu, k=2, p=np.inf)[0][:, 1]

@@ -94,7 +94,7 @@ def submit(
     Args:
         runs: Folders that `attack` wrote, of several seeds and tracks, or entries' folders, such as
             a benchmark makes. All are of one adversary with one preset and one set of options.
-        metadata: Who submits it, and what it is called: see `make_metadata`.
+        metadata: See `make_metadata`.
         rule: The rule for the budget. None takes `paper-budgets` for runs, and all of an entry.
         out: The folder of the entries. The results join an existing entry of that name.
         replace: Whether to replace results that the entry already has.

@@ -8,8 +8,7 @@ from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in,
 
 from sada_gym.benchmark.entries import find_missing
 from sada_gym.benchmark.folder import Timing, read_costs, reserve, sole_user
-from sada_gym.benchmark.metadata import metadata_of
-from sada_gym.benchmark.plan import make_plan
+from sada_gym.benchmark.plan import make_plan, metadata_of
 from sada_gym.benchmark.progress import BenchmarkCallback
 from sada_gym.benchmark.run import report_benchmark, run_benchmark
 from sada_gym.benchmark.schedule import do_runs
