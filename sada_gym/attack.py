@@ -142,8 +142,9 @@ def attack(
         )
         with file_errors("make the folder", folder):
             reserved = reserve_folder(folder, settings, resume=resume)
-        finished = read_finished(folder, settings, opened.dimension) if resume else None
-        if finished is None:
+        outcome = read_finished(folder, settings, opened.dimension) if resume else None
+        was_finished = outcome is not None
+        if outcome is None:
             try:
                 opened.evaluator.attach(folder / STORE_FILE)
                 run = Run(
@@ -154,20 +155,17 @@ def attack(
                     ideal_set=opened.ideal_set,
                     on_progress=report_progress,
                 )
-                report = _finish(run, folder)
-                outcome = report, run.samples, run.queries
+                outcome = _finish(run, folder), run.samples, run.queries
             except BaseException:
                 opened.close(now=True)
                 reserved.release()
                 raise
-        else:
-            outcome = finished
         drawn: tuple[Path, ...] = ()
         if pictures:
             drawn = draw_missing(
-                opened.application, *outcome, folder, report_progress, anew=finished is None
+                opened.application, *outcome, folder, report_progress, anew=not was_finished
             )
-    return AttackResult(*outcome, folder, drawn, was_finished=finished is not None)
+    return AttackResult(*outcome, folder, drawn, was_finished)
 
 
 def _finish(run: Run, folder: Path) -> RunReport:

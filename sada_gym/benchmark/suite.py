@@ -217,11 +217,7 @@ SUITES: tuple[Suite, ...] = (
         tables=(_against_the_default(_PAPER_BUDGETS),),
         adversaries=_PAPER_ROWS,
     ),
-    Suite(
-        name="table-1-columns",
-        tracks=_TABLE_1,
-        tables=(_against_the_default(_PAPER_BUDGETS),),
-    ),
+    Suite(name="table-1-columns", tracks=_TABLE_1, tables=(_against_the_default(_PAPER_BUDGETS),)),
     Suite(
         name="agents",
         tracks=tuple(

@@ -131,13 +131,11 @@ def measure(
         )
         density, coverage = ours.density, ours.coverage
         relative = relative_coverage(coverage, truth.coverage) if truth.coverage else None
-    of_samples = None
-    if len(queries):
-        of_samples = (
-            novelty(samples.mu, queries.mu)
-            if ideal is None
-            else relative_novelty(samples.mu, ideal.mu, queries.mu)
-        )
+    distances: Novelty | None = None
+    if len(queries) and ideal is None:
+        distances = novelty(samples.mu, queries.mu)
+    elif len(queries) and ideal is not None:
+        distances = relative_novelty(samples.mu, ideal.mu, queries.mu)
     return Measures(
         afr=rate.rate,
         afr_interval_95=(rate.low, rate.high),
@@ -147,7 +145,7 @@ def measure(
         density=density,
         coverage=coverage,
         relative_coverage=relative,
-        novelty=of_samples,
+        novelty=distances,
         image_novelty=images,
         feasible=feasible,
     )

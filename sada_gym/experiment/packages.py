@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from importlib import metadata
 
 from sada_gym.adversaries.base import Adversary
@@ -39,23 +40,17 @@ def packages(application: Application, adversary: type[Adversary]) -> dict[str, 
     A class of a user's own may name its packages in an attribute `packages`, a tuple of names as
     pip knows them. Without it all the packages count that any of our own needs.
     """
-    names = {
-        *_EVERY_RUN,
-        *_of_application(application),
-        *_of_adversary(adversary),
-    }
+    names = {*_EVERY_RUN, *_of_application(application), *_of_adversary(adversary)}
     versions = {"python": platform.python_version()}
     for name in names:
-        try:
+        with suppress(metadata.PackageNotFoundError):
             versions[name] = version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return in_order(versions)
 
 
 def in_order(versions: Mapping[str, str]) -> dict[str, str]:
     """Sort versions by package: the ones that we know in a fixed order, others by name."""
-    known: Iterable[str] = (name for name in _ORDER if name in versions)
+    known = [name for name in _ORDER if name in versions]
     others = sorted(name for name in versions if name not in _ORDER)
     return {name: versions[name] for name in (*known, *others)}
 

@@ -282,10 +282,7 @@ def _is_id(environment: object) -> bool:
 
 
 def _open(
-    environment: str | Application,
-    keywords: Mapping[str, Any],
-    agent: str | None,
-    **options: Any,
+    environment: str | Application, keywords: Mapping[str, Any], agent: str | None, **options: Any
 ) -> Evaluator:
     """Open an environment with an agent, which needs no keyword where it is the default."""
     if not isinstance(environment, str) or not agent:

@@ -14,7 +14,6 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import ValidationError
 from typing_extensions import Self
@@ -22,14 +21,7 @@ from typing_extensions import Self
 from sada_gym.errors import FileError, UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec
-from sada_gym.files import (
-    file_errors,
-    first_error,
-    read_model,
-    read_toml,
-    write_file,
-    write_model,
-)
+from sada_gym.files import file_errors, first_error, read_model, read_toml, write_file, write_model
 from sada_gym.results.models import (
     FORMAT,
     ClaimedResults,
@@ -139,7 +131,9 @@ class GroupFiles:
             FileError: If the file cannot be read, is of another format, or was edited by hand.
         """
         path = self.claims
-        results = _read(path, ClaimedResults).results
+        content = read_model(path, ClaimedResults)
+        _check_format(path, content.format)
+        results = content.results
         check_ascending(path, "results", [result.experiment.place for result in results])
         for result in results:
             experiment = result.experiment
@@ -163,7 +157,11 @@ class GroupFiles:
         Raises:
             FileError: If the file cannot be read or is of another format.
         """
-        return _read(self.verified, VerifiedResults).results if self.verified.exists() else {}
+        if not self.verified.exists():
+            return {}
+        content = read_model(self.verified, VerifiedResults)
+        _check_format(self.verified, content.format)
+        return content.results
 
     def write(self, results: Iterable[EntryResult]) -> None:
         """Write results; what was verified of other samples is removed.
@@ -264,15 +262,6 @@ def group_files(folder: Path) -> list[GroupFiles]:
             for path in sorted(folder.glob(f"*{CLAIMS}"))
             if not path.name.endswith(VERIFIED) and not path.name.startswith(".")
         ]
-
-
-_Content = TypeVar("_Content", ClaimedResults, VerifiedResults)
-
-
-def _read(path: Path, kind: type[_Content]) -> _Content:
-    content = read_model(path, kind)
-    _check_format(path, content.format)
-    return content
 
 
 def _check_format(path: Path, number: object) -> None:

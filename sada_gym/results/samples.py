@@ -83,11 +83,7 @@ def check_ascending(path: Path, what: str, values: Sequence[Any]) -> None:
 
 
 def _unpack(
-    path: Path,
-    place: str,
-    seeds: npt.NDArray[Any],
-    mu: npt.NDArray[Any],
-    score: npt.NDArray[Any],
+    path: Path, place: str, seeds: npt.NDArray[Any], mu: npt.NDArray[Any], score: npt.NDArray[Any]
 ) -> dict[int, Evaluations]:
     ascending = seeds.tolist()
     count, rest = divmod(len(mu), max(1, len(seeds)))

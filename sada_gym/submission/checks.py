@@ -66,15 +66,9 @@ def check_entry(folder: str | Path, *, submission: bool = True) -> None:
         UserError: If something is wrong; the message names the first fault.
     """
     folder = as_path(folder, "an entry")
-    groups = check_files(folder, submission=submission)
-    metadata = read_metadata(folder)
-    check_metadata(metadata, folder / METADATA_FILE, submission=submission)
-    results = [
-        (files.claims, result)
-        for files in (GroupFiles(folder, group) for group in groups)
-        for result in _check_group(files, submission)
-    ]
-    _check_together(results)
+    groups = [GroupFiles(folder, group) for group in check_files(folder, submission=submission)]
+    check_metadata(read_metadata(folder), folder / METADATA_FILE, submission=submission)
+    _check_together([(g.claims, result) for g in groups for result in _check_group(g, submission)])
 
 
 def find_outdated(experiment: Experiment) -> str | None:
@@ -87,10 +81,8 @@ def find_outdated(experiment: Experiment) -> str | None:
         current = current_experiment(target.track, target.agent, rule, experiment.adversary)
     except UserError as error:
         return shown(str(error))
-    return (
-        shown("; ".join(differences(experiment.at(None).model_dump(), current.model_dump())))
-        or None
-    )
+    changes = differences(experiment.at(None).model_dump(), current.model_dump())
+    return shown("; ".join(changes)) or None
 
 
 def check_files(folder: Path, *, submission: bool) -> list[str]:
@@ -121,15 +113,15 @@ def _measure_file(folder: Path, file: os.DirEntry[str], submission: bool) -> int
     if ending is None:
         only = f"only {METADATA_FILE} and results"
         refuse(f"in {folder}", only, shown(repr(file.name)), "Remove it")
-    status = file.stat(follow_symlinks=False)
+    status, limit = file.stat(follow_symlinks=False), MAX_BYTES[ending]
     if not stat.S_ISREG(status.st_mode):
         got, mend = "a link, a folder or a device", "Put the file itself there"
         refuse(f"in {path}", "a regular file", got, mend)
     if submission and ending == VERIFIED:
         mend = "Remove it; the verifier writes such files"
         refuse("in a submission", "no results of the verifier", path, mend)
-    if status.st_size > MAX_BYTES[ending]:
-        refuse(f"in {path}", f"at most {MAX_BYTES[ending]:,} bytes", f"{status.st_size:,}")
+    if status.st_size > limit:
+        refuse(f"in {path}", f"at most {limit:,} bytes", f"{status.st_size:,}")
     return status.st_size
 
 
@@ -261,13 +253,11 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 def _check_together(results: Sequence[tuple[Path, Result]]) -> None:
-    first_path, first = results[0]
+    first_path, first = results[0][0], results[0][1].experiment
     places: dict[str, Path] = {}
     for path, result in results:
-        check_same_adversary(
-            path, result.experiment.adversary, first_path, first.experiment.adversary
-        )
-        place = result.experiment.place
+        place, adversary = result.experiment.place, result.experiment.adversary
+        check_same_adversary(path, adversary, first_path, first.adversary)
         other = places.setdefault(place, path)
         if other != path:
             refuse(f"in {path.parent}", f"{place} once", f"it in {other} and {path}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import lru_cache
 
 from sada_gym import agents
@@ -66,11 +67,18 @@ def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySp
     Raises:
         UserError: If a name is unknown, or one of our adversaries refuses the options.
     """
-    target, solver = current_target(track, agent), None
+    target = current_target(track, agent)
+    solver: Adversary | None = None
     check_known("rule", [rule], RULES)
     if adversary.is_ours:
         adversary = adversary.resolve()
-        solver = _make(adversary, target)
+        try:
+            with suppress(MissingExtra):
+                solver = adversary.make(target.dimension, seed=0, ideal_set=target.ideal_set)
+        except TypeError as error:
+            raise UserError(
+                f"Expected options that {adversary.name} takes, got others: {error}."
+            ) from error
     elif adversary.resolved is None:
         adversary = adversary.model_copy(update={"resolved": adversary.options})
     return Experiment(
@@ -78,15 +86,3 @@ def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySp
         adversary=adversary,
         protocol=TABLES[rule].protocol(target, adversary, solver),
     )
-
-
-def _make(adversary: AdversarySpec, target: OpenTarget) -> Adversary | None:
-    """Make one of our adversaries, which checks its options; None where a package is missing."""
-    try:
-        return adversary.make(target.dimension, seed=0, ideal_set=target.ideal_set)
-    except MissingExtra:
-        return None
-    except TypeError as error:
-        raise UserError(
-            f"Expected options that {adversary.name} takes, got others: {error}."
-        ) from error

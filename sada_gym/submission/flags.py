@@ -96,6 +96,7 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
     """Find what speaks against a result, by the flags' names; without samples nothing does."""
     if not evidence.seeds:
         return {}
+    sentences: dict[str, str | None] = {}
     checks = {
         "claim": lucky_claim_flag,
         "collapsed": collapsed_flag,
@@ -105,9 +106,12 @@ def find_flags(evidence: Evidence) -> dict[str, str]:
         "worse than random": worse_than_random_flag,
     }
     if evidence.experiment.adversary.name == IDEAL:
-        # this control draws reference points by design, and has no rank
-        checks = {"control": control_flag, "claim": lucky_claim_flag, "constant": constant_flag}
-    sentences = {name: check(evidence) for name, check in checks.items()}
+        # this control draws reference points by design
+        checks = {"claim": lucky_claim_flag, "constant": constant_flag}
+        sentences["control"] = (
+            "this control draws its samples from the reference points, so it has no rank"
+        )
+    sentences |= {name: check(evidence) for name, check in checks.items()}
     return {name: sentence for name, sentence in sentences.items() if sentence is not None}
 
 
@@ -150,12 +154,6 @@ def collapsed_flag(evidence: Evidence) -> str | None:
     sentences = [collapse_flag(seed.samples.mu) for seed in evidence.seeds]
     collapsed = [sentence for sentence in sentences if sentence is not None]
     return f"on {len(collapsed)} of {len(sentences)} seeds {collapsed[0]}" if collapsed else None
-
-
-def control_flag(evidence: Evidence) -> str | None:
-    """Say that the control `ideal` draws reference points."""
-    assert evidence.experiment.adversary.name == IDEAL
-    return "this control draws its samples from the reference points, so it has no rank"
 
 
 def copied_flag(evidence: Evidence) -> str | None:
