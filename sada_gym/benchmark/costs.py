@@ -52,6 +52,13 @@ def estimate_costs(runs: Sequence[RunSettings], costs: Iterable[RunTiming]) -> l
         seconds = [sum(times) / len(times) for times in known if times is not None]
         protocols = [run.experiment.protocol for run in chosen]
         evaluations = sum(protocol.budget + protocol.samples for protocol in protocols)
-        hours, unknown = sum(seconds) / 3600, len(chosen) - len(seconds)
-        estimates.append(CostEstimate(table, track, len(chosen), evaluations, hours, unknown))
+        estimate = CostEstimate(
+            table=table,
+            track=track,
+            runs=len(chosen),
+            evaluations=evaluations,
+            core_hours=sum(seconds) / 3600,
+            unknown=len(chosen) - len(seconds),
+        )
+        estimates.append(estimate)
     return estimates

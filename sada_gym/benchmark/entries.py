@@ -70,10 +70,8 @@ def find_missing(entries: Path, plan: Plan) -> Missing:
 def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
     """Add a finished run to its result, and make the entry and the result where they are missing.
 
-    A result of another experiment is outdated: one with this seed alone takes its place.
-
-    Raises:
-        FileError: If a file cannot be read or written.
+    A result of another experiment is outdated: one with this seed alone takes its place. A file
+    that cannot be read or written is a FileError.
     """
     folder = entries / metadata.name
     with file_errors("make the folder", folder):

@@ -1,6 +1,7 @@
 """The folder of a benchmark: its lock, its stores, and what its runs cost.
 
-The results themselves are entries, see `sada_gym.benchmark.entries`.
+The results themselves are entries, see `sada_gym.benchmark.entries`. A file that cannot be read or
+written is a FileError.
 """
 
 from __future__ import annotations
@@ -78,11 +79,7 @@ def store_file(out: Path, target: Target, seed: int) -> Path:
 
 
 def reserve(out: Path) -> None:
-    """Make a folder a benchmark's own, or find that it is one.
-
-    Raises:
-        ValueError: If it is a file, or holds something else. Nothing is changed then.
-    """
+    """Make a folder a benchmark's own; a ValueError, and no change, if it holds anything else."""
     if out.exists() and not out.is_dir():
         raise UserError(f"Expected a folder for the results, got the file {out}. Name another.")
     if out.exists() and not (out / LOCK_FILE).exists():
@@ -124,11 +121,7 @@ def sole_user(out: Path) -> Iterator[None]:
 
 
 def write_costs(out: Path, done: RunDone) -> None:
-    """Write down what a finished run cost, and keep its picture; neither is part of its result.
-
-    Raises:
-        FileError: If a file cannot be written.
-    """
+    """Write down what a finished run cost, and keep its picture; neither is part of its result."""
     key = done.result.settings.key
     line = json.dumps({**key.model_dump(), **done.timing.model_dump(mode="json")})
     path = out / TIMINGS_FILE
@@ -144,11 +137,7 @@ def write_costs(out: Path, done: RunDone) -> None:
 
 
 def read_costs(out: Path) -> list[RunTiming]:
-    """Read what the runs of a folder cost, the oldest first; lines that were torn are left out.
-
-    Raises:
-        FileError: If the file cannot be read.
-    """
+    """Read what the runs of a folder cost, the oldest first; lines that were torn are left out."""
     path = out / TIMINGS_FILE
     if not path.exists():
         return []

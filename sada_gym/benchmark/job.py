@@ -117,8 +117,7 @@ def _do(job: RunJob, evaluator: Evaluator, on_progress: OnProgress, *, keep: boo
 class _Kept(threading.local):
     """The target of this thread's last run: the next one mostly attacks the same."""
 
-    def __init__(self) -> None:
-        self.opened: tuple[Target, int, OpenTarget] | None = None
+    opened: tuple[Target, int, OpenTarget] | None = None
 
 
 _kept = _Kept()

@@ -82,11 +82,7 @@ class ProgressFile:
         self._written = 0.0
 
     def __call__(self, progress: RunProgress) -> None:
-        """Write the progress, if half a second has passed.
-
-        Raises:
-            Abandoned: If the benchmark has ended.
-        """
+        """Write the progress, if half a second has passed; `Abandoned` if the benchmark ended."""
         if progress.stage in self._stages and time.monotonic() - self._written < _EVERY_S:
             return
         if not can_read(self._out, self._token):

@@ -238,11 +238,7 @@ columns that are single tracks, because 20,000 queries on each track of detectio
 
 
 def find_suite(name: str) -> Suite:
-    """Find a suite by its name.
-
-    Raises:
-        ValueError: If there is none of that name.
-    """
+    """Find a suite by its name; an unknown one is a ValueError."""
     check_known("suite", [name], [suite.name for suite in SUITES])
     return next(suite for suite in SUITES if suite.name == name)
 

@@ -110,11 +110,7 @@ class AdversarySpec(Strict):
 
 
 def name_and_class(adversary: str | type[Adversary]) -> tuple[str, type[Adversary] | None]:
-    """Return an adversary's name, and its class where a user gave that.
-
-    Raises:
-        TypeError: If it is neither.
-    """
+    """Return an adversary's name, and its class where a user gave that; else a TypeError."""
     if isinstance(adversary, str):
         return adversary, None
     if not (isinstance(adversary, type) and issubclass(adversary, Adversary)):
@@ -123,11 +119,7 @@ def name_and_class(adversary: str | type[Adversary]) -> tuple[str, type[Adversar
 
 
 def json_compatible(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Copy an adversary's options as JSON would hold them.
-
-    Raises:
-        TypeError: If they cannot be written as JSON.
-    """
+    """Copy options as JSON would hold them; a TypeError if they cannot be written so."""
     try:
         copied: dict[str, Any] = json.loads(json.dumps(dict(options), allow_nan=False))
     except (TypeError, ValueError) as error:

@@ -25,11 +25,7 @@ def check_same_record(
     new: Mapping[str, object],
     mend: str = "Give the same ones, or name another folder.",
 ) -> None:
-    """Refuse to mix records that differ.
-
-    Raises:
-        ValueError: If they differ; the message names every entry that does.
-    """
+    """Raise a ValueError that names every entry in which two records differ, if any does."""
     changes = differences(old, new)
     if changes:
         raise UserError(f"Expected {expected}, got others: {'; '.join(changes)}. {mend}")

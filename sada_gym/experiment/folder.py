@@ -32,11 +32,7 @@ def write_samples(path: Path, samples: Evaluations) -> None:
 
 
 def read_samples(path: Path) -> Evaluations:
-    """Read test samples that `write_samples` wrote.
-
-    Raises:
-        FileError: If the file cannot be read or does not hold such samples.
-    """
+    """Read test samples that `write_samples` wrote; a FileError if they are damaged."""
     arrays = read_arrays(path, {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)})
     counts = {name: len(array) for name, array in arrays.items()}
     if len(set(counts.values())) > 1:

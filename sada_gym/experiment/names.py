@@ -10,8 +10,7 @@ from sada_gym.cards import ApplicationCard, cards
 from sada_gym.errors import check_known
 from sada_gym.ids import find_spec, names_file
 
-IDEAL = "ideal"
-"""The name of the control that knows the answer."""
+IDEAL = "ideal"  #: The name of the control that knows the answer.
 
 
 def check_spelling(environment: object, adversary: object, env_kwargs: Mapping[str, Any]) -> None:
@@ -32,11 +31,7 @@ def check_spelling(environment: object, adversary: object, env_kwargs: Mapping[s
 
 
 def card_of(env_id: str) -> ApplicationCard | None:
-    """Find the card of an id's application; None where it is none of ours.
-
-    Raises:
-        ValueError: If no such id is registered.
-    """
+    """Find the card of an id's application, None if not ours; a ValueError for an unknown id."""
     application = find_spec(env_id).kwargs.get("application")
     return next((card for card in cards() if card.application == application), None)
 

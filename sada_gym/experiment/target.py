@@ -203,11 +203,7 @@ class OpenTarget:
 
     @property
     def evaluator(self) -> Evaluator:
-        """What scores the application.
-
-        Raises:
-            RuntimeError: If the target is closed.
-        """
+        """What scores the application; a RuntimeError if the target is closed."""
         if self._evaluator is None:
             raise RuntimeError(f"{self.target} is closed.")
         return self._evaluator

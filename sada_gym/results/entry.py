@@ -5,7 +5,8 @@
     NAME/APPLICATION.npz                the test samples
     NAME/APPLICATION.verified.json      what the verifier found
 
-Training queries are no part of it. Nothing in an entry is ever executed or unpickled.
+Training queries are no part of it. Nothing in an entry is ever executed or unpickled. A file that
+cannot be read or written is a FileError.
 """
 
 from __future__ import annotations
@@ -110,10 +111,7 @@ class GroupFiles:
     def read(self) -> dict[str, EntryResult]:
         """Read the results, by place, without seeds that lack claims or samples.
 
-        There are none where the files are missing.
-
-        Raises:
-            FileError: If a file cannot be read.
+        There are none where the files are missing. A file that cannot be read is a FileError.
         """
         if not self.claims.exists():
             return {}
@@ -125,11 +123,7 @@ class GroupFiles:
         }
 
     def read_claims(self) -> tuple[Result, ...]:
-        """Read what the results claim.
-
-        Raises:
-            FileError: If the file cannot be read, is of another format, or was edited by hand.
-        """
+        """Read the claims; a FileError if they are of another format, or were edited by hand."""
         path = self.claims
         content = read_model(path, ClaimedResults)
         _check_format(path, content.format)
@@ -152,11 +146,7 @@ class GroupFiles:
         return results
 
     def read_verified(self) -> dict[str, Verified]:
-        """Read what the verifier found, by the place of the result; nothing without the file.
-
-        Raises:
-            FileError: If the file cannot be read or is of another format.
-        """
+        """Read what the verifier found, by the place of the result; nothing without the file."""
         if not self.verified.exists():
             return {}
         content = read_model(self.verified, VerifiedResults)
@@ -223,22 +213,14 @@ class Entry:
 
 
 def read_entry(folder: Path) -> Entry:
-    """Read an entry; `sada_gym.submission.checks` finds what is wrong with its contents.
-
-    Raises:
-        FileError: If a file cannot be read.
-    """
+    """Read an entry; `sada_gym.submission.checks` finds what is wrong with its contents."""
     metadata, groups = read_metadata(folder), group_files(folder)
     results = {place: result for files in groups for place, result in files.read().items()}
     return Entry(folder, metadata, results)
 
 
 def read_entries(folder: Path) -> list[Entry]:
-    """Read all entries of a folder, by name; hidden folders are left out.
-
-    Raises:
-        FileError: If a file cannot be read.
-    """
+    """Read all entries of a folder, by name; hidden folders are left out."""
     with file_errors("read", folder):
         folders = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     return [read_entry(path) for path in folders if path.is_dir()]
@@ -284,11 +266,7 @@ def write_metadata(folder: Path, metadata: EntryMetadata) -> None:
 
 
 def read_metadata(folder: Path) -> EntryMetadata:
-    """Read entry.toml.
-
-    Raises:
-        FileError: If the file cannot be read, is no such file, or of another format.
-    """
+    """Read entry.toml; a FileError if it is no such file, or of another format."""
     path = folder / METADATA_FILE
     content = read_toml(path)
     _check_format(path, content.get("format", FORMAT))

@@ -15,14 +15,9 @@ from sada_gym.experiment.record import Experiment, RunFailure, RunReport, slug
 from sada_gym.files import OneLine, Strict, first_error
 from sada_gym.results.samples import Samples, samples_sha256
 
-FORMAT = 2
-"""The version of an entry's files. Raise it when they change."""
-
-MAX_SEEDS = 100
-"""The most seeds of a result."""
-
-MAX_ERROR = 2_000
-"""The most characters of a seed's error."""
+FORMAT = 2  #: The version of an entry's files. Raise it when they change.
+MAX_SEEDS = 100  #: The most seeds of a result.
+MAX_ERROR = 2_000  #: The most characters of a seed's error.
 
 DISQUALIFYING = frozenset({"claim", "constant", "copied"})
 """The verifier's flags that take a result's rank: its figures do not say what they seem to say."""
@@ -59,8 +54,6 @@ class EntryMetadata(Strict):
         name: The name of the entry and of its folder: small letters, digits and `- + . _`.
         title: What the board calls it; empty takes the name.
         licence: The licence of its data, as SPDX names it.
-        paper: The address of a paper.
-        repository: The address of the code.
         command: How the results are made; empty takes the command of the first run.
     """
 
@@ -78,12 +71,9 @@ class SeedResult(Strict):
     """What a result claims of one seed.
 
     Attributes:
-        seed: The seed of the adversary and of its evaluation seeds.
         error: Why the adversary could not do its work; None where it did.
         measures: The measures of the test samples; None after an error.
         search: What the training queries found; None where they are not known.
-        flags: What a reader must know.
-        packages: The versions of the packages that took part.
     """
 
     seed: int = Field(ge=0, lt=2**63)
@@ -125,8 +115,7 @@ class Result(Strict):
     def make(cls, experiment: Experiment, seeds: Iterable[SeedResult]) -> Self:
         """Make the result of an experiment, whatever its seed is; seeds may come in any order.
 
-        Raises:
-            UserError: If a name is too long or not printable.
+        A name that is too long or not printable is a UserError.
         """
         experiment = experiment.at(None)
         ordered = sorted(seeds, key=lambda claims: claims.seed)

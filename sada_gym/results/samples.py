@@ -62,11 +62,7 @@ def samples_sha256(samples: Samples) -> str:
 
 
 def read_samples(path: Path) -> dict[str, dict[int, Evaluations]]:
-    """Read the samples of results, by place and seed.
-
-    Raises:
-        FileError: If the file cannot be read or does not hold such samples.
-    """
+    """Read the samples of results, by place and seed; a FileError if the file holds others."""
     return {
         place: _unpack(path, shown(place), **arrays)
         for place, arrays in read_array_groups(path, _KINDS).items()

@@ -35,25 +35,19 @@ from sada_gym.submission.claims import check_claims, check_coverage, check_sampl
 from sada_gym.submission.current import current_experiment, current_target
 from sada_gym.submission.strict_json import check_strict_json
 
-MAX_FILES = 100
-"""The most files of an entry."""
-
+MAX_FILES = 100  #: The most files of an entry.
 MAX_BYTES = {METADATA_FILE: 2**16, CLAIMS: 2**24, SAMPLES: 2**26, VERIFIED: 2**24}
 """The most bytes of entry.toml, of the JSON of results, of their samples, and of findings."""
 
-MAX_ENTRY_BYTES = 2**27
-"""The most bytes of all files of an entry."""
+MAX_ENTRY_BYTES = 2**27  #: The most bytes of all files of an entry.
 
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,150}")
 _WORD = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+!-]*")
 _LICENCE = re.compile(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*")
 _ADDRESS = re.compile(r"https?://[^\s<>\"'`\\]+")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows
-_ARCHIVE_BYTES = 2**12
-"""What an NPZ file adds to the arrays of a result is less than this."""
-
-_MAX_DIMENSION = 2**12
-"""More parameters than any application has."""
+_ARCHIVE_BYTES = 2**12  # an NPZ file adds less than this to the arrays of a result
+_MAX_DIMENSION = 2**12  # more than any application has
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:

@@ -13,9 +13,7 @@ from scipy.stats import norm
 from sada_gym.measures.reference import reference_mu
 from sada_gym.parameters import Mu
 
-OTHER_SETS = 20
-"""The number of other point sets, made alike, that the shipped one is compared with."""
-
+OTHER_SETS = 20  #: How many other point sets, made alike, the shipped one is compared with.
 _FIRST_SEED = 1_000_000  # no shipped set has such a seed
 
 

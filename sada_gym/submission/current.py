@@ -44,10 +44,9 @@ def _applications() -> dict[str, str]:
 
 @lru_cache(maxsize=256)
 def current_target(track: str, agent: str) -> OpenTarget:
-    """Describe a track with one of its shipped agents, empty without agents; it is closed again.
+    """Describe a track with a shipped agent, empty without any; it is closed again.
 
-    Raises:
-        UserError: If there is no such track, or no such agent is shipped.
+    A track or an agent that there is not is a UserError.
     """
     shipped = shipped_agents(track)
     if shipped:

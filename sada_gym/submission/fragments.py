@@ -92,12 +92,9 @@ def _join(place: str, fragments: Sequence[ResultFragment]) -> EntryResult:
 
 
 def read_fragments(folder: Path, rule: str | None) -> list[ResultFragment]:
-    """Read the folder of an attack, or of an entry.
+    """Read the folder of an attack, or of an entry; a UserError if it cannot take part.
 
     Without a rule it takes `paper-budgets` for an attack, and all that an entry has.
-
-    Raises:
-        UserError: If it is neither, or cannot take part.
     """
     if (folder / METADATA_FILE).exists():
         return _read_entry(folder, rule)

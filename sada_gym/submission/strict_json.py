@@ -13,11 +13,9 @@ from sada_gym.files import read_file, shown
 
 
 def check_strict_json(path: Path, max_bytes: int) -> None:
-    """Refuse a JSON file that other programs may read differently.
+    """Raise a FileError for JSON that other programs may read differently, or that is none.
 
-    Raises:
-        FileError: If it cannot be read, is no JSON, a key stands twice, or a number is infinite or
-            beyond 64 bits.
+    It may hold a key twice, or a number that is infinite or beyond 64 bits.
     """
     content = read_file(path, max_bytes)
     cause: Exception

@@ -59,19 +59,12 @@ from sada_gym.submission.fragments import (
 )
 from sada_gym.submission.scoring import measure_samples
 
-ENTRIES = Path("leaderboard/entries")
-"""Where the repository keeps the entries."""
-
-MAX_ARRAY_BYTES = 2**26
-"""The most bytes of a file of samples."""
+ENTRIES = Path("leaderboard/entries")  #: Where the repository keeps the entries.
+MAX_ARRAY_BYTES = 2**26  #: The most bytes of a file of samples.
 
 
 def make_metadata(**fields: Any) -> EntryMetadata:
-    """Say who submits an entry, and what it is called, by the fields of `EntryMetadata`.
-
-    Raises:
-        UserError: If one of them does not fit.
-    """
+    """Say who submits an entry and what it is called, by `EntryMetadata`, or raise a UserError."""
     fields["authors"] = tuple(_as_list(fields.get("authors", ()), "authors"))
     try:
         return EntryMetadata(**fields)
@@ -135,7 +128,7 @@ def submit_samples(
 
     Args:
         samples: For each seed 0, 1, ... the M samples, (M, d) in [-1, 1], or an NPY file of them.
-        metadata: Who submits it, and what it is called: see `make_metadata`.
+        metadata: See `make_metadata`.
         track: The environment's id.
         adversary: What its authors call the adversary.
         queries: The number of training queries that each seed spent.
@@ -143,7 +136,7 @@ def submit_samples(
         options: The adversary's options, for readers.
         rule: The rule for the budget.
         workers: 1 evaluates in this process, more evaluate in as many others.
-        out: The folder of the entries. The results join an existing entry of that name.
+        out: See `submit`, also for the next.
         replace: Whether to replace results that the entry already has.
         on_progress: Called as evaluations are done.
 
@@ -242,12 +235,8 @@ class _Draft:
     ) -> Self:
         if not isinstance(metadata, EntryMetadata):
             raise UserTypeError(f"Expected metadata of make_metadata, got {metadata!r}.")
-        metadata = metadata.model_copy(
-            update={
-                "title": metadata.title or metadata.name,
-                "command": metadata.command or first.command,
-            }
-        )
+        title, command = metadata.title or metadata.name, metadata.command or first.command
+        metadata = metadata.model_copy(update={"title": title, "command": command})
         folder = as_path(out, "the entries") / metadata.name
         check_metadata(metadata, folder / METADATA_FILE, submission=True)
         return cls(folder, metadata, first, replace)
