@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from leaderboard.board_tables import outdated_sheet, paper_sheet, ranking_lines, strongest_sheet
+from leaderboard.board_tables import outdated_sheet, paper_sheet, ranking_sheets, strongest_sheet
 from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup, track_of
 from sada_gym.benchmark.results import results_of
 from sada_gym.benchmark.suite import Table, tables_of
@@ -88,15 +88,10 @@ class GroupBoard(GroupResults):
             rows = self.results[tier].rows_of(table.name, agent, None)
             if not rows:
                 continue
-            lines = ranking_lines(self, table, agent, tier)
-            coverage = lines.by_track(self.group, "relative_coverage")
+            whole, by_track, coverage = ranking_sheets(self, table, agent, tier)
+            is_open = any(row.entry not in verified for row in rows)
             yield Ranking(
-                tier,
-                tuple(rows),
-                lines.ranking(),
-                lines.by_track(self.group, "afr"),
-                coverage if coverage.lines else None,
-                any(row.entry not in verified for row in rows),
+                tier, tuple(rows), whole, by_track, coverage if coverage.lines else None, is_open
             )
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from sada_gym.benchmark.suite import TABLES, Table
 from sada_gym.experiment.record import slug
 from sada_gym.results import paper
 from sada_gym.results.columns import row_cells, row_columns
-from sada_gym.results.entry import Entry
+from sada_gym.results.entry import Entry, EntryResult
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row, RunSummary
 from sada_gym.results.sheet import (
@@ -23,22 +25,24 @@ from sada_gym.results.sheet import (
     Kind,
     Line,
     Sheet,
+    entry_link,
+    line_of,
     number_cell,
     rate_cell,
     shaded,
     text_cell,
+    text_column,
 )
 from sada_gym.submission.current import current_target
 
 PAPER_RULE = "paper-budgets"
 """The rule under which the paper's numbers were made."""
 
-_ENTRY = Column("entry", "entry", numeric=False)
-_TIER = Column(
+_ENTRY = text_column("entry")
+_TIER = text_column(
     "tier",
-    "tier",
-    "Verified: we scored the samples again on fresh seeds. Claimed: the submitter's own figures.",
-    numeric=False,
+    hint="Verified: we scored the samples again on fresh seeds. Claimed: the submitter's own "
+    "figures.",
     choice=True,
 )
 _SEEDS = Column(
@@ -46,9 +50,7 @@ _SEEDS = Column(
     "seeds, ± %",
     "Standard deviation of the AFR between the seeds of a track, and the number of seeds.",
 )
-_FLAGS = Column(
-    "flags", "flags", "What a reader must know; the entry's page says it.", numeric=False
-)
+_FLAGS = text_column("flags", hint="What a reader must know; the entry's page says it.")
 _FIGURES = ("rank", "f1", "afr", "relative_coverage", "coverage", "queries", "mu_std", "runs")
 _COLUMNS = (
     *row_columns("rank"),
@@ -65,50 +67,26 @@ _BY_TRACK = {
 }
 
 
-@dataclass(frozen=True)
-class RankingLine:
-    """A line of a ranking, before it is laid out: its cells, and its rates on each track."""
+class _RankingLine(NamedTuple):
+    """A line of all sheets of a ranking: its cells over all tracks, and its rates by track."""
 
     kind: Kind
     name: Cell
     cells: Mapping[str, Cell]
     rates: Mapping[str, Mapping[str, float]]
 
-
-@dataclass(frozen=True)
-class RankingLines:
-    """All lines of a comparison in one tier: entries by F1 (AFR without coverage), then others."""
-
-    name: str
-    tracks: tuple[str, ...]
-    lines: tuple[RankingLine, ...]
-
-    def ranking(self) -> Sheet:
-        """Lay out the figures over all tracks."""
-        count = len(self.tracks)
-        over = f", mean over {count} tracks" if count > 1 else " on the only track"
-        lines = [
-            Line(line.kind, {"entry": line.name, **line.cells}) for line in self.lines if line.cells
-        ]
-        return Sheet(f"{self.name}.all", f"All figures{over}", _COLUMNS, tuple(lines))
-
-    def by_track(self, group: TrackGroup, figure: str) -> Sheet:
-        """Lay out the AFR (`afr`) or the coverage (`relative_coverage`) by track."""
-        lines = [
-            Line(
-                line.kind,
-                {"entry": line.name}
-                | {track: shaded(rate_cell(rate)) for track, rate in rates.items()},
-            )
-            for line in self.lines
-            if (rates := line.rates.get(figure))
-        ]
-        columns = (Column(track, group.short(track)) for track in self.tracks)
-        return Sheet(f"{self.name}.{figure}", _BY_TRACK[figure], (_ENTRY, *columns), tuple(lines))
+    def line(self, cells: Mapping[str, Cell]) -> Line:
+        return Line(self.kind, {"entry": self.name, **cells})
 
 
-def ranking_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> RankingLines:
-    """Put entries, controls, the paper's numbers and the reference set's rates in order."""
+def ranking_sheets(
+    board: GroupResults, table: Table, agent: str, tier: Tier
+) -> tuple[Sheet, Sheet, Sheet]:
+    """Lay out a comparison in one tier: entries by F1 (AFR without coverage), then other rates.
+
+    Returns:
+        All figures over the tracks; the AFR by track; the coverage by track.
+    """
     results, group = board.results[tier], board.group
     entries = {entry.metadata.name: entry for entry in board.entries}
     runs = [run for run in results.runs if (run.table, run.agent) == (table.name, agent)]
@@ -118,56 +96,63 @@ def ranking_lines(board: GroupResults, table: Table, agent: str, tier: Tier) -> 
     rows = results.rows_of(table.name, agent, None)
     rows.sort(key=lambda row: -row.deciding.value if row.deciding else math.inf)
     lines = [
-        RankingLine(
+        _RankingLine(
             "control" if row.control else "ranked" if row.rank else "unranked",
-            text_cell(row.label, href=f"entries/{row.entry}.html"),
+            entry_link(row.entry, row.label),
             _cells(row, [run for run in runs if run.entry == row.entry], entries[row.entry]),
             _rates([by_track for by_track in on_tracks if by_track.entry == row.entry]),
         )
         for row in rows
     ]
-    parts = (group.name, table.name, agent, tier)
-    return RankingLines(
-        ".".join(slug(part) for part in parts if part),
-        tracks,
-        (*lines, *_paper(table, agent, group, tracks), *_uniform(agent, tracks)),
-    )
-
-
-def _rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    rates: dict[str, dict[str, float]] = {name: {} for name in _BY_TRACK}
-    for row in rows:
-        for name, figure in (("afr", row.afr), ("relative_coverage", row.relative_coverage)):
-            if row.track is not None and figure is not None:
-                rates[name][row.track] = figure.value
-    return rates
+    lines += [*_paper(table, agent, group, tracks), *_uniform(agent, tracks)]
+    name = ".".join(slug(part) for part in (group.name, table.name, agent, tier) if part)
+    over = f", mean over {len(tracks)} tracks" if len(tracks) > 1 else " on the only track"
+    overall = tuple(line.line(line.cells) for line in lines if line.cells)
+    afr, coverage = (_by_track(name, group, tracks, lines, figure) for figure in _BY_TRACK)
+    return Sheet(f"{name}.all", f"All figures{over}", _COLUMNS, overall), afr, coverage
 
 
 def paper_sheet(board: GroupResults) -> Sheet | None:
     """Return the paper's numbers where there is no entry yet; None where the paper has none."""
     group, agent = board.group, next(iter(board.group.agents), "")
-    lines = tuple(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
+    lines = list(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
     if not lines:
         return None
-    lines = (*lines, *_uniform(agent, group.tracks))
-    sheet = RankingLines(group.name, group.tracks, lines).by_track(group, "afr")
+    lines += _uniform(agent, group.tracks)
+    sheet = _by_track(group.name, group, group.tracks, lines, "afr")
     return replace(sheet, name=f"{group.name}.paper")
 
 
-def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> dict[str, Cell]:
-    places = _places(entry, runs)
-    tiers = {entry.results[place].tier for place in places}
-    return row_cells(row, _FIGURES) | {
-        "tier": text_cell(tiers.pop() if len(tiers) == 1 else "partly verified"),
-        "seeds_sd": _spread(runs),
-        "flags": _flags(entry, places),
+def _by_track(
+    name: str, group: TrackGroup, tracks: Sequence[str], lines: Sequence[_RankingLine], figure: str
+) -> Sheet:
+    columns = (_ENTRY, *(Column(track, group.short(track)) for track in tracks))
+    shown = tuple(
+        line.line({track: shaded(rate_cell(rate)) for track, rate in rates.items()})
+        for line in lines
+        if (rates := line.rates.get(figure))
+    )
+    return Sheet(f"{name}.{figure}", _BY_TRACK[figure], columns, shown)
+
+
+def _rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    return {
+        name: {
+            row.track: figure.value for row in rows if row.track if (figure := getattr(row, name))
+        }
+        for name in _BY_TRACK
     }
 
 
-def _places(entry: Entry, runs: Iterable[RunSummary]) -> list[str]:
-    """Name the results that runs are of."""
+def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> dict[str, Cell]:
     places = dict.fromkeys(run.experiment.place for run in runs)
-    return [place for place in places if place in entry.results]
+    results = [entry.results[place] for place in places if place in entry.results]
+    tiers = {result.tier for result in results}
+    return row_cells(row, _FIGURES) | {
+        "tier": text_cell(tiers.pop() if len(tiers) == 1 else "partly verified"),
+        "seeds_sd": _spread(runs),
+        "flags": _flags(entry, results),
+    }
 
 
 def _spread(runs: Sequence[RunSummary]) -> Cell:
@@ -182,14 +167,12 @@ def _spread(runs: Sequence[RunSummary]) -> Cell:
     several = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     note = f"{several} seed{'' if counts == [1] else 's'}"
     variances = [float(np.var(seeds, ddof=1)) for seeds in rates.values() if len(seeds) > 1]
-    if not variances:
-        return Cell(note=note)
-    return replace(rate_cell(math.sqrt(float(np.mean(variances)))), note=note)
+    spread = rate_cell(math.sqrt(float(np.mean(variances)))) if variances else BLANK
+    return replace(spread, note=note)
 
 
-def _flags(entry: Entry, places: Sequence[str]) -> Cell:
+def _flags(entry: Entry, results: Sequence[EntryResult]) -> Cell:
     """Name the verifier's flags, and count what else a reader must know."""
-    results = [entry.results[place] for place in places]
     names = dict.fromkeys(
         name for result in results if result.verified for name in result.verified.flags
     )
@@ -209,25 +192,24 @@ def _flags(entry: Entry, places: Sequence[str]) -> Cell:
 
 def _paper(
     table: Table, agent: str, group: TrackGroup, tracks: Sequence[str]
-) -> Iterator[RankingLine]:
+) -> Iterator[_RankingLine]:
     """Return the paper's numbers, where it has this rule, this agent's place and these tracks."""
     if table.name != PAPER_RULE or agent != next(iter(group.agents), ""):
         return
     for name, row in paper.rows_on(tracks).items():
         cells = {"afr": rate_cell(row.average), "mu_std": number_cell(row.mu_std, 3)}
-        label = text_cell(f"{name} · AAAI 2020")
         shown = cells if row.average is not None else {}
-        yield RankingLine("paper", label, shown, {"afr": row.afr})
+        yield _RankingLine("paper", text_cell(f"{name} · AAAI 2020"), shown, {"afr": row.afr})
 
 
-def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[RankingLine]:
+def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[_RankingLine]:
     """Return the rates of uniform worlds, from the reference sets."""
     rates = {track: rate for track in tracks if (rate := uniform_rate(track, agent)) is not None}
     if rates:
         whole = len(rates) == len(tracks)
         cells = {"afr": rate_cell(sum(rates.values()) / len(rates))} if whole else {}
-        label = text_cell("uniform worlds · reference set")
-        yield RankingLine("reference", label, cells, {"afr": rates})
+        name = text_cell("uniform worlds · reference set")
+        yield _RankingLine("reference", name, cells, {"afr": rates})
 
 
 def uniform_rate(track: str, agent: str) -> float | None:
@@ -237,10 +219,10 @@ def uniform_rate(track: str, agent: str) -> float | None:
 
 
 _STRONGEST = (
-    Column("agent", "agent", numeric=False),
-    Column("track", "track", numeric=False),
-    Column("group", "group", numeric=False, choice=True),
-    Column("nominal", "in nominal worlds, it", numeric=False),
+    text_column("agent"),
+    text_column("track"),
+    text_column("group", choice=True),
+    text_column("nominal", "in nominal worlds, it"),
     Column(
         "uniform_rate",
         "uniform worlds, %",
@@ -254,7 +236,7 @@ _STRONGEST = (
     ),
     *row_columns("relative_coverage"),
     _ENTRY,
-    Column("rule", "budget rule", numeric=False, choice=True),
+    text_column("rule", "budget rule", choice=True),
     *row_columns("queries"),
 )
 
@@ -263,21 +245,19 @@ def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
     """Return the strongest verified attack on each track and agent beside its usual rate."""
     lines = []
     for board in groups:
-        for agent in board.group.agents or {"": ""}:
-            for track in board.group.tracks:
-                cells = {
-                    "agent": text_cell(agent or "-"),
-                    "track": text_cell(track, href=f"{board.group.name}.html"),
-                    "group": text_cell(board.group.title),
-                    "nominal": text_cell(board.group.nominal.get(agent, "")),
-                    "uniform_rate": rate_cell(uniform_rate(track, agent)),
-                }
-                if row := _strongest(board, track, agent):
-                    cells |= row_cells(row, ("afr", "relative_coverage", "queries")) | {
-                        "entry": text_cell(row.label, href=f"entries/{row.entry}.html"),
-                        "rule": text_cell(row.table),
-                    }
-                lines.append(Line("ranked", cells))
+        group = board.group
+        for agent, track in itertools.product(group.agents or {"": ""}, group.tracks):
+            cells = {
+                "agent": text_cell(agent or "-"),
+                "track": text_cell(track, href=f"{group.name}.html"),
+                "group": text_cell(group.title),
+                "nominal": text_cell(group.nominal.get(agent, "")),
+                "uniform_rate": rate_cell(uniform_rate(track, agent)),
+            }
+            if row := _strongest(board, track, agent):
+                cells |= row_cells(row, ("afr", "relative_coverage", "queries"))
+                cells |= {"entry": entry_link(row.entry, row.label), "rule": text_cell(row.table)}
+            lines.append(Line("ranked", cells))
     # what was attacked comes first, the weakest agent at the top
     lines.sort(key=lambda line: -float(line.cells.get("afr", BLANK).value or -1.0))
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
@@ -309,11 +289,11 @@ def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
 
 _OUTDATED = (
     _ENTRY,
-    Column("track", "track", numeric=False),
-    Column("agent", "agent", numeric=False),
-    Column("rule", "budget rule", numeric=False),
+    text_column("track"),
+    text_column("agent"),
+    text_column("rule", "budget rule"),
     Column("afr", "AFR as claimed, %", "The mean over its seeds."),
-    Column("reason", "what is no longer today's", numeric=False),
+    text_column("reason", "what is no longer today's"),
 )
 
 
@@ -323,13 +303,13 @@ def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:
     for late in outdated:
         experiment, metadata = late.result.claimed.experiment, late.entry.metadata
         rates = [seed.measures.afr for seed in late.result.claimed.seeds if seed.measures]
-        cells = {
-            "entry": text_cell(metadata.title, href=f"entries/{metadata.name}.html"),
-            "track": text_cell(experiment.target.track),
-            "agent": text_cell(experiment.target.agent),
-            "rule": text_cell(experiment.protocol.rule),
-            "afr": rate_cell(float(np.mean(rates)) if rates else None),
-            "reason": text_cell(late.reason),
-        }
-        lines.append(Line("unranked", cells))
+        cells = (
+            entry_link(metadata.name, metadata.title),
+            text_cell(experiment.target.track),
+            text_cell(experiment.target.agent),
+            text_cell(experiment.protocol.rule),
+            rate_cell(float(np.mean(rates)) if rates else None),
+            text_cell(late.reason),
+        )
+        lines.append(line_of(_OUTDATED, cells, "unranked"))
     return Sheet(f"{name}.outdated", "Outdated results", _OUTDATED, tuple(lines))

@@ -21,7 +21,15 @@ from sada_gym.errors import MissingExtra, UserError
 from sada_gym.files import file_errors, read_file, write_folder
 from sada_gym.results.entry import read_entries
 from sada_gym.results.rows import Row
-from sada_gym.results.sheet import BLANK, Column, Line, Sheet, number_cell, text_cell
+from sada_gym.results.sheet import (
+    Column,
+    Sheet,
+    entry_link,
+    line_of,
+    number_cell,
+    text_cell,
+    text_column,
+)
 
 HERE = Path(__file__).parent
 STATIC = ("board.css", "board.js")
@@ -118,11 +126,11 @@ def _with_figures(row: Row) -> str:
 _NAMED = 3  # leaders on a card
 
 _ENTRIES = (
-    *(Column(key, key, numeric=False) for key in ("entry", "authors", "adversary", "groups")),
+    *(text_column(key) for key in ("entry", "authors", "adversary", "groups")),
     Column("verified", "verified", "The number of results that we verified."),
     Column("claimed", "claimed", "The number of results that we have not verified."),
     Column("outdated", "outdated", "The number of results that no longer compare with others."),
-    Column("licence", "licence", numeric=False),
+    text_column("licence"),
 )
 
 
@@ -139,17 +147,17 @@ def entries_sheet(board: Board) -> Sheet:
             if own.metadata.name == name
         }
         tiers = [result.tier for own in current.values() for result in own.results.values()]
-        cells = {
-            "entry": text_cell(metadata.title, href=f"entries/{name}.html"),
-            "authors": text_cell(", ".join(metadata.authors)),
-            "adversary": text_cell(entry.adversary.name if entry.adversary else ""),
-            "groups": text_cell(", ".join(current)),
-            "verified": number_cell(tiers.count("verified")),
-            "claimed": number_cell(tiers.count("claimed")),
-            "outdated": number_cell(late) if late else BLANK,
-            "licence": text_cell(metadata.licence),
-        }
-        lines.append(Line("ranked", cells))
+        cells = (
+            entry_link(name, metadata.title),
+            text_cell(", ".join(metadata.authors)),
+            text_cell(entry.adversary.name if entry.adversary else ""),
+            text_cell(", ".join(current)),
+            number_cell(tiers.count("verified")),
+            number_cell(tiers.count("claimed")),
+            number_cell(late or None),
+            text_cell(metadata.licence),
+        )
+        lines.append(line_of(_ENTRIES, cells))
     return Sheet("entries", "All entries", _ENTRIES, tuple(lines))
 
 

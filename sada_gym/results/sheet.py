@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Literal
@@ -231,6 +231,21 @@ def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]
     """Return the lines of a Markdown table that has no other form."""
     kept = tuple(Line("ranked", cells) for cells in lines)
     return Sheet("", "", tuple(columns), kept).markdown()
+
+
+def text_column(key: str, title: str = "", *, hint: str = "", choice: bool = False) -> Column:
+    """Make a column of texts; its title is its key by default."""
+    return Column(key, title or key, hint, numeric=False, choice=choice)
+
+
+def line_of(columns: Sequence[Column], cells: Iterable[Cell], kind: Kind = "ranked") -> Line:
+    """Make a line of a cell for each column."""
+    return Line(kind, {column.key: cell for column, cell in zip(columns, cells, strict=True)})
+
+
+def entry_link(name: str, title: str) -> Cell:
+    """Make a cell that leads to an entry's page."""
+    return text_cell(title, href=f"entries/{name}.html")
 
 
 def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
