@@ -26,7 +26,7 @@ from sada_gym.cards import cards
 from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, read_entries
 from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Cell, Column, markdown_table, rate_cell, text_cell
+from sada_gym.results.sheet import BLANK, Cell, markdown_table, rate_cell, text_cell, titled_table
 
 ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
@@ -112,18 +112,16 @@ def compared(headline: Headline, entries: Sequence[Entry]) -> Iterator[str]:
 def side_by_side(labels: Sequence[str] | None, entries: Sequence[Entry]) -> Iterator[str]:
     """Show AFR / coverage of adversaries, or of all, in all comparisons; rank 1 is bold."""
     rows = {headline.title: headline.by_label(entries) for headline in HEADLINES.values()}
-    columns = (*row_columns("adversary"), *(Column(title, title) for title in rows))
-    return markdown_table(
-        columns,
-        (
-            {"adversary": text_cell(label)}
-            | {title: _pair(found[label]) for title, found in rows.items() if label in found}
-            for label in labels or ADVERSARIES
-        ),
+    lines = (
+        (text_cell(label), *(_pair(by_label.get(label)) for by_label in rows.values()))
+        for label in labels or ADVERSARIES
     )
+    return titled_table(("adversary", *rows), lines)
 
 
-def _pair(row: Row) -> Cell:
+def _pair(row: Row | None) -> Cell:
+    if row is None:
+        return BLANK
     cells = row_cells(row, ("afr", "relative_coverage"), places=0).values()
     return text_cell(" / ".join(cell.text or "-" for cell in cells), bold=row.is_first)
 
@@ -149,13 +147,10 @@ def robustness(entries: Sequence[Entry]) -> Iterator[str]:
             assert default is not None
             other = replace(default, table="other-agents", agent=agent)
             rows = (default if agent == default.agent else other).by_label(entries)
-            rates = {label: rows[label].afr for label in _AGAINST if label in rows}
-            lines.append(
-                {"application": text_cell(default.title), "agent": text_cell(agent)}
-                | {label: rate_cell(afr.value, 0) for label, afr in rates.items() if afr}
-            )
-    columns = (Column(key, key) for key in ("application", "agent", *_AGAINST))
-    return markdown_table(columns, lines)
+            rates = (rows[label].afr if label in rows else None for label in _AGAINST)
+            cells = (rate_cell(afr.value if afr else None, 0) for afr in rates)
+            lines.append((text_cell(default.title), text_cell(agent), *cells))
+    return titled_table(("application", "agent", *_AGAINST), lines)
 
 
 _RL = ("reinforce", "ppo", "sac", "td3")
@@ -181,10 +176,6 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
 
 def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
     """Return the text of every page that holds a table, as the entries have it now.
-
-    Args:
-        entries: The entries.
-        docs: The folder of the documentation.
 
     Raises:
         KeyError: If a page marks the place of a table that nothing makes.

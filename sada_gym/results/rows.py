@@ -196,18 +196,8 @@ def _rows(track: str | None, runs: Sequence[RunSummary]) -> Iterator[Row]:
     ideal = _by_track([(run, m.afr) for run, m in measured if run.entry in is_ideal])
     ideal_afr = {name: float(np.mean(rates)) for name, rates in ideal.items()}
     for entry in dict.fromkeys(run.entry for run in runs):
-        row = _row(track, [run for run in runs if run.entry == entry], tracks)
-        own = _by_track([pair for pair in measured if pair[0].entry == entry])
-        if covered == tracks and all(
-            m.relative_coverage is not None for seeds in own.values() for m in seeds
-        ):
-            samples = {
-                run.track: run.experiment.protocol.samples
-                for run, _ in measured
-                if run.entry == entry
-            }
-            row = row.model_copy(update={"f1": f1_figure(own, samples, ideal_afr)})
-        yield row
+        own = [run for run in runs if run.entry == entry]
+        yield _row(track, own, tracks, ideal_afr if covered == tracks else None)
 
 
 def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
@@ -217,12 +207,17 @@ def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
     return by_track
 
 
-def _row(track: str | None, runs: Sequence[RunSummary], tracks: set[str]) -> Row:
+def _row(
+    track: str | None,
+    runs: Sequence[RunSummary],
+    tracks: set[str],
+    ideal_afr: Mapping[str, float] | None,
+) -> Row:
+    """Sum up the runs of one entry; without `ideal_afr` there is no F1."""
     first = runs[0]
     good = [(run, run.measures) for run in runs if run.measures is not None]
 
     def measured(read: Callable[[Measures], float | None]) -> list[list[float]]:
-        """Read a measure off all runs that have it, by track."""
         values = [(run, value) for run, m in good if (value := read(m)) is not None]
         return list(_by_track(values).values())
 
@@ -231,6 +226,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], tracks: set[str]) -> Row
 
     rates = measured(lambda m: m.afr)
     samples = {run.track: run.samples for run, _ in good}
+    has_f1 = ideal_afr is not None and all(m.relative_coverage is not None for _, m in good)
     return Row(
         table=first.table,
         agent=first.agent,
@@ -246,7 +242,7 @@ def _row(track: str | None, runs: Sequence[RunSummary], tracks: set[str]) -> Row
         budget=float(np.mean([run.experiment.protocol.budget for run in runs])),
         queries=mean([[run.claims.queries] for run, _ in good]),
         rank=None,
-        f1=None,
+        f1=f1_figure(_by_track(good), samples, ideal_afr or {}) if has_f1 else None,
         afr=figure(rates, list(samples.values())),
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(measured(lambda m: m.coverage)),

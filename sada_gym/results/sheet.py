@@ -98,11 +98,7 @@ BLANK = Cell()
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a sheet.
-
-    Attributes:
-        cells: Its cells by the columns' keys; columns that are missing stay blank.
-    """
+    """A row of a sheet: its cells by the columns' keys; columns that are missing stay blank."""
 
     kind: Kind
     cells: Mapping[str, Cell]
@@ -110,18 +106,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of results.
-
-    Attributes:
-        name: The name of its files, without ending.
-        note: What a reader must know.
-    """
+    """A table of results; `name` is that of its files, without ending."""
 
     name: str
     title: str
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
-    note: str = ""
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -146,7 +136,6 @@ class Sheet:
         """
         title, files = escape(self.title), escape(f"{root}data/{self.name}")
         filters = " data-filters" if len(self.lines) > _FILTERED else ""
-        note = f'<p class="note">{escape(self.note)}</p>\n' if self.note else ""
         return (
             '<div class="sheet">\n<div class="bar">\n<span class="filters" hidden></span>\n'
             f'<span class="downloads">Download <a href="{files}.csv" download>CSV</a> '
@@ -155,7 +144,7 @@ class Sheet:
             f'<table class="board"{filters}>\n<caption>{title}</caption>\n'
             f"<thead><tr>\n{''.join(self._html_heads())}</tr></thead>\n"
             f"<tbody>\n{''.join(self._html_line(line, root) for line in self.lines)}</tbody>\n"
-            f"</table>\n</div>\n{note}</div>\n"
+            f"</table>\n</div>\n</div>\n"
         )
 
     def csv(self) -> bytes:
@@ -233,6 +222,12 @@ def markdown_table(columns: Iterable[Column], lines: Iterable[Mapping[str, Cell]
     return Sheet("", "", tuple(columns), kept).markdown()
 
 
+def titled_table(titles: Sequence[str], lines: Iterable[Iterable[Cell]]) -> Iterator[str]:
+    """Return the lines of a Markdown table whose columns have titles alone."""
+    columns = tuple(text_column(title) for title in titles)
+    return Sheet("", "", columns, tuple(line_of(columns, cells) for cells in lines)).markdown()
+
+
 def text_column(key: str, title: str = "", *, hint: str = "", choice: bool = False) -> Column:
     """Make a column of texts; its title is its key by default."""
     return Column(key, title or key, hint, numeric=False, choice=choice)
@@ -253,11 +248,9 @@ def text_cell(text: str, *, href: str = "", bold: bool = False) -> Cell:
     return Cell(text=text, value=text, href=href, bold=bold)
 
 
-def number_cell(value: float | None, places: int = 0, *, note: str = "") -> Cell:
+def number_cell(value: float | None, places: int = 0) -> Cell:
     """Make a cell of a number; blank without one."""
-    if value is None:
-        return BLANK
-    return Cell(text=f"{value:,.{places}f}", value=value, note=note)
+    return BLANK if value is None else Cell(f"{value:,.{places}f}", value)
 
 
 def rate_cell(rate: float | Figure | None, places: int = 1) -> Cell:

@@ -32,21 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_benchmark(
-    out: Path,
-    results: Results,
-    entries: Sequence[Entry],
-    targets: Targets,
-) -> None:
+def draw_benchmark(out: Path, results: Results, entries: Sequence[Entry], targets: Targets) -> None:
     """Draw the pictures of every table and agent into OUT/pictures.
 
     What needs a reference set, or training queries, is left out where there are none.
-
-    Args:
-        out: The benchmark's folder.
-        results: The results of the entries.
-        entries: The entries.
-        targets: What they attack, by track and agent.
     """
     for path, content in _pictures(out, results, entries, targets):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,10 +43,7 @@ def draw_benchmark(
 
 
 def _pictures(
-    out: Path,
-    results: Results,
-    entries: Sequence[Entry],
-    targets: Targets,
+    out: Path, results: Results, entries: Sequence[Entry], targets: Targets
 ) -> Iterator[tuple[Path, Figure | bytes]]:
     titles = {table.name: table.title for table in results.tables}
     for table, agent in results.comparisons():

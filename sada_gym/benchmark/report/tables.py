@@ -26,6 +26,7 @@ from sada_gym.results.sheet import (
     number_cell,
     rate_cell,
     text_cell,
+    titled_table,
 )
 
 _CLASSES = {track: name for name, track in paper.CLASS_COLUMNS.items()}
@@ -47,15 +48,16 @@ _LEGEND = """\
   `memorise` are controls and have none.
 """
 
+_BESIDE_THE_PAPER = (
+    "Bold: rank 1 by F1 on this track, shared or not. The paper attacked other agents in other "
+    "worlds (YOLOv3 in Blender, a driver in CARLA, a pilot in Sim4CV), and its rates are the best "
+    "of many settings chosen on the test samples: compare orders, not numbers. Full set: the rate "
+    "of uniform points, here from the reference set."
+)
+
 
 def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path:
-    """Write all tables as Markdown.
-
-    Args:
-        out: The benchmark's folder.
-        results: The benchmark's results.
-        notes: What else a reader must know.
-    """
+    """Write all tables as Markdown into a benchmark's folder; `notes` go to the remarks."""
     path = out / TABLE_FILE
     write_file(path, "\n".join(_lines(results, notes)).encode())
     return path
@@ -151,10 +153,9 @@ class _TrackColumn:
 
     def mean_of(self, values: Mapping[tuple[str, str], float], label: str) -> Cell:
         """Average an adversary's rates on the tracks; blank unless it has all of them."""
-        rates = [values.get((track, label)) for track in self.tracks]
-        known = [rate for rate in rates if rate is not None]
-        whole = known and len(known) == len(rates)
-        return rate_cell(float(np.mean(known)) if whole else None)
+        rates = [values[track, label] for track in self.tracks if (track, label) in values]
+        whole = rates and len(rates) == len(self.tracks)
+        return rate_cell(float(np.mean(rates)) if whole else None)
 
 
 class _ByTrack:
@@ -199,35 +200,28 @@ class _ByTrack:
     ) -> Iterator[str]:
         """Lay the AFR out in columns beside the paper's, rank 1 in bold."""
         values = self.values("afr") | self._uniform
-        lines = {
-            label: {"adversary": text_cell(label)} for label in (paper.FULL_SET, *self.overall)
-        }
-        for label, cells in lines.items():
+        lines = []
+        for label in dict.fromkeys((paper.FULL_SET, *self.overall)):
+            cells = [text_cell(label)]
             for column in columns:
                 cell, theirs = column.mean_of(values, label), column.theirs(label)
                 row = None if column.average else self.rows.get((column.tracks[0], label))
                 text = f"**{cell.text}**" if row and row.is_first else cell.text or "-"
-                text = text if theirs is None else f"{text} / {theirs:.1f}"
-                cells[column.title] = text_cell(text)
-            if spread is not None:
-                cells["mu_std"] = spread(label)
-        more = row_columns("mu_std") if spread else ()
-        return markdown_table((*_heads(columns), *more), lines.values())
+                cells.append(text_cell(text if theirs is None else f"{text} / {theirs:.1f}"))
+            lines.append(cells if spread is None else [*cells, spread(label)])
+        more = [] if spread is None else [column.title for column in row_columns("mu_std")]
+        return titled_table(("adversary", *(column.title for column in columns), *more), lines)
 
     def coverage(self, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
         """Lay coverage out in columns; nothing where there is none."""
         values = self.values("relative_coverage")
         if columns and values:
+            titles = ("adversary", *(column.title for column in columns))
             lines = (
-                {"adversary": text_cell(label)}
-                | {column.title: column.mean_of(values, label) for column in columns}
+                (text_cell(label), *(column.mean_of(values, label) for column in columns))
                 for label in self.overall
             )
-            yield from (title, "", *markdown_table(_heads(columns), lines), "")
-
-
-def _heads(columns: Sequence[_TrackColumn]) -> tuple[Column, ...]:
-    return (*row_columns("adversary"), *(Column(column.title, column.title) for column in columns))
+            yield from (title, "", *titled_table(titles, lines), "")
 
 
 def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
@@ -243,25 +237,16 @@ def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
 
 def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iterator[str]:
     """Lay the AFR out like the paper's Table 1: ours / the paper's."""
-    if not columns:
-        return
-    yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-    yield from (*by_track.rates(columns), "")
-    yield (
-        "Bold: rank 1 by F1 on this track, shared or not. The paper attacked other agents in other "
-        "worlds (YOLOv3 in Blender, a driver in CARLA, a pilot in Sim4CV), and its rates are the "
-        "best of many settings chosen on the test samples: compare orders, not numbers. Full set: "
-        "the rate of uniform points, here from the reference set."
-    )
-    yield ""
+    if columns:
+        yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
+        yield from (*by_track.rates(columns), "", _BESIDE_THE_PAPER, "")
 
 
 def _rates(by_track: _ByTrack) -> Iterator[str]:
     """Show the AFR of every track, beside the paper's appendix where that has the class."""
-    if set(by_track.tracks) <= set(_CLASSES):
-        yield from ("### By class: AFR in %, ours / the paper's appendix", "")
-    else:
-        yield from ("### By track: AFR in %, where the paper has the track / the paper's", "")
+    by_class = "### By class: AFR in %, ours / the paper's appendix"
+    other = "### By track: AFR in %, where the paper has the track / the paper's"
+    yield from (by_class if set(by_track.tracks) <= set(_CLASSES) else other, "")
     columns = [
         _TrackColumn(
             short_name(track), [track], partial(paper.class_rate, class_name=_CLASSES.get(track))
@@ -306,9 +291,8 @@ def _targets(results: Results) -> Iterator[str]:
             f"{fooling.text} %" if fooling else "",
             f"`{fingerprint[:12]}`" if fingerprint else "",
         )
-        lines.append(dict(zip(titles, map(text_cell, texts), strict=True)))
-    columns = [Column(title, title) for title in titles]
-    yield from ("## What was attacked", "", *markdown_table(columns, lines), "")
+        lines.append([text_cell(text) for text in texts])
+    yield from ("## What was attacked", "", *titled_table(titles, lines), "")
 
 
 def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
