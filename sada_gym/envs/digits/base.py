@@ -102,7 +102,6 @@ class ClassifierApplication(Application):
         return int(digit)
 
     def _attackable(self) -> Indices:
-        """Find the images that seeds pick from."""
         labels = self.images.labels
         rows = np.arange(len(labels))
         if self.image is not None:

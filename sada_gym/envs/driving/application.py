@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sada_gym.agents.contract import Agent
-from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored
 from sada_gym.arrays import Floats32
 from sada_gym.envs.driving.camera.pinhole import Mount, camera
 from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisodes, DrivingStart
 from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
-from sada_gym.envs.episodes.closed_loop import SimulatorApplication
+from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
@@ -87,7 +83,7 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
         self,
         task: str = "navigation",
         *,
-        agent: str | Path | Predictor | Agent[DrivingEpisodes, npt.NDArray[Any]] = "cil",
+        agent: AgentLike = "cil",
         agent_id: str | None = None,
     ) -> None:
         self.task, self.routes = task, benchmark_routes(task)

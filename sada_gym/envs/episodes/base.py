@@ -23,9 +23,6 @@ class Episodes(ABC, Generic[StartT]):
     A subclass begins each episode in its `__init__`, and counts a step of `steps` wherever an agent
     acted. What happens in one episode must not depend on the others, to the last bit.
 
-    Args:
-        starts: How each episode begins.
-
     Attributes:
         task_id: The id of the inner task that trains agents for these episodes, for messages.
         observation_space: The space of one episode's observations.

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar, Generic, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from sada_gym import agents
 from sada_gym.agents.contract import Agent, identity_of
 from sada_gym.agents.policy import as_policy
+from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Application
 from sada_gym.arrays import Floats
 from sada_gym.envs.episodes.base import Episodes
@@ -23,6 +24,8 @@ from sada_gym.lazy import load
 from sada_gym.parameters import Mu
 from sada_gym.seeds import validate_seeds, validate_world
 
+AgentLike: TypeAlias = str | Path | Predictor | Agent[Any, npt.NDArray[Any]]
+"""A shipped agent's name, a file of weights, a model, or an agent as it is."""
 _AT_ONCE = 4
 """Worlds whose rollouts are held in memory together."""
 
@@ -126,15 +129,7 @@ class SimulatorApplication(EpisodesApplication[EpisodesT]):
     ) -> Floats | None:
         """Score the privileged agent: what it cannot do can hardly be done.
 
-        Args:
-            mu: (n, d), values in [-1, 1].
-            seeds: n seeds; 0 for all by default.
-
-        Returns:
-            (n,) Q of the privileged agent, or None if there is none.
-
-        Raises:
-            ValueError: If mu or the seeds are not what `evaluate` takes.
+        Takes what `Application.privileged_score` takes; without seeds, all are 0.
         """
         if not self.privileged_agent:
             return None

@@ -24,10 +24,7 @@ def play(
 ) -> None:
     """Let an agent act in all episodes to their ends, in one thread: see `single_threaded`.
 
-    Args:
-        agent: Chooses the actions.
-        episodes: They may be at any step.
-        on_step: Called before every step.
+    The episodes may be at any step; `on_step` is called before every one.
     """
     with single_threaded():  # for replays, too: they end with the same score
         agent.start(len(episodes))

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sada_gym.agents.contract import Agent
-from sada_gym.agents.wrappers import Predictor
 from sada_gym.application import Scored
-from sada_gym.envs.episodes.closed_loop import SimulatorApplication
+from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
 from sada_gym.envs.robot.conditions import PARAMETERS, conditions
 from sada_gym.envs.robot.episodes import RobotEpisodes
 from sada_gym.envs.robot.start import POLICY_HZ, RobotEnd, RobotStart
@@ -91,7 +86,7 @@ class RobotApplication(SimulatorApplication[RobotEpisodes]):
     def __init__(
         self,
         *,
-        agent: str | Path | Predictor | Agent[RobotEpisodes, npt.NDArray[Any]] = "ppo",
+        agent: AgentLike = "ppo",
         agent_id: str | None = None,
     ) -> None:
         super().__init__(agent, agent_id)

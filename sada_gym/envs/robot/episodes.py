@@ -137,12 +137,7 @@ class RobotEpisodes(Episodes[RobotStart]):
 
     def snapshot(self) -> Batch:
         """Return poses, carts, what the robot believes to see, and endings."""
-        return {
-            "poses": self.poses,
-            "carts": self.carts,
-            "points": self.points,
-            "ending": self.ending,
-        }
+        return {name: getattr(self, name) for name in ("poses", "carts", "points", "ending")}
 
     def observe(self, which: Indices) -> Batch:
         """Return the observations of some robots, see `RobotTaskEnv`."""
@@ -158,11 +153,9 @@ class RobotEpisodes(Episodes[RobotStart]):
         """Draw the floor plan around each robot, with what its lidar returned."""
         from sada_gym.envs.robot.frame import draw_frame
 
+        seen = (self.poses, self.carts, self.points)
         return np.stack(
-            [
-                draw_frame(self.starts[i], self.poses[i], self.carts[i], self.points[i])
-                for i in which.tolist()
-            ]
+            [draw_frame(self.starts[i], *(part[i] for part in seen)) for i in which.tolist()]
         )
 
     def step(self, which: Indices, actions: npt.NDArray[Any]) -> None:
@@ -193,15 +186,8 @@ class RobotEpisodes(Episodes[RobotStart]):
     def _drive(self, which: Indices) -> None:
         poses, velocity = self.poses[which], self.velocities[which]
         rims = delayed_rims(self.commands[which], self._delay[which], SUBSTEPS)
-        each = velocities(
-            poses,
-            velocity,
-            self._payload[which],
-            self._friction[which],
-            self._gain[which],
-            rims,
-            STEP_S,
-        ).tolist()
+        worn = self._payload[which], self._friction[which], self._gain[which]
+        each = velocities(poses, velocity, *worn, rims, STEP_S).tolist()
         self.velocities[which] = velocity
         places = self.places[which]
         carts = drive(poses, self.lanes[which], places, STEP_S, SUBSTEPS).tolist()
@@ -222,15 +208,7 @@ class RobotEpisodes(Episodes[RobotStart]):
         points = self.points[which]
         points[:, 1:] = points[:, :-1].copy()
         new = np.empty((len(which), RAYS, 2))
-        scan(
-            self.poses[which],
-            self._mount[which],
-            _HALL,
-            self._racks[which],
-            self._circles[which],
-            noise,
-            lost,
-            new,
-        )
+        around = self._racks[which], self._circles[which]
+        scan(self.poses[which], self._mount[which], _HALL, *around, noise, lost, new)
         points[:, 0] = new
         self.points[which] = points

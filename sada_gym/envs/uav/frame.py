@@ -19,7 +19,7 @@ from sada_gym.envs.uav.world.drone import heading_of
 from sada_gym.envs.uav.world.gates import OUTER_WIDTH_M
 from sada_gym.envs.uav.world.referee import GateOutcome
 from sada_gym.envs.uav.world.track import line
-from sada_gym.frames import BLUE, GREEN, INK, VERMILLION, Frame, LegendEntry, rgb
+from sada_gym.frames import BLUE, GREEN, INK, VERMILLION, Colour, Frame, LegendEntry, rgb
 
 VIEW_ROWS, VIEW_COLUMNS = 384, 512
 _MARGIN_M = 5.0
@@ -30,13 +30,8 @@ _SEEN_FROM_M, _IN_VIEW_DEG = 6.0, 30.0
 """A drone's picture is best taken at this distance from a gate, and with the gate within this angle
 from the camera's axis."""
 
-Colour = tuple[int, int, int]
-_FIELD: Colour = (226, 236, 214)
-_LINE: Colour = (176, 190, 160)
-_FLOWN: Colour = rgb(BLUE)
-_PASSED: Colour = rgb(GREEN)
-_MISSED: Colour = rgb(VERMILLION)
-_AHEAD: Colour = (107, 114, 128)
+_FIELD, _LINE, _AHEAD = (226, 236, 214), (176, 190, 160), (107, 114, 128)
+_FLOWN, _PASSED, _MISSED = rgb(BLUE), rgb(GREEN), rgb(VERMILLION)
 _TEXT = 26
 
 LEGEND = (

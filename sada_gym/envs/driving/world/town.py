@@ -120,7 +120,6 @@ class Town:
         return "right" if turn > 0 else "left"
 
     def _opens_right(self, before: Corner, corner: Corner) -> bool:
-        """Say whether a street leads off to the right."""
         arriving = self.streets[before, corner].heading
         ways = [self.streets[corner, c] for c in self.layout.neighbours(corner) if c != before]
         return any(wrap_to_pi(way.heading - arriving) > _STRAIGHT_BELOW for way in ways)

@@ -19,8 +19,7 @@ REACH_M = 10.0
 def motion(poses: Floats) -> Floats32:
     """Return motion (n, 9) in drones' own frame: up, velocity in 10 m/s, turning in 5 rad/s.
 
-    Args:
-        poses: (n, 13): position, quaternion x, y, z, w, velocity, angular velocity.
+    Poses (n, 13) are position, quaternion x, y, z, w, velocity and angular velocity.
     """
     motions = np.empty((len(poses), 9), np.float32)
     _to_motion(poses, motions)

@@ -91,11 +91,7 @@ class WaypointPilot:
 
 
 def as_pilot(agent: Any) -> Pilot:
-    """Return the pilot that an agent means.
-
-    Raises:
-        UserError: If it is no `PilotLike`, or a model's spaces are not the racing task's.
-    """
+    """Return the pilot that an agent means; raise `UserError` unless it is a `PilotLike`."""
     if isinstance(agent, WaypointNetwork):
         return WaypointPilot(agent)
     kinds = f"a WaypointNetwork, an SB3 model trained on {RacingEpisodes.task_id}"
