@@ -93,14 +93,10 @@ def check_deterministic(
     seeds: Sequence[int],
     hint: str = "",
 ) -> None:
-    """Raise `UserError` if an agent answered differently when it was asked a second time.
+    """Raise `UserError` if an agent's answers in the worlds of n seeds differed the second time.
 
-    Args:
-        agent: What messages call it.
-        first: Its answers in n worlds: the score, and what else is known of each.
-        second: Its answers in the same worlds, asked again: equal to the last bit.
-        seeds: The worlds' seeds.
-        hint: What else may be the cause, a sentence.
+    An answer is the score, and what else is known of a world: it must be equal to the last bit.
+    `agent` is what messages call it; `hint` says what else may be the cause, a sentence.
     """
     for before, after, seed in zip(first, second, seeds, strict=True):
         for key in before:

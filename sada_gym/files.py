@@ -17,7 +17,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -126,11 +126,7 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
-    """Fill an empty folder, and then put it in the place of one that an earlier run left.
-
-    Raises:
-        FileError: If it cannot be written.
-    """
+    """Fill an empty folder, and put it in the place of an earlier run's; or raise `FileError`."""
     with file_errors("write the folder", path):
         beside = _place_beside(path)
         beside.mkdir()
@@ -218,11 +214,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Read a regular file of at most so many bytes.
-
-    Raises:
-        FileError: If it is missing, no regular file, too large, or cannot be read.
-    """
+    """Read a regular file of at most so many bytes; raise `FileError` if it is anything else."""
     with file_errors("read", path):
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -240,12 +232,8 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, npt.NDArray[Any]]:
     """Read named arrays of an NPZ file; nothing in it is ever unpickled.
 
-    Args:
-        path: The file.
-        kinds: The dtype and the number of dimensions of each array, by name.
-
-    Raises:
-        FileError: If the file cannot be read, or does not hold exactly such arrays.
+    `kinds` has the dtype and the number of dimensions of each. It raises `FileError` if the file
+    cannot be read, or does not hold exactly such arrays.
     """
     with _npz(path, f"the arrays {_listed(kinds)}") as (archive, names):
         if names != sorted(kinds):
@@ -256,15 +244,7 @@ def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, n
 def read_array_groups(
     path: Path, kinds: Mapping[str, tuple[str, int]]
 ) -> dict[str, dict[str, npt.NDArray[Any]]]:
-    """Read groups of arrays, named GROUP.KIND, of an NPZ file; nothing in it is ever unpickled.
-
-    Args:
-        path: The file.
-        kinds: The dtype and the number of dimensions of each array of a group, by its kind.
-
-    Raises:
-        FileError: If the file cannot be read, or does not hold exactly such groups.
-    """
+    """Read groups of arrays, named GROUP.KIND, of an NPZ file, as `read_arrays` reads arrays."""
     with _npz(path, f"groups GROUP.KIND of the arrays {_listed(kinds)}") as (archive, names):
         groups = sorted({name.rpartition(".")[0] for name in names})
         if names != sorted(f"{group}.{kind}" for group in groups for kind in kinds):
@@ -285,39 +265,35 @@ def _listed(kinds: Mapping[str, tuple[str, int]]) -> str:
 def _npz(path: Path, wanted: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
     """Open an NPZ file with the sorted names of its arrays; what is wrong becomes a sentence."""
     content = read_file(path, MAX_ARRAYS_BYTES)
-    cause: Exception
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            yield archive, sorted(name.removesuffix(".npy") for name in archive.namelist())
-            return
-    except _UnfitError as error:
-        reason, cause = shown(str(error)), error
-    except _DAMAGE as error:
-        reason, cause = "it is damaged", error
-    raise FileError(
-        f"Expected an NPZ file with {wanted} in {path}, got something else ({reason}). "
-        "Restore the file, or make it anew."
-    ) from cause
+    mend = "Restore the file, or make it anew."
+    with (
+        _content_errors(f"an NPZ file with {wanted} in {path}", "it is damaged", mend),
+        zipfile.ZipFile(io.BytesIO(content)) as archive,
+    ):
+        yield archive, sorted(name.removesuffix(".npy") for name in archive.namelist())
 
 
 def read_array(path: Path, max_bytes: int) -> npt.NDArray[Any]:
     """Read the array of an NPY file; nothing in it is ever unpickled.
 
-    Raises:
-        FileError: If the file cannot be read, is larger than `max_bytes`, or holds no such array.
+    It raises `FileError` if the file cannot be read, is larger than `max_bytes`, or holds none.
     """
     content = read_file(path, max_bytes)
-    cause: Exception
-    try:
+    damage = "it is damaged, or of another kind"
+    with _content_errors(f"an NPY file of numbers in {path}", damage, "Write it by numpy.save."):
         return _parse_array(content, "an array")
+
+
+@contextmanager
+def _content_errors(expected: str, damage: str, mend: str) -> Iterator[None]:
+    try:
+        yield
+        return
     except _UnfitError as error:
-        reason, cause = str(error), error
+        reason, cause = shown(str(error)), cast(Exception, error)
     except _DAMAGE as error:
-        reason, cause = "it is damaged, or of another kind", error
-    raise FileError(
-        f"Expected an NPY file of numbers in {path}, got something else ({shown(reason)}). "
-        "Write it by numpy.save."
-    ) from cause
+        reason, cause = damage, error
+    raise FileError(f"Expected {expected}, got something else ({reason}). {mend}") from cause
 
 
 class _UnfitError(Exception):

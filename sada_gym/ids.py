@@ -17,13 +17,9 @@ def names_file(env_id: str) -> bool:
 
 
 def find_spec(env_id: str) -> EnvSpec:
-    """Look up the specification of a registered id.
+    """Look up the specification of a Gymnasium id; `module:ID` imports the module first.
 
-    Args:
-        env_id: A Gymnasium id with its version; `module:ID` imports the module first.
-
-    Raises:
-        ValueError: If the module can't be imported or no such id is registered.
+    It raises `UserError` if the module can't be imported or no such id is registered.
     """
     module, _, name = env_id.rpartition(":")
     if module:

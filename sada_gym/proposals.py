@@ -28,15 +28,10 @@ def proposal_spaces(dimension: int) -> tuple[gym.spaces.Box[Any], gym.spaces.Box
 
 
 class Proposals(Lockstep[Floats32]):
-    """Meta-episodes of n environments: an action is one mu, its reward is minus its score.
+    """Meta-episodes of `count` environments: an action is one mu, its reward is minus its score.
 
-    Args:
-        dimension: d, the number of semantic parameters.
-        horizon: Proposals in one episode.
-        count: n.
-
-    Raises:
-        UserError: If the horizon is no int of at least 1, or too large to be counted down.
+    `horizon` is the number of proposals in one episode. It raises `UserError` if that is no int of
+    at least 1, or too large to be counted down.
     """
 
     def __init__(self, dimension: int, horizon: int, count: int) -> None:

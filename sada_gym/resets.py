@@ -15,19 +15,14 @@ RESET_MASK = "reset_mask"
 
 
 def validate_seed(seed: int | None) -> int | None:
-    """Return the seed of a reset as a Python int.
-
-    Raises:
-        ValueError: If it is not an int from 0 up.
-    """
+    """Return the seed of a reset as a Python int; raise `UserError` if it is none from 0 up."""
     return None if seed is None else validate_seeds([seed], 1, bounded=False)[0]
 
 
 def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
     """Return the seeds of `count` environments: seed + i, or the i-th of a sequence.
 
-    Raises:
-        ValueError: If their number is another one, or one is not an int from 0 up.
+    It raises `UserError` if their number is another one, or one is not an int from 0 up.
     """
     if seed is None:
         return [None] * count
@@ -44,11 +39,7 @@ def spread_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[in
 
 
 def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] = ()) -> None:
-    """Check that all options of a reset are known; Gymnasium would ignore a misspelt one.
-
-    Raises:
-        ValueError: If one is not.
-    """
+    """Check that all options of a reset are known; Gymnasium would ignore a misspelt one."""
     if options is not None and not isinstance(options, Mapping):
         raise UserTypeError(f"Expected the options of a reset in a dictionary, got {options!r}.")
     for name in options or {}:
@@ -61,8 +52,7 @@ def check_reset_options(options: Mapping[str, Any] | None, known: Sequence[str] 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Sequence[int]:
     """List which of `count` environments to reset: those in `options["reset_mask"]`, or all.
 
-    Raises:
-        ValueError: If the mask is not a bool array (count,), or there are other options.
+    It raises `UserError` if the mask is not a bool array (count,), or there are other options.
     """
     check_reset_options(options, (RESET_MASK,))
     mask = (options or {}).get(RESET_MASK)

@@ -93,11 +93,7 @@ def check_finite_weights(agent: Any) -> None:
 
 
 def check_agent_id(agent_id: Any) -> None:
-    """Check that an `agent_id` is a name or None.
-
-    Raises:
-        UserTypeError: If it is neither.
-    """
+    """Check that an `agent_id` is a name or None; raise `UserTypeError` if it is neither."""
     if agent_id is not None and not isinstance(agent_id, str):
         raise UserTypeError(
             f"Expected agent_id to be a name, a str, got {agent_id!r}. Pass agent_id='my-agent-1'."

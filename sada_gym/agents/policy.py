@@ -132,9 +132,8 @@ class Policy:
     def act(self, episodes: Any, which: Indices) -> npt.NDArray[np.float64]:
         """Return float64 actions (n, ...) in some of the episodes; NaN where the model refuses.
 
-        Raises:
-            UserError: If the model gives actions of another shape, or one that is not finite where
-                the episodes take none, or its `predict` raises.
+        It raises `UserError` if the model gives actions of another shape, or one that is not
+        finite where the episodes take none, or its `predict` raises.
         """
         batch = self._transformed(episodes.observe(which), which)
         actions = np.concatenate(tiled(self._predict, batch, self._tile))
@@ -215,7 +214,6 @@ class Policy:
         return np.asarray(actions)
 
     def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
-        """Ask for the actions of a tile one by one, each with a tile of its observation."""
         actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in range(self._tile):
             try:
@@ -230,8 +228,7 @@ class Policy:
 def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
     """Return an agent as it is, or that of an SB3 model of the task of some episodes, a class.
 
-    Raises:
-        UserError: If the object is neither, or the model's spaces are not the task's.
+    It raises `UserError` if the object is neither, or the model's spaces are not the task's.
     """
     kinds = f"an SB3 model trained on {episodes.task_id}"
     return as_agent(given, partial(Policy, episodes=episodes), kinds)

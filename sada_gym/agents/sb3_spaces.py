@@ -33,10 +33,8 @@ _NUMBER = re.compile(r"-?(?:inf|\d[\d.]*(?:e[+-]?\d+)?)")
 def network_space(path: Path, entry: Any, space: gym.Space[Any]) -> gym.Space[Any]:
     """Return the observations of a network: an environment's, as SB3's wrappers change its space.
 
-    `entry` holds the file's words for the space of its network.
-
-    Raises:
-        UserError: If the environment's observations are others.
+    `entry` holds the file's words for the space of its network. It raises `UserError` if the
+    environment's observations are others.
     """
     of_env = dict(space.spaces) if isinstance(space, spaces.Dict) else {"": space}
     boxes = {key: part for key, part in of_env.items() if isinstance(part, spaces.Box)}

@@ -159,14 +159,13 @@ def _rebuilt(
 
 def _read_data(path: Path, content: bytes) -> dict[str, Any]:
     """Read the JSON of an SB3 file, in which pickles are strings that stay strings."""
+    text = _member(path, content, "data")
     cause: Exception | None = None
     try:
-        data = json.loads(_member(path, content, "data"))
+        data = json.loads(text)
         if isinstance(data, dict) and "policy_class" in data:
             return data
     except (ValueError, RecursionError) as error:
-        if isinstance(error, UserError):
-            raise
         cause = error
     raise FileError(
         f"Expected a JSON object with a policy_class as data in {path}, got something else. Name "
@@ -200,21 +199,20 @@ def _member(path: Path, content: bytes, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             parts = archive.namelist()
-            if "data" in parts and name in parts:
-                size = archive.getinfo(name).file_size
-                if size <= MAX_MODEL_BYTES:
-                    return archive.read(name)
-                raise FileError(
-                    f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "
-                    f"{size >> 20:,} MiB. Save the model without what it needs for training only."
-                )
+            known = "data" in parts and name in parts
+            size = archive.getinfo(name).file_size if known else 0
+            if known and size <= MAX_MODEL_BYTES:
+                return archive.read(name)
     except _DAMAGE as error:
-        if isinstance(error, UserError):
-            raise
         raise FileError(
             f"Expected a zip file that SB3 wrote in {path}, got something else, or it is damaged "
             f"({error}). Name a file that model.save(file) wrote."
         ) from error
+    if known:
+        raise FileError(
+            f"Expected {name} in {path} to be at most {MAX_MODEL_BYTES >> 20} MiB, got "
+            f"{size >> 20:,} MiB. Save the model without what it needs for training only."
+        )
     raise FileError(
         f"Expected a zip file that SB3 wrote in {path}, with {name} in it, got "
         f"{', '.join(parts[:5]) or 'an empty one'}. Name a file that model.save(file) wrote."

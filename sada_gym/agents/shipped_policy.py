@@ -39,13 +39,7 @@ class ShippedPolicy(MultiInputActorCriticPolicy):
 
     @classmethod
     def new_model(cls, seed: int, env: GymEnv | None = None, **options: Any) -> PPO:
-        """Make an untrained PPO with this policy; no global generator is changed.
-
-        Args:
-            seed: The number that fixes the weights.
-            env: What it will be trained on; by default one `environment`.
-            **options: Further options of PPO.
-        """
+        """Make an untrained PPO with this policy for `env`; no global generator is changed."""
         with generators_kept():
             return PPO(cls, env or cls.environment(), seed=seed, device="cpu", **options)
 
@@ -69,11 +63,7 @@ class PolicyFiles:
         save_weights(model.policy, path, self._architecture)
 
     def load(self, path: Path) -> PPO:
-        """Read a model's weights.
-
-        Raises:
-            FileError: If the file holds no weights of such an agent.
-        """
+        """Read a model's weights; raise `FileError` if the file holds none of such an agent."""
         model = self.new_model(0)
         file = WeightsFile(path, f"the weights of a {self.kind}", self.kind, self.trained_by)
         load_weights(model.policy, file, self._architecture)

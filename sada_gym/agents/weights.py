@@ -50,9 +50,8 @@ def load_weights(
 ) -> None:
     """Read a module's weights from a file whose header names this architecture, if one is given.
 
-    Raises:
-        FileError: If the file is no safetensors file, is of another architecture, lacks a weight,
-            has one too many or one of another shape, or holds a number that is not finite.
+    It raises `FileError` if the file is no safetensors file, is of another architecture, lacks a
+    weight, has one too many or one of another shape, or holds a number that is not finite.
     """
     weights, header = read_weights(file)
     if architecture is not None:
@@ -79,11 +78,7 @@ def load_weights(
 
 
 def read_weights(file: WeightsFile) -> tuple[dict[str, Tensor], str | None]:
-    """Read a file's tensors by name, and the architecture that its header names, if any.
-
-    Raises:
-        FileError: If it is no safetensors file.
-    """
+    """Read a file's tensors by name, and the architecture that its header names, if any."""
     try:
         with safe_open(file.path, "pt") as tensors:
             header = (tensors.metadata() or {}).get(_ARCHITECTURE)

@@ -7,9 +7,11 @@ stacked, and that images were normalised, but not by which statistics.
 
 from __future__ import annotations
 
+import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -29,7 +31,7 @@ from stable_baselines3.common.vec_env import (
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 
 from sada_gym.agents.tile import ALONE, Batch, keyed
-from sada_gym.errors import UserError
+from sada_gym.errors import FileError, UserError, UserTypeError, explained
 from sada_gym.sb3_vec_env import SB3VecEnv
 
 CHANGING_WRAPPERS: tuple[type[Any], ...] = (gym.ObservationWrapper, gym.ActionWrapper)
@@ -61,30 +63,31 @@ class Transform(ABC):
 
 
 class _Pointwise(Transform):
-    """Changes each batch by a function of a wrapper of SB3's."""
+    """Changes each batch by a method of a wrapper of SB3's."""
 
-    def __init__(self, wrapper: Any, change: Callable[[Any], Any]) -> None:
-        self.wrapper, self._change = wrapper, change
+    method: ClassVar[str]
+
+    def __init__(self, wrapper: Any) -> None:
+        self.wrapper = wrapper
 
     def apply(self, observation: Batch, which: npt.NDArray[np.intp]) -> Batch:  # noqa: ARG002
+        change = getattr(self.wrapper, self.method)
         if [*observation] == [ALONE]:
-            return {ALONE: self._change(observation[ALONE])}
-        changed: Batch = self._change(dict(observation))
+            return {ALONE: change(observation[ALONE])}
+        changed: Batch = change(dict(observation))
         return changed
 
 
 class TransposeImage(_Pointwise):
     """Does what `VecTransposeImage` does: an image's channels come first."""
 
-    def __init__(self, wrapper: VecTransposeImage) -> None:
-        super().__init__(wrapper, wrapper.transpose_observations)
+    method = "transpose_observations"
 
 
 class Normalize(_Pointwise):
     """Does what `VecNormalize` does, with frozen statistics."""
 
-    def __init__(self, wrapper: VecNormalize) -> None:
-        super().__init__(wrapper, wrapper.normalize_obs)
+    method = "normalize_obs"
 
 
 class StackFrames(Transform):
@@ -125,11 +128,9 @@ def observation_transforms(
     """Find what must be done to a task's observations before a model gets them.
 
     Without `normalisation`, the `VecNormalize` that the model holds counts. `wrapped_by` holds
-    Gymnasium's kinds of wrappers that are already at work in the task itself.
-
-    Raises:
-        ValueError: If the model was trained on other observations, or under a wrapper that is not
-            known here, or on normalised observations whose statistics are missing.
+    Gymnasium's kinds of wrappers that are already at work in the task itself. It raises `UserError`
+    if the model was trained on other observations, or under a wrapper that is not known here, or on
+    normalised observations whose statistics are missing.
     """
     env = getattr(model, "get_env", lambda: None)()
     if env is None or normalisation is not None:
@@ -247,13 +248,9 @@ def _normalised(
     """Normalise single frames or stacked ones, whichever the statistics are of."""
     if not normalisation.norm_obs:
         return [*stack]
-    statistics = normalisation.obs_rms
-    shapes = {
-        key: moments.mean.shape
-        for key, moments in (
-            statistics if isinstance(statistics, dict) else {ALONE: statistics}
-        ).items()
-    }
+    statistics: Any = normalisation.obs_rms
+    named = statistics if isinstance(statistics, dict) else {ALONE: statistics}
+    shapes = {key: moments.mean.shape for key, moments in named.items()}
     usual = {key: part.shape for key, part in single.items()}
     if all(shape == usual.get(key) for key, shape in shapes.items()):
         return [Normalize(normalisation), *stack]
@@ -263,6 +260,33 @@ def _normalised(
         f"Expected the statistics of observations of shape {[*usual.values()]}, got those of "
         f"{[*shapes.values()]}. Pass the VecNormalize that this agent was trained with."
     )
+
+
+def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
+    """Return a `VecNormalize` as it is, or load the file that its `save` wrote.
+
+    It raises `UserError` if it is neither, or the file, a pickle, may not be unpickled, and
+    `FileError` if the file holds something else.
+    """
+    if isinstance(given, VecNormalize):
+        return given
+    if not isinstance(given, str | Path):
+        raise UserTypeError(
+            f"Expected vec_normalize to be a VecNormalize or the path of its file, got {given!r}."
+        )
+    if not allow_pickle:
+        raise UserError(
+            f"Expected allow_pickle=True with vec_normalize={str(given)!r}: the file is a pickle, "
+            "which can run code when it is loaded. Pass allow_pickle=True if it is your own."
+        )
+    expected = f"Expected the file of a VecNormalize in {given}"
+    with explained(expected, kind=FileError), Path(given).open("rb") as file:
+        loaded = pickle.load(file)
+    if not isinstance(loaded, VecNormalize):
+        raise FileError(f"{expected}, got a {type(loaded).__name__}. Write it by its save.")
+    # what its file leaves out, without which it could not be sent to worker processes
+    vars(loaded).update(venv=None, class_attributes={}, returns=None)
+    return loaded
 
 
 def _alike(given: spaces.Space[Any], expected: spaces.Space[Any], normalised: set[str]) -> bool:

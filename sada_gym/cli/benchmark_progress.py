@@ -96,8 +96,7 @@ class BenchmarkProgress(Display, BenchmarkCallback):
         group = _group(run)
         if group not in self._tasks:
             runs = sum(1 for other in self._left if _group(other) == group)
-            name = " ".join((short_name(run.key.track), run.key.agent)).strip()
-            name = f"{name} seed {run.seed}"
+            name = f"{short_name(run.key.track)} {run.key.agent}".strip() + f" seed {run.seed}"
             self._tasks[group] = self._bars.add_task(name, total=runs, detail="")
         return self._tasks[group]
 

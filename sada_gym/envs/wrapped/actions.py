@@ -14,10 +14,8 @@ from sada_gym.errors import UserError, UserTypeError
 def validate_action(action: Any, space: spaces.Space[Any], agent: str, where: str) -> Any:
     """Return an agent's action with its space's type: a Box action is clipped, others must fit.
 
-    `agent` and `where` (the step and the episode) are for messages.
-
-    Raises:
-        UserError: If it is of another shape, not finite, or no member of the space.
+    `agent` and `where` (the step and the episode) are for messages. It raises `UserError` if the
+    action is of another shape, not finite, or no member of the space.
     """
     if isinstance(space, spaces.Discrete):
         return _validate_choice(action, space, agent, where)

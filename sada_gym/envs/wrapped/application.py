@@ -121,7 +121,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self._episode_count, self._allow_pickle = episodes, allow_pickle
         self._vec_normalize = None
         if vec_normalize is not None:
-            load_statistics = load("sada_gym.agents.vec_normalize:load_vec_normalize")
+            load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
             self._vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
         with closing(factory.make({})) as env:
             self.episode_spec = self._explore(env, factory, parameters, as_score(score))
@@ -136,7 +136,8 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             super().__init__(agent, agent_id)
         self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._clipped = self._scores = 0
-        self._try_corners()
+        for corner in (-1.0, 1.0):  # so that bad ranges are found at once
+            self.episodes(np.full((1, len(self.parameters)), corner, np.float32), [0]).close()
 
     def _explore(
         self,
@@ -199,12 +200,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "Expected an SB3 model, the path of an SB3 zip, an object with `predict`, or a "
             f"function of an observation as the agent, got {given!r}."
         )
-
-    def _try_corners(self) -> None:
-        """Begin an episode at either end of the ranges, so that bad ranges are found at once."""
-        for corner in (-1.0, 1.0):
-            mu = np.full((1, len(self.parameters)), corner, np.float32)
-            self.episodes(mu, [0]).close()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the model that its policy holds as well, in a form that can be pickled."""

@@ -42,11 +42,7 @@ class ParameterBinding(ABC):
     integer: bool = field(default=False, kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
-        """Return the parameter of this name.
-
-        Raises:
-            UserError: If the range is empty, or no range.
-        """
+        """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
         if self.choices:
             if isinstance(self.choices, str) or len(self.choices) < 2:
                 raise UserError(
@@ -110,22 +106,10 @@ class ParameterBinding(ABC):
         """Return all that the parameter of this name sets; () where that is unknown."""
 
     def check(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> None:  # noqa: B027
-        """Check that the environment has what the parameter sets.
+        """Check on one environment of `factory` that it has what the parameter sets."""
 
-        Args:
-            name: The parameter's name.
-            factory: Makes the environments.
-            env: One of them, after a reset.
-
-        Raises:
-            UserError: If it has not.
-        """
-
-    def before_reset(self, name: str, value: Any, env: Any) -> None:  # noqa: B027
-        """Set the value in `env.unwrapped` before its reset."""
-
-    def on_reset(self, name: str, value: Any, env: Any) -> None:  # noqa: B027
-        """Set the value in `env.unwrapped` right after its reset."""
+    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:  # noqa: B027
+        """Set the value in `env`, the unwrapped one; called before and right after its reset."""
 
 
 @dataclass(frozen=True)
@@ -187,8 +171,10 @@ class Config(_Named):
             check_known(f"entry of the configuration of {factory.name}", [key], [*config])
             config = config[key]
 
-    def before_reset(self, name: str, value: Any, env: Any) -> None:
-        """Write the value into a copy of the configuration."""
+    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+        """Write the value into a copy of the configuration before the reset."""
+        if after_reset:
+            return
         *above, last = (self.name or name).split(".")
         env.config = config = deepcopy(env.config)
         for key in above:
@@ -236,15 +222,10 @@ class Attribute(ParameterBinding):
                     f"'{path}[0]'."
                 )
 
-    def before_reset(self, name: str, value: Any, env: Any) -> None:
-        """Set the attributes that exist."""
+    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+        """Set the attributes that exist, and after the reset those that it made or changed."""
         for path in self.targets(name):
-            write(env, path, value, must_exist=False)
-
-    def on_reset(self, name: str, value: Any, env: Any) -> None:
-        """Set the attributes that the reset made or changed."""
-        for path in self.targets(name):
-            write(env, path, value, must_exist=True)
+            write(env, path, value, must_exist=after_reset)
 
 
 @dataclass(frozen=True)
@@ -279,33 +260,16 @@ class Function(ParameterBinding):
                 "Function(1.0, 2.0, set=set_mass)."
             )
 
-    def before_reset(self, name: str, value: Any, env: Any) -> None:
-        """Call the function if it is to be called before `reset`."""
-        if not self.after_reset:
-            self._call(name, value, env)
-
-    def on_reset(self, name: str, value: Any, env: Any) -> None:
-        """Call the function if it is to be called after `reset`."""
-        if self.after_reset:
-            self._call(name, value, env)
-
-    def _call(self, name: str, value: Any, env: Any) -> None:
+    def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
+        """Call the function, before or after the reset."""
         assert self.set is not None
-        with explained(f"Expected the function of {name!r} to set {value!r}"):
-            self.set(env, value)
+        if after_reset == self.after_reset:
+            with explained(f"Expected the function of {name!r} to set {value!r}"):
+                self.set(env, value)
 
 
 def as_binding(name: str, given: Any, factory: EnvFactory) -> ParameterBinding:
-    """Return the binding of a parameter: a given one, or the keyword or attribute of its name.
-
-    Args:
-        name: The parameter's name.
-        given: A `ParameterBinding`, or (low, high).
-        factory: Makes the environments.
-
-    Raises:
-        UserError: If it is neither.
-    """
+    """Return a given binding, or that of (low, high) to the keyword or attribute of this name."""
     if isinstance(given, ParameterBinding):
         return given
     if not isinstance(given, tuple | list) or len(given) != 2:
@@ -320,9 +284,6 @@ def check_distinct(bindings: Mapping[str, ParameterBinding]) -> None:
     """Check that no two parameters set the same, so that one would be without effect.
 
     Noise on other entries is something else.
-
-    Raises:
-        UserError: If two do.
     """
     names: dict[Any, str] = {}
     for name, binding in bindings.items():

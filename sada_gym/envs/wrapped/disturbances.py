@@ -156,11 +156,7 @@ class Disturbance(ParameterBinding):
         return self.wrapper(env, value, rng)
 
     def parameter(self, name: str) -> Parameter:
-        """Return the parameter of this name.
-
-        Raises:
-            UserError: If the range is empty, or reaches beyond what the disturbance can be.
-        """
+        """Return the parameter of this name; raise `UserError` for a range too wide or empty."""
         values = self._values(name)
         numbers = all(isinstance(value, int | float) for value in values)
         if not numbers or min(values) < self.minimum or max(values) > self.maximum:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -198,19 +198,17 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self.observation_space, self.action_space = spec.observation_space, spec.action_space
         self._spec, self._start = spec, start
+        self._world = f"with {dict(start.values)}"
         self.rewards: list[float] = []
         self._observations: list[Any] = []
         self._actions: list[Any] = []
         self._infos: list[Mapping[str, Any]] = []
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        values, bindings = self._start.values, self._spec.bindings.items()
-        for name, binding in bindings:
-            binding.before_reset(name, values[name], self.unwrapped)
+        self._apply_bindings(after_reset=False)
         with self._explained("its reset"):
             observation, info = self.env.reset(**kwargs)
-        for name, binding in bindings:
-            binding.on_reset(name, values[name], self.unwrapped)
+        self._apply_bindings(after_reset=True)
         self._check_spaces()
         return self._recorded(observation, info), info
 
@@ -222,6 +220,11 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if self._spec.score.keeps_all:
             self._actions.append(deepcopy(action))
         return self._recorded(observation, info), self.rewards[-1], terminated, truncated, info
+
+    def _apply_bindings(self, *, after_reset: bool) -> None:
+        for name, binding in self._spec.bindings.items():
+            value = self._start.values[name]
+            binding.apply(name, value, self.unwrapped, after_reset=after_reset)
 
     def episode(self, *, terminated: bool, truncated: bool) -> Episode:
         return Episode(
@@ -250,8 +253,8 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         if not np.isfinite(value):
             raise UserError(
                 f"Expected rewards that are finite numbers from {self._spec.factory.name}, got "
-                f"{reward!r} at step {len(self.rewards)} with {dict(self._start.values)}. Narrow "
-                "the ranges to worlds that the simulator can compute."
+                f"{reward!r} at step {len(self.rewards)} {self._world}. Narrow the ranges to "
+                "worlds that the simulator can compute."
             )
         return value
 
@@ -262,22 +265,12 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
             if type(own) is not type(shared) or _shapes(own) != _shapes(shared):
                 raise UserError(
                     f"Expected the same {name.replace('_', ' ')} in all worlds, {shared}, got "
-                    f"{own} with {dict(self._start.values)}. Leave out the parameter that "
-                    "changes it."
+                    f"{own} {self._world}. Leave out the parameter that changes it."
                 )
 
-    @contextmanager
-    def _explained(self, what: str) -> Iterator[None]:
-        try:
-            yield
-        except UserError:
-            raise
-        except Exception as error:  # whatever an environment may raise
-            raise UserError(
-                f"Expected {self._spec.factory.name} to make {what} with "
-                f"{dict(self._start.values)}, got {type(error).__name__}: {error}. Narrow the "
-                "ranges to worlds that it takes."
-            ) from error
+    def _explained(self, what: str) -> AbstractContextManager[None]:
+        expected = f"Expected {self._spec.factory.name} to make {what} {self._world}"
+        return explained(expected, "Narrow the ranges to worlds that it takes.")
 
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.errors import UserError, UserTypeError, check_known
+from sada_gym.errors import UserError, UserTypeError, check_known, explained
 from sada_gym.ids import find_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
@@ -26,10 +26,8 @@ _NOT_PHYSICS = ("self", "render_mode")
 class EnvFactory:
     """Makes environments: by an id, or by a function.
 
-    `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit.
-
-    Raises:
-        UserError: If there is no such environment, or it does not take the keywords.
+    `env_kwargs` go to every environment; `max_steps` None keeps the environment's own limit. It
+    raises `UserError` if there is no such environment, or it does not take the keywords.
     """
 
     environment: EnvLike
@@ -94,8 +92,7 @@ class EnvFactory:
     ) -> gym.Env[Any, Any]:
         """Make a fresh environment, with keywords besides `env_kwargs`.
 
-        Raises:
-            UserError: If its constructor raises, or makes no environment.
+        It raises `UserError` if its constructor raises, or makes no environment.
         """
         # copies: an environment may write into a dictionary that it is given
         all_keywords = {**deepcopy(dict(self.env_kwargs)), **keywords}
@@ -104,21 +101,19 @@ class EnvFactory:
             all_keywords["render_mode"] = render_mode
         if by_id and self.max_steps is not None:
             all_keywords["max_episode_steps"] = self.max_steps
-        try:
-            env: Any = self._creator(**all_keywords)
-        except UserError:
-            raise
-        except ImportError as error:
-            raise self._missing_package(error) from error
-        except Exception as error:  # whatever an environment's constructor may raise
-            hint = (
-                " Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
-                "whole number."
-            )
-            raise UserError(
-                f"Expected {self.name} to be made with {all_keywords}, got {type(error).__name__}: "
-                f"{error}.{hint if keywords else ''}"
-            ) from error
+        mend = (
+            "Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
+            "whole number."
+        )
+        with explained(
+            f"Expected {self.name} to be made with {all_keywords}", mend if keywords else ""
+        ):
+            try:
+                env: Any = self._creator(**all_keywords)
+            except ImportError as error:
+                if isinstance(error, UserError):
+                    raise
+                raise self._missing_package(error) from error
         if not isinstance(env, gym.Env):
             raise UserTypeError(
                 f"Expected {self.name} to make a gymnasium.Env, got {type(env).__name__}. Return "

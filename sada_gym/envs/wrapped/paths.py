@@ -51,8 +51,7 @@ def read(env: Any, path: str) -> Any:
 def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
     """Set a value where it is not set yet; unless it must exist, a missing one is left alone.
 
-    Raises:
-        UserError: If the path leads nowhere, or cannot be set.
+    It raises `UserError` if the path leads nowhere, or cannot be set.
     """
     first, *_ = steps = _steps(path)
     if len(steps) > 1 and isinstance(first, str) and first not in vars(env):

@@ -157,11 +157,7 @@ class FunctionScore(Score):
 
 
 def as_score(given: Any) -> Score:
-    """Return the score that a description means.
-
-    Raises:
-        UserError: If it is none of `ScoreLike`.
-    """
+    """Return the score that a description means; raise `UserError` if it is none of `ScoreLike`."""
     if given == "success":
         return Success()
     if isinstance(given, tuple | list) and given:

@@ -103,11 +103,7 @@ def binding_keys(kind: type[bindings.ParameterBinding]) -> dict[str, list[type]]
 
 
 def binding_of(name: str, value: Any, path: Path) -> Any:
-    """Return a parameter's (low, high) or its binding.
-
-    Raises:
-        UserError: If the value is neither an array of two numbers nor a valid table.
-    """
+    """Return a parameter's (low, high) or its binding; raise `UserError` if a value is neither."""
     if isinstance(value, list):
         if len(value) != 2 or not all(_fits(number, [float]) for number in value):
             raise UserTypeError(
@@ -157,7 +153,6 @@ def _check_types(
 
 
 def _agent(text: str, path: Path) -> Any:
-    """Return the path of an SB3 zip, or the object that `module:object` names."""
     module, colon, name = text.rpartition(":")
     if text.endswith(".zip") or not colon:
         return path.parent / text
@@ -172,5 +167,4 @@ def _agent(text: str, path: Path) -> Any:
 
 
 def _as_tuples(value: Any) -> Any:
-    """Turn arrays into tuples, which bindings hold."""
     return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
