@@ -65,8 +65,7 @@ class Plan:
 def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
     """Lay out all runs of a suite, and check everything that can be checked beforehand.
 
-    Raises:
-        TypeError, ValueError: If a track, an agent, an adversary or a reference set does not fit.
+    What does not fit is a TypeError or ValueError.
     """
     missing = {
         label: package
@@ -118,8 +117,7 @@ def make_plan(suite: Suite, references: Path = FOLDER) -> Plan:
 def metadata_of(label: str, adversary: AdversarySpec) -> EntryMetadata:
     """Write down what the entry of an adversary says of itself.
 
-    Raises:
-        UserError: If its label gives no name for a folder, or its options are no JSON.
+    A label that gives no name for a folder, or options that are no JSON, are a UserError.
     """
     ours = ADVERSARIES.get(label) == adversary
     try:

@@ -118,10 +118,8 @@ def plan_benchmark(
 ) -> Outlook:
     """Say what `run_benchmark` would do and what that costs; nothing is run or written.
 
-    The costs follow from the finished runs in `out`; without `entries` those of `out` count.
-
-    Raises:
-        TypeError, ValueError: If a part of the suite does not fit, or a file cannot be read.
+    The costs follow from the finished runs in `out`; without `entries` those of `out` count. What
+    does not fit, or cannot be read, is a TypeError or ValueError.
     """
     folder = Path(out)
     plan = make_plan(suite, Path(references))
@@ -141,10 +139,8 @@ def report_benchmark(
     """Write the tables and the pictures of all results that a folder's entries hold by now.
 
     Another process may be at work there. Without `entries` those in `out` count, without `tables`
-    those of the rules by which the results were made, and without `tracks` all of them.
-
-    Raises:
-        ValueError: If it is no benchmark's folder, or its entries hold no result.
+    those of the rules by which the results were made, and without `tracks` all of them. Another
+    folder, or one without a result, is a ValueError.
     """
     folder, references = Path(out), Path(references)
     entries_folder = folder / ENTRIES if entries is None else Path(entries)

@@ -256,8 +256,7 @@ def tables_of(rules: Collection[str]) -> tuple[Table, ...]:
 def find_adversary(text: str) -> tuple[str, AdversarySpec]:
     """Find an adversary and its label by a label, a name, `name:preset`, or `module:Class`.
 
-    Raises:
-        ValueError: If nothing is known by that name. A preset or class is only checked by `make`.
+    An unknown name is a ValueError. A preset or class is only checked by `make`.
     """
     if text in ADVERSARIES:
         return text, ADVERSARIES[text]

@@ -36,11 +36,7 @@ class AdversarySpec(Strict):
     def of(
         cls, name: str, preset: str | None = None, options: Mapping[str, Any] | None = None
     ) -> Self:
-        """Describe the adversary that a user names, with a preset and other options.
-
-        Raises:
-            TypeError: If the name or the preset is no text, or the options have no names.
-        """
+        """Describe the adversary that a user names; a TypeError if a part is of another type."""
         if not isinstance(name, str):
             raise UserTypeError(f"Expected an adversary's name, got {name!r}.")
         if preset is not None and not isinstance(preset, str):
@@ -82,8 +78,7 @@ class AdversarySpec(Strict):
     ) -> Adversary:
         """Make the adversary, untrained, for d parameters; `ideal` draws from `ideal_set`, (R, d).
 
-        Raises:
-            TypeError, ValueError: If the adversary or an option is unknown.
+        An unknown adversary or option is a TypeError or ValueError.
         """
         taken = sorted({"name", "dimension", "seed"} & set(self.options))
         if taken:

@@ -100,9 +100,7 @@ def check_free(folder: Path, *, resume: bool) -> None:
 def reserve_folder(folder: Path, settings: RunSettings, *, resume: bool) -> RunFolder:
     """Make a folder an attack's own by writing its settings there, or find them there.
 
-    Raises:
-        ValueError: If it holds another run, or the same one and `resume` is not set. Nothing is
-            changed then.
+    Another run, or the same one without `resume`, is a ValueError. Nothing is changed then.
     """
     check_free(folder, resume=resume)
     path = folder / SETTINGS_FILE

@@ -14,12 +14,9 @@ IDEAL = "ideal"  #: The name of the control that knows the answer.
 
 
 def check_spelling(environment: object, adversary: object, env_kwargs: Mapping[str, Any]) -> None:
-    """Refuse an unknown id, adversary or agent.
+    """Raise a ValueError for an unknown id, adversary or agent, or a missing file of weights.
 
     What is given as an object is left to later checks, and so are a TOML file and `module:Class`.
-
-    Raises:
-        ValueError: If a name is unknown, or a file of weights does not exist.
     """
     if isinstance(environment, str) and not names_file(environment):
         card = card_of(environment)

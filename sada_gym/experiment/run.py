@@ -147,11 +147,7 @@ class Run:
         return self._train.evaluation_s + self._test.evaluation_s
 
     def train(self) -> None:
-        """Train the adversary on the training stream.
-
-        Raises:
-            AdversaryError: If it cannot learn from what it got, such as too small a budget.
-        """
+        """Train on the training stream; an AdversaryError if the adversary cannot learn from it."""
         self._report("train", total=self._protocol.budget)
         self.adversary.on_step = self._report_step
         try:
@@ -163,8 +159,7 @@ class Run:
     def test(self) -> None:
         """Draw M samples and evaluate them on the test stream, which training never used.
 
-        Raises:
-            AdversaryError: If the adversary cannot sample, or gives something else than M samples.
+        If the adversary gives anything else than M samples, that is an AdversaryError.
         """
         count = self._protocol.samples
         self._report("sample")

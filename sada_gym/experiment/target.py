@@ -78,8 +78,7 @@ class Target(Strict):
     ) -> Self:
         """Describe an application by its track, empty where it has none, and its reference set.
 
-        Raises:
-            StoreError: If nothing identifies the application's agent.
+        An agent that nothing identifies is a StoreError.
         """
         return cls(
             track=track or f"{application.name}-v{application.version}",
@@ -297,8 +296,7 @@ def _find_reference(
 ) -> Reference | None:
     """Find the reference set of exactly this application with its agent and settings.
 
-    Raises:
-        UserError: If a track has a reference set of another version of itself or of its agent.
+    One of another version of the track or of its agent is a UserError.
     """
     if track and not keywords:
         reference = load_reference(track, application, folder)

@@ -157,10 +157,8 @@ class GroupFiles:
         """Write results; what was verified of other samples is removed.
 
         The samples come first. Where the process is killed in between, the file holds samples of a
-        seed that nothing is claimed of; `read` leaves them out.
-
-        Raises:
-            UserError: If samples were not evaluated on the test seeds of their seed.
+        seed that nothing is claimed of; `read` leaves them out. Samples that were not evaluated on
+        the test seeds of their seed are a UserError.
         """
         ordered = sorted(results, key=lambda result: result.place)
         write_file(self.samples, samples_bytes({r.place: r.samples for r in ordered}))

@@ -27,10 +27,7 @@ def samples_bytes(results: Mapping[str, Samples]) -> bytes:
 
     A result at PLACE has PLACE.seeds (k,) int64, PLACE.mu (k * M, d) float32 and PLACE.score
     (k * M,) float64: its seeds, and the M samples of each. The evaluation seeds follow from the
-    seeds. A result without samples has no arrays.
-
-    Raises:
-        UserError: If samples were evaluated on other seeds.
+    seeds; samples of others are a UserError. A result without samples has no arrays.
     """
     arrays: dict[str, Any] = {}
     for place, samples in results.items():

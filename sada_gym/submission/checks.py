@@ -51,13 +51,10 @@ _MAX_DIMENSION = 2**12  # more than any application has
 
 
 def check_entry(folder: str | Path, *, submission: bool = True) -> None:
-    """Check an entry; nothing is evaluated, imported or changed.
+    """Check an entry without evaluating anything; a UserError names the first fault.
 
     A submission must be of today's tracks, name its authors and its licence, have the seeds 0, 1
     and so on, and hold nothing verified. An entry that was accepted earlier may be outdated.
-
-    Raises:
-        UserError: If something is wrong; the message names the first fault.
     """
     folder = as_path(folder, "an entry")
     groups = [GroupFiles(folder, group) for group in check_files(folder, submission=submission)]

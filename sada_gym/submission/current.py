@@ -61,10 +61,8 @@ def current_target(track: str, agent: str) -> OpenTarget:
 def current_experiment(track: str, agent: str, rule: str, adversary: AdversarySpec) -> Experiment:
     """Return the experiment as the benchmark would make it now.
 
-    The options of an adversary that is not ours stay as they are.
-
-    Raises:
-        UserError: If a name is unknown, or one of our adversaries refuses the options.
+    The options of an adversary that is not ours stay as they are. An unknown name, or an option
+    that one of ours refuses, is a UserError.
     """
     target = current_target(track, agent)
     solver: Adversary | None = None
