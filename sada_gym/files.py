@@ -263,7 +263,6 @@ def _listed(kinds: Mapping[str, tuple[str, int]]) -> str:
 
 @contextmanager
 def _npz(path: Path, wanted: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
-    """Open an NPZ file with the sorted names of its arrays; what is wrong becomes a sentence."""
     content = read_file(path, MAX_ARRAYS_BYTES)
     mend = "Restore the file, or make it anew."
     with (

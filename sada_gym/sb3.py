@@ -80,7 +80,6 @@ class AttackCallback(BaseCallback):
         self._write()
 
     def _write(self) -> None:
-        """Write about the queries since the last entry, if there are any."""
         record, step = self.oracle.record, self._spent
         mu, score = record.mu[self._written :], record.score[self._written :]
         if not len(score):

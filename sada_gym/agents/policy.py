@@ -235,7 +235,6 @@ def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
 
 
 def _fits_models(space: Any) -> bool:
-    """Whether a model can get observations as arrays, or as a dictionary of arrays."""
     kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
     parts = space.values() if isinstance(space, spaces.Dict) else [space]
     return all(isinstance(part, kinds) for part in parts)

@@ -174,7 +174,6 @@ def _read_data(path: Path, content: bytes) -> dict[str, Any]:
 
 
 def _read_weights(path: Path, content: bytes) -> dict[str, torch.Tensor]:
-    """Read the weights of an SB3 file; torch loads nothing but tensors."""
     pth = _member(path, content, "policy.pth")
     cause: Exception | None = None
     try:

@@ -245,7 +245,6 @@ def _normalised(
     stacked: Mapping[str, tuple[int, ...]],
     stack: list[StackFrames],
 ) -> list[Transform]:
-    """Normalise single frames or stacked ones, whichever the statistics are of."""
     if not normalisation.norm_obs:
         return [*stack]
     statistics: Any = normalisation.obs_rms

@@ -162,7 +162,6 @@ class Dispatcher:
                 )
 
     def _recover(self, error: BaseException, suspects: list[Chunk], deaths: Counter[Chunk]) -> None:
-        """Replace our own processes after one died; for another executor, raise."""
         if self._executor is not None:
             raise WorkerError(
                 "The executor lost its workers, or the connection to its scheduler, and gave the "

@@ -173,7 +173,6 @@ def _leave(connection: Any) -> None:
 
 
 def _ready_workers(client: Any, address: str) -> int:
-    """Wait for the first worker, and check that all have our versions of the packages."""
     try:
         client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
     except TimeoutError as error:

@@ -146,7 +146,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         parameters: Mapping[str, Any],
         score: Score,
     ) -> EpisodeSpec:
-        """Read off one environment what all have in common, and check the parameters on it."""
         self._metadata = dict(env.metadata)
         self.render_fps = int(self._metadata.get("render_fps") or 30)  # type: ignore[misc]
         self._wrapped_by = tuple(
@@ -244,7 +243,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     @property
     def _without_fingerprint(self) -> str:
-        """Says which function makes an `agent_id` necessary."""
         if not self._own_functions or self._agent_id:
             return super()._without_fingerprint
         named = [
@@ -300,7 +298,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         return {"values": chosen | whole} if chosen or whole else {}
 
     def _warn_of_clipping(self, extras: Sequence[Mapping[str, Any]]) -> None:
-        """Warn once where many returns lie outside the range of the score."""
         before = self._many_clipped
         self._scores += len(extras)
         self._clipped += sum(extra["clipped"] for extra in extras)
@@ -390,7 +387,6 @@ def _packages(env: gym.Env[Any, Any]) -> tuple[str, ...]:
 
 
 def _name_and_version(factory: EnvFactory, env: gym.Env[Any, Any]) -> tuple[str, int]:
-    """Return the name and version of the environment's id, or its class's name and 0."""
     if not isinstance(factory.environment, str):
         return type(env.unwrapped).__name__, 0
     match = _ID.fullmatch(factory.name)

@@ -259,7 +259,6 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         return value
 
     def _check_spaces(self) -> None:
-        """Check that the agent sees and does the same kind of thing as in all other worlds."""
         for name in ("observation_space", "action_space"):
             own, shared = getattr(self.env, name), getattr(self._spec, name)
             if type(own) is not type(shared) or _shapes(own) != _shapes(shared):
@@ -274,7 +273,6 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:
-    """Return the values of the bindings of a kind, by the names of what they set."""
     bindings = [(name, b) for name, b in spec.bindings.items() if isinstance(b, kind)]
     return {b.targets(name)[0]: start.values[name] for name, b in bindings}
 

@@ -127,7 +127,6 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
 
 
 def _toml_types(hint: Any) -> list[type]:
-    """List TOML's types for a type annotation; what TOML cannot hold is left out."""
     origin = get_origin(hint) or hint
     if origin is Union or origin is UnionType:
         types = [kind for part in get_args(hint) for kind in _toml_types(part)]
