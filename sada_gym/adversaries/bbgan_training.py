@@ -25,15 +25,12 @@ def train_gan(
     log: TrainingLog | None,
     on_step: Callable[[int, int], None] | None = None,
 ) -> tuple[Generator, Discriminator]:
-    """Train G and D by the paper's BBGAN objective: S is real, G's samples are fake.
+    """Train and return G and D by the paper's BBGAN objective: S is real, G's samples are fake.
 
     With `o.rest` the points of Omega that do not fool are fake as well, so that D learns from all
     of Omega (compare Asokan & Seelamantula 2020, "Teaching a GAN what not to learn"). Where the
     fooling rate p(mu) is noisy, G is then drawn to where p is high; without noise its optimum is
-    unchanged.
-
-    Returns:
-        G and D, their weights averaged over the steps where `o.average` says so.
+    unchanged. Weights are averaged over the steps where `o.average` says so.
 
     Raises:
         TrainingDiverged: If a loss or a weight is not finite any more.

@@ -47,14 +47,13 @@ class Rule:
         value = self.kind(value)
         if self.choices and value not in self.choices:
             raise ValueError
-        if self.kind in _NUMBERS and not (math.isfinite(value) and self._in_range(value)):
-            raise ValueError
+        if self.kind in _NUMBERS:
+            low = -math.inf if self.low is None else self.low
+            high = math.inf if self.high is None else self.high
+            within = low < value < high if self.inside else low <= value <= high
+            if not (math.isfinite(value) and within):
+                raise ValueError
         return value
-
-    def _in_range(self, value: float) -> bool:
-        low = -math.inf if self.low is None else self.low
-        high = math.inf if self.high is None else self.high
-        return low < value < high if self.inside else low <= value <= high
 
     def __str__(self) -> str:
         """Say it as a part of a sentence: `an int from 1 to 100`."""

@@ -77,8 +77,7 @@ def make(name: str, dimension: int, *, seed: int | None = None, **options: Any) 
 def resolve(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return all options that `make` would use: those given, the preset's, the defaults.
 
-    Raises:
-        ValueError: If the name or the preset is unknown.
+    Raise `UserError` if the name or the preset is unknown.
     """
     kind = find(name)
     chosen = options.get("preset", "default")

@@ -183,11 +183,9 @@ class PPO(SB3Adversary):
 
 @dataclass(frozen=True)
 class OffPolicyOptions(SB3Options):
-    """The options that `sac` and `td3` share, beside those of `SB3Options`.
+    """The options of `sac` and `td3`, beside those of `SB3Options`.
 
-    Attributes:
-        updates: Steps of Adam for each query.
-        batch: Queries in a step of Adam.
+    There are `updates` steps of Adam for each query, on a `batch` of queries each.
     """
 
     updates: float = option(0.5, 0, 100, inside=True)
@@ -224,8 +222,7 @@ class OffPolicyAdversary(SB3Adversary):
 class SACOptions(OffPolicyOptions):
     """The options of `sac`, beside those of `OffPolicyOptions`.
 
-    Attributes:
-        entropy: The temperature: the reward for each nat of the policy's entropy.
+    `entropy` is the temperature: the reward for each nat of the policy's entropy.
     """
 
     dissimilarity: float = option(0.5, 0, 100)
@@ -264,9 +261,8 @@ class SAC(OffPolicyAdversary):
 class TD3Options(OffPolicyOptions):
     """The options of `td3`, beside those of `OffPolicyOptions`.
 
-    Attributes:
-        noise: The standard deviation of the noise added to every action, in training and in
-            samples. It is this policy's only entropy.
+    `noise` is the standard deviation of what is added to every action, in training and in samples.
+    It is this policy's only entropy.
     """
 
     updates: float = option(1.0, 0, 100, inside=True)

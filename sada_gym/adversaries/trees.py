@@ -20,9 +20,7 @@ _POOL, _PART = 200_000, 20_000
 class TreesOptions(Options):
     """The options of `trees`.
 
-    Attributes:
-        trees: Number of trees.
-        level: A candidate is kept where at least this share of the trees says that it fools.
+    A candidate is kept where at least the share `level` of the trees says that it fools.
     """
 
     trees: int = option(500, 1, 100_000)

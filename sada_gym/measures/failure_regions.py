@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from sada_gym.arrays import Bools, Floats, Indices
+from sada_gym.arrays import Bools, Floats
 from sada_gym.files import OneLine, Strict
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
@@ -68,10 +68,8 @@ def failure_regions(space: ParameterSpace, failures: Mu) -> FailureRegions:
     (1997). A range counts if n KL(p, v) >= log(tests / ALPHA), where p of n failures and v of
     uniform worlds lie in it: by Chernoff's bound and the sum over all tests, that happens with a
     chance of at most ALPHA where failures are uniform. An adversary that found one kind of failure
-    shows that kind only. Failures, (n, d), are the mu that fooled; repeated rows count once.
-
-    Raises:
-        ValueError: If the failures are not as described.
+    shows that kind only. Failures, (n, d) as `ParameterSpace.validate` takes them, are the mu that
+    fooled; repeated rows count once.
     """
     mu = space.validate(failures)
     different = np.unique(mu + np.float32(0.0), axis=0)
@@ -154,7 +152,8 @@ def _strongest(
         grid = _grid(parameter)
         if len(grid.weights) < 2:  # a single choice
             continue
-        cell = _cells(parameter, grid, values[:, index])
+        column = values[:, index] % 360.0 if parameter.directions else values[:, index]
+        cell = np.searchsorted(grid.edges[1:-1], column, side="right")
         counts = np.bincount(cell[among], minlength=len(grid.weights)).astype(np.float64)
         sets = _largest_sets(counts) if grid.sets is None else grid.sets
         total = counts.sum()
@@ -199,12 +198,6 @@ def _grid(parameter: Parameter) -> _Grid:
     return _Grid(edges, _ranges(len(edges) - 1))
 
 
-def _cells(parameter: Parameter, grid: _Grid, values: Floats) -> Indices:
-    if parameter.directions:
-        values = values % 360.0
-    return np.searchsorted(grid.edges[1:-1], values, side="right")
-
-
 def _round_step(maximum: float) -> float:
     power = 10.0 ** math.floor(math.log10(maximum) + 1e-9)
     return float(max(step for step in (1, 2, 5) if step * power <= maximum * (1 + 1e-9)) * power)
@@ -244,7 +237,8 @@ def _is_ordered(parameter: Parameter) -> bool:
 
 
 def _condition(parameter: Parameter, finding: _Finding) -> Condition:
-    said = f"{_label(parameter)} is {_describe(parameter, finding)}"
+    label = parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
+    said = f"{label} is {_describe(parameter, finding)}"
     text = "".join(letter if letter.isprintable() else " " for letter in said)
     edges, runs = finding.grid.edges, _runs(finding.cells)
     ranges = tuple((float(edges[i]), float(edges[j])) for i, j in runs)
@@ -268,7 +262,9 @@ def _describe(parameter: Parameter, finding: _Finding) -> str:
         share = (finding.grid.edges - parameter.low) / (parameter.high - parameter.low)
         first = np.rint(share * len(names)).astype(int).tolist()  # each cell's first choice
         return _either([_choices(names, first[i], first[j]) for i, j in _runs(cells)])
-    ends = [_quantity(float(edge), parameter) for edge in finding.grid.edges]
+    # edges are round numbers; those of a narrow range far from zero need many digits
+    numbers = (f"{edge:.12g}".replace("-", "\N{MINUS SIGN}") for edge in finding.grid.edges)
+    ends = [parameter.with_unit(number) for number in numbers]
     return _either([_interval(ends, i, j) for i, j in _runs(cells)])
 
 
@@ -305,15 +301,6 @@ def _describe_directions(names: tuple[str, ...], cells: Bools) -> str:
 
 def _either(parts: list[str]) -> str:
     return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
-def _label(parameter: Parameter) -> str:
-    return parameter.label.removesuffix(" azimuth") if parameter.directions else parameter.label
-
-
-def _quantity(value: float, parameter: Parameter) -> str:
-    # edges are round numbers; those of a narrow range far from zero need many digits
-    return parameter.with_unit(f"{value:.12g}".replace("-", "\N{MINUS SIGN}"))
 
 
 def _percent(share: float) -> str:

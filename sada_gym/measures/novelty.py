@@ -74,10 +74,8 @@ class Neighbours:
 def novelty(samples: npt.ArrayLike, queries: npt.ArrayLike) -> Novelty:
     """Measure how far samples, (m, d), lie from the training queries, (n, d), m and n >= 1.
 
-    Both are rounded to float32, as mu is wherever it is evaluated.
-
-    Raises:
-        ValueError: If the shapes do not fit.
+    Both are rounded to float32, as mu is wherever it is evaluated. Raise `UserError` if the shapes
+    do not fit.
     """
     points = as_array(samples, "samples").astype(np.float32)
     distances, _ = nearest_neighbours(points, as_array(queries, "queries").astype(np.float32))
@@ -131,10 +129,8 @@ def image_neighbours(
     image is looked for among so many `neighbours`, the nearest queries in mu, and `others`, random
     ones that `seed` picks. Samples are (m, d), 8 to 16 for a figure, with a seed each; queries are
     (n, d). `frame` draws the image of a mu, (d,), and a seed: by default `application.observation`.
-    Where the application draws no images, nothing is returned.
-
-    Raises:
-        ValueError: If the arguments do not fit together.
+    Where the application draws no images, nothing is returned. Raise `UserError` for arguments that
+    do not fit together.
     """
     points, queried = (application.parameters.validate(mu) for mu in (samples, queries))
     worlds = validate_seeds(seeds, len(points))

@@ -86,8 +86,7 @@ def mu_std(mu: npt.ArrayLike) -> float:
 def nearest_neighbours(samples: npt.ArrayLike, queries: npt.ArrayLike) -> tuple[Floats, Indices]:
     """Find the nearest training query, of (m, d), m >= 1, of each sample of (n, d).
 
-    Returns:
-        (n,) Euclidean distances, near 0 if an adversary memorises, and (n,) rows of `queries`.
+    Distances, (n,), are Euclidean, near 0 if an adversary memorises; with them come the rows.
     """
     from scipy.spatial import cKDTree
 

@@ -52,10 +52,7 @@ def anytime(
 
     Queries, (N, d), are in the order of asking and are rounded to float32; scores are (N,).
     Checkpoints are increasing numbers of queries, from 1 to N. The set is (R, d) with R > k, or
-    None where no point is known to fool.
-
-    Raises:
-        ValueError: If an argument is not as described.
+    None where no point is known to fool. Raise `UserError` for arguments that are not as described.
     """
     mu = as_array(queries, "queries").astype(np.float32)
     q = as_array(scores, "scores").astype(np.float64)

@@ -91,10 +91,8 @@ def estimate(
     `samples` is M where the values are rates among M test samples, as AFR is: one number, or one
     for each track; None where they are anything else, such as coverage. `draws` are for figures
     that are no plain rates: what each track's mean could have been with other test samples,
-    (tracks, resamples). They stand in for the posterior of a rate.
-
-    Raises:
-        ValueError: If an argument is not as described.
+    (tracks, resamples). They stand in for the posterior of a rate. Raise `UserError` for arguments
+    that are not as described.
     """
     runs = as_array(values, "values").astype(np.float64)
     _check(runs, statistic, resamples, level)

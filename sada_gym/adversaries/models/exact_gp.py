@@ -104,14 +104,12 @@ def fit_kernel(x: Floats, y: Floats) -> Kernel:
 
 
 def fit_weights(kernel: Kernel, x: Floats, y: Floats) -> Floats:
-    """Solve (K + noise I) w = y for all n points.
+    """Solve (K + noise I) w = y for all n points: (n,).
 
-    It holds one (n, n) float64 matrix, 3.2 GB at n = 20,000. Up to 4,000 points it factorises the
-    matrix in place. Beyond, it takes conjugate gradients down to a residual of 1e-11 of y, and
-    factorises only where 300 steps do not reach that.
-
-    Returns:
-        (n,) the weights: the posterior mean at a is k(a, x) w (Rasmussen & Williams 2006, 2.27).
+    The posterior mean at a is k(a, x) w (Rasmussen & Williams 2006, 2.27). The solver holds one
+    (n, n) float64 matrix, 3.2 GB at n = 20,000. Up to 4,000 points it factorises the matrix in
+    place. Beyond, it takes conjugate gradients down to a residual of 1e-11 of y, and factorises
+    only where 300 steps do not reach that.
     """
     n = len(x)
     upper = np.empty((n, n))
