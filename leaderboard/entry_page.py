@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from leaderboard.board import TIERS, Board, GroupBoard
 from leaderboard.board_tables import outdated_sheet
@@ -16,14 +15,14 @@ from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, EntryResult
 from sada_gym.results.models import EntryMetadata, SeedResult, Tier, VerifiedSeed
 from sada_gym.results.rows import Row
-from sada_gym.results.sheet import Column, Line, Sheet, text_cell
+from sada_gym.results.sheet import Column, Line, Sheet, text_cell, text_column
 
 _COLUMNS = (
-    Column("track", "track", numeric=False),
-    Column("tier", "tier", numeric=False),
+    text_column("track"),
+    text_column("tier"),
     Column("afr_verified", "AFR verified, %", "By us on fresh seeds, with its 95 % interval."),
     Column("afr_claimed", "AFR claimed, %", "The submitter's own figure."),
-    Column("seeds", "AFR of each seed, %", "In the order of the seeds.", numeric=False),
+    text_column("seeds", "AFR of each seed, %", hint="In the order of the seeds."),
     Column("relative_verified", "coverage / ideal verified, %"),
     Column("relative_claimed", "coverage / ideal claimed, %"),
     *row_columns("queries", "mu_std"),
@@ -32,11 +31,9 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Flag:
-    """Something that a reader must know.
+    """What a reader must know: its sentences, each with the tracks and seeds that it is about.
 
-    Attributes:
-        name: The verifier's name for it; empty for what the submitter's own runs say.
-        texts: Its sentences, each with the tracks and seeds that it is said of.
+    `name` is the verifier's; it is empty for what the submitter's own runs say.
     """
 
     name: str
@@ -87,14 +84,16 @@ def entry_page(board: Board, entry: Entry, pictures: Pictures) -> EntryPage:
         metadata=metadata,
         adversary=adversary,
         tiers=tuple(t for t in TIERS if t in {result.tier for result in entry.results.values()}),
-        options=_options(adversary.options if adversary is not None else {}),
+        options=json.dumps(adversary.options, indent=2, ensure_ascii=False)
+        if adversary is not None and adversary.options
+        else "",
         links={name: url for name, url in links.items() if is_web(url)},
         sections=tuple(
             section for group in board.groups for section in _sections(group, entry, pictures)
         ),
         flags=tuple(_flags(entry)),
         outdated=outdated_sheet(f"entries/{metadata.name}", outdated) if outdated else None,
-        failures=_failures(entry),
+        failures=_flag("", ((seed.error, place) for place, seed in _seeds(entry) if seed.error)),
     )
 
 
@@ -103,15 +102,10 @@ def is_web(url: str) -> bool:
     return url.startswith(("https://", "http://"))
 
 
-def _options(options: Mapping[str, Any]) -> str:
-    return json.dumps(options, indent=2, ensure_ascii=False) if options else ""
-
-
 def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[Section]:
     name = entry.metadata.name
-    own = next((other for other in board.entries if other.metadata.name == name), None)
+    own = {other.metadata.name: other.results for other in board.entries}.get(name, {})
     for comparison in board.comparisons if own else ():
-        assert own is not None
         table, agent = comparison.table, comparison.agent
         rows = {
             tier: {
@@ -123,9 +117,7 @@ def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[S
             for tier in TIERS
         }
         places = {track: place_of(track, agent, table.name) for track in board.group.tracks}
-        results = {
-            track: own.results[place] for track, place in places.items() if place in own.results
-        }
+        results = {track: own[place] for track, place in places.items() if place in own}
         if rows["claimed"]:
             against = f" · {agent}" if agent else ""
             yield Section(
@@ -163,19 +155,15 @@ def _lines(
 
 def _flags(entry: Entry) -> Iterator[Flag]:
     """List the verifier's flags by name, then what the submitter's own runs say."""
-    said = [
+    flags = [
         (name, text, _where(result))
         for result in entry.results.values()
         if result.verified is not None
         for name, text in result.verified.flags.items()
     ]
-    said += [("", text, place) for place, seed in _seeds(entry) for text in seed.flags]
-    for name in sorted({name for name, _, _ in said}, key=lambda name: (name == "", name)):
-        yield Flag(name, _places((text, place) for other, text, place in said if other == name))
-
-
-def _failures(entry: Entry) -> Flag:
-    return Flag("", _places((seed.error, place) for place, seed in _seeds(entry) if seed.error))
+    flags += [("", text, place) for place, seed in _seeds(entry) for text in seed.flags]
+    for name in sorted({name for name, _, _ in flags}, key=lambda name: (name == "", name)):
+        yield _flag(name, ((text, place) for other, text, place in flags if other == name))
 
 
 def _seeds(entry: Entry) -> Iterator[tuple[str, SeedResult]]:
@@ -184,12 +172,12 @@ def _seeds(entry: Entry) -> Iterator[tuple[str, SeedResult]]:
             yield f"{_where(result)}, seed {seed.seed}", seed
 
 
-def _places(said: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
-    """Put together the places that each text is said of."""
+def _flag(name: str, sentences: Iterable[tuple[str, str]]) -> Flag:
+    """Put the places together that each sentence is about."""
     places: dict[str, tuple[str, ...]] = {}
-    for text, place in said:
+    for text, place in sentences:
         places[text] = (*places.get(text, ()), place)
-    return places
+    return Flag(name, places)
 
 
 def _where(result: EntryResult) -> str:

@@ -30,12 +30,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on an entry's page.
-
-    Attributes:
-        path: Its place in the site.
-        text: What it shows, for those who do not see it.
-    """
+    """A picture on an entry's page: its place in the site, and what it shows in words."""
 
     path: str
     text: str
@@ -45,10 +40,7 @@ class Picture:
 class Pictures:
     """Draws pictures, and takes those that an earlier build drew of the same samples.
 
-    Attributes:
-        drawing: Whether to draw any.
-        earlier: The folder of the site that an earlier build made.
-        files: The pictures by their place in the site; filled by `of`.
+    `files` holds the pictures by their place in the site; `of` fills it.
     """
 
     drawing: bool
@@ -58,15 +50,7 @@ class Pictures:
     def of(
         self, group: TrackGroup, agent: str, results: Mapping[str, EntryResult]
     ) -> tuple[Picture, ...]:
-        """Draw the samples of some tracks of a group.
-
-        Tracks with the same parameters share a picture.
-
-        Args:
-            group: The group.
-            agent: The agent that was attacked.
-            results: The results by track.
-        """
+        """Draw the samples behind the results by track; tracks of the same parameters share one."""
         if not self.drawing:
             return ()
         opened = {

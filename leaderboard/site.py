@@ -59,9 +59,8 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
 
     def fill(folder: Path) -> None:
         for path, content in files.items():
-            place = folder / path
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(content)
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(content)
 
     with file_errors("make the folder", out.parent):
         out.parent.mkdir(parents=True, exist_ok=True)

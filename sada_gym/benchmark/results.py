@@ -114,12 +114,12 @@ def results_of(
 def _labels(entries: Sequence[Entry]) -> dict[str, str]:
     """Return each entry's label: its title, and its name too where another one has this title."""
     times = Counter(entry.metadata.title for entry in entries)
-    return {
-        metadata.name: metadata.title
-        if times[metadata.title] == 1 or metadata.name == entry_name(metadata.title)
-        else f"{metadata.title} [{metadata.name}]"
-        for metadata in (entry.metadata for entry in entries)
-    }
+    labels = {}
+    for metadata in (entry.metadata for entry in entries):
+        name, title = metadata.name, metadata.title
+        is_clear = times[title] == 1 or name == entry_name(title)
+        labels[name] = title if is_clear else f"{title} [{name}]"
+    return labels
 
 
 def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
@@ -140,8 +140,8 @@ def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
 def _run_order(run: RunSummary, tables: Sequence[str]) -> tuple[Any, ...]:
     """Return a key to sort runs by: known names in their order, then other names."""
 
-    def place(name: str, known: Sequence[str]) -> tuple[int, str]:
-        return (known.index(name) if name in known else len(known), name)
+    def place(name: str, names: Sequence[str]) -> tuple[int, str]:
+        return (names.index(name) if name in names else len(names), name)
 
     return (
         place(run.table, tables),

@@ -49,11 +49,7 @@ class Curve:
 class NoveltyRatios:
     """An adversary's novelty over that of ideal samples, one figure a run.
 
-    Attributes:
-        label: The adversary's label.
-        median: Ratios of the median distances in mu.
-        fifth: Ratios of the fifth percentiles.
-        image: Ratios of the images' median distances.
+    The ratios are those of median distances and fifth percentiles in mu, and of images' medians.
     """
 
     label: str
@@ -211,7 +207,6 @@ def _colour(label: str) -> str:
 
 
 def _styles(colours: Sequence[str]) -> list[object]:
-    """Tell lines of one colour apart by their dashes."""
     dashes: list[object] = ["-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)), (0, (9, 3))]
     return [dashes[colours[:i].count(c) % len(dashes)] for i, c in enumerate(colours)]
 
@@ -238,7 +233,6 @@ def _is_shared(curve: Curve) -> bool:
 
 
 def _families(figure: Figure, labels: Sequence[str]) -> None:
-    """Explain the colours and the marks that occur."""
     from matplotlib.lines import Line2D
 
     shown = {family_of(label) for label in labels}

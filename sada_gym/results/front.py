@@ -146,21 +146,15 @@ class Chart:
 
 
 def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
-    """Lay out the adversaries that have both figures; None where fewer than two have.
-
-    Args:
-        rows: The rows.
-        title: What the chart shows.
-    """
+    """Lay out the adversaries that have both figures; None where fewer than two have."""
     rows = [row for row in rows if row.afr and row.relative_coverage]
     if len(rows) < 2:
         return None
-    end = max(1.0, *(_ends(row.relative_coverage)[1] for row in rows))
-    lowest = min(_ends(row.afr)[0] for row in rows)
+    shares = [_shares(row) for row in rows]
+    end = max(1.0, *(_ends(coverage)[1] for coverage, _ in shares))
+    lowest = min(_ends(afr)[0] for _, afr in shares)
     floor = max(0.0, math.floor(10 * lowest - 0.5) / 10)
-    places = [
-        (_across(_shares(row)[0].value, end), _up(_shares(row)[1].value, floor)) for row in rows
-    ]
+    places = [(_across(coverage.value, end), _up(afr.value, floor)) for coverage, afr in shares]
     sizes = np.array([(_LETTER * len(row.label), _LINE) for row in rows])
     labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
     front = front_of(rows)
@@ -186,8 +180,7 @@ def _shares(row: Row) -> tuple[Figure, Figure]:
     return row.relative_coverage, row.afr
 
 
-def _ends(figure: Figure | None) -> tuple[float, float]:
-    assert figure is not None
+def _ends(figure: Figure) -> tuple[float, float]:
     return figure.interval_95 or (figure.value, figure.value)
 
 
