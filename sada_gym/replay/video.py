@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -113,8 +113,7 @@ def replay(
     rows = choose(samples, worst=worst, sample=sample)
     _check_seconds(seconds, len(rows))
     on_progress("open", 0, len(rows))
-    frames: list[Frame] = []
-    times: list[float] = []
+    timed: list[tuple[Frame, float]] = []
     played: list[ReplayedSample] = []
     with open_target(settings, Path(run), application) as target:
         threshold = target.application.fooling_threshold
@@ -133,10 +132,9 @@ def replay(
             )
             last_line = f"sample {row}: Q = {clip.score:.2f}; fooled where Q ≤ {threshold:g}"
             for shot in clip.shots:
-                for frame, time_s in captioned(shot, last_line):
-                    frames.append(frame)
-                    times.append(time_s)
-    video = Video(_same_height(frames), tuple(times), tuple(played), path)
+                timed.extend(captioned(shot, last_line))
+    frames, times_s = zip(*timed, strict=True)
+    video = Video(_same_height(frames), times_s, tuple(played), path)
     if path is None:
         return video
     on_progress("write", len(rows), len(rows))
@@ -219,7 +217,7 @@ def _reason(settings: RunSettings) -> str:
     )
 
 
-def _same_height(frames: list[Frame]) -> tuple[Frame, ...]:
+def _same_height(frames: Sequence[Frame]) -> tuple[Frame, ...]:
     height = max(map(len, frames))
     return tuple(
         np.pad(frame, ((0, height - len(frame)), (0, 0), (0, 0)), mode="edge") for frame in frames

@@ -33,16 +33,13 @@ class Backdrop:
 
     Attributes:
         ground: Index into the keys of `GROUNDS`.
-        ground_colour: Main colour of the ground.
-        joint_colour: Colour of joints and road markings.
-        ground_turn: Cosine and sine of the pattern's rotation.
-        ground_shift: Offset of the pattern.
+        joint_colour: That of joints and road markings.
+        ground_turn: Cosine and sine of the pattern's rotation; `ground_shift` is its offset.
         tile: Size of a paving stone.
         gloss: Mirror share of the ground: wet is above 0.3.
         buildings: (b, 10) boxes: centre x, y, half size x, y, height, colour (3), window pitch
             across and up.
-        horizon: Colour of the sky at the horizon.
-        zenith: Colour of the sky overhead.
+        horizon: The sky's colour there; `zenith` is that overhead.
     """
 
     ground: int

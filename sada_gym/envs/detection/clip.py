@@ -100,7 +100,6 @@ def _box(view: Image.Image, scale: float, best: Detection, text: str, label: int
 def _chart(
     scores: npt.NDArray[np.float64], count: int, threshold: float, wanted: str
 ) -> Image.Image:
-    """Draw the detector's confidence in the class so far, and where it counts as fooled."""
     width, height = (WIDTH - SIDE) * _FINER, SIDE * _FINER
     left, right, top, bottom = (_FINER * margin for margin in (_LEFT, _RIGHT, _TOP, _BOTTOM))
     picture = Image.new("RGB", (width, height), (246, 247, 249))

@@ -19,8 +19,6 @@ from sada_gym.frames import Frame
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from sada_gym.envs.detection.agent.folded import FoldedDetector
-
 DETECTOR_TILE = 4
 """Images in one call of a detector of the shipped architecture; a part of the benchmark's scores.
 With 8, a single evaluation takes two thirds more time, and an image of a batch a tenth less."""
@@ -45,12 +43,8 @@ class DetectorAgent:
     """A detector that looks at images in tiles of one fixed size, filled up with black images.
 
     The shipped architecture is folded first, see `FoldedDetector`: later changes of its weights do
-    not count.
-
-    Args:
-        network: Keeps torchvision's calling convention.
-        tile: Images in one call; by default `DETECTOR_TILE` for the shipped architecture, else 1.
-        image_size: The pixels a side of the images to come, if they are known and square.
+    not count. `tile` is by default `DETECTOR_TILE` for the shipped architecture, else 1;
+    `image_size` is that of the images to come, if it is known and they are square.
 
     Raises:
         UserError: If the network is in training mode, the tile is not an int from 1 to `MAX_TILE`,
@@ -90,7 +84,16 @@ class DetectorAgent:
         batch = {"image": np.asarray(chosen)}
         if self._folded is None:
             return list(chain(*tiled(self._call, batch, self.tile, blank=True)))
-        return _detections_of(self._folded, batch, self.tile)
+        folded = self._folded
+        answers = tiled(lambda tile: folded(tile["image"]), batch, self.tile, blank=True)
+        candidates = np.concatenate(answers)
+        boxes, labels, scores = candidates[..., :4], candidates[..., 4], candidates[..., 5]
+        _check_numbers(boxes, scores)
+        columns = {"boxes": boxes, "labels": labels.astype(np.int64), "scores": scores}
+        best = [np.flatnonzero(kept)[:TOP_DETECTIONS] for kept in folded.kept(candidates)]
+        return [
+            {key: column[i, rows] for key, column in columns.items()} for i, rows in enumerate(best)
+        ]
 
     def _call(self, batch: Batch) -> list[Detections]:
         import torch
@@ -99,17 +102,6 @@ class DetectorAgent:
         images = list(pixels.float().div(255).contiguous())
         with torch.inference_mode():
             return _validate(self.network(images), len(images))
-
-
-def _detections_of(folded: FoldedDetector, batch: Batch, tile: int) -> list[Detections]:
-    candidates = np.concatenate(tiled(lambda tile: folded(tile["image"]), batch, tile, blank=True))
-    boxes, labels, scores = candidates[..., :4], candidates[..., 4], candidates[..., 5]
-    _check_numbers(boxes, scores)
-    columns = {"boxes": boxes, "labels": labels.astype(np.int64), "scores": scores}
-    best = [np.flatnonzero(kept)[:TOP_DETECTIONS] for kept in folded.kept(candidates)]
-    return [
-        {key: column[i, rows] for key, column in columns.items()} for i, rows in enumerate(best)
-    ]
 
 
 def listed(detections: Detections) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from sada_gym.drawing import dashed, dashed_box, font
+from sada_gym.envs.detection.detector import Detections
 from sada_gym.envs.detection.renderers import Rendering
 from sada_gym.frames import ORANGE, SKY, LegendEntry, rgb
 
@@ -39,17 +40,13 @@ def legend(object_class: str) -> tuple[LegendEntry, ...]:
 
 def annotate(
     rendering: Rendering,
-    detections: Mapping[str, npt.NDArray[Any]],
+    detections: Detections,
     names: Mapping[int, str],
     target: int,
 ) -> npt.NDArray[np.uint8]:
     """Draw the true box, and the best detections of the class and of others, see `legend`.
 
-    Args:
-        rendering: The picture and the true box.
-        detections: `boxes` (N, 4), `labels` (N,), `scores` (N,), best first.
-        names: Class names by label.
-        target: The label that counts.
+    `names` are those of the labels; `target` is the label that counts.
     """
     scale = -(-SIDE // len(rendering.image))
     side = scale * len(rendering.image)

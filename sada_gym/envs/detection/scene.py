@@ -27,7 +27,7 @@ class Scene:
 
     Azimuths run counter-clockwise seen from above. A camera azimuth of 0 looks at the object's
     front; the light's azimuth is relative to the camera's, so 0 lights from behind the camera and
-    180 is backlight.
+    180 is backlight. Pitches are above the horizon.
 
     A scene is data alone. `to_dict` and `to_json` give all that a renderer in another process or
     of another program needs to know.
@@ -36,11 +36,6 @@ class Scene:
         shape: The object; None leaves the place empty.
         colour: Its paint, sRGB in [0, 1].
         camera_distance: From the object's centre, in scene units.
-        camera_azimuth_deg: See above.
-        camera_pitch_deg: Above the horizon.
-        light_azimuth_deg: See above.
-        light_pitch_deg: Above the horizon.
-        backdrop: The place around the object.
         aim: Where the camera looks, as an offset (right, up) from the object's centre in units of
             half the image's height.
         seed: Seeds a renderer that draws random numbers; the default one draws none.
@@ -117,13 +112,10 @@ PLACEMENT = (
 
 @dataclass(frozen=True, eq=False)
 class Pinhole:
-    """A pinhole camera: where it stands, its axes, its frustum.
+    """A pinhole camera at an eye, (3,), with axes, (3, 3): unit vectors right, up, backward.
 
-    Attributes:
-        eye: (3,) position.
-        axes: (3, 3), rows right, up, backward (unit vectors).
-        tangent: Half the image's height at distance 1.
-        offset: Principal point in units of half the image, (right, up).
+    `tangent` is half the image's height at distance 1, `offset` the principal point in units of
+    half the image, (right, up).
     """
 
     eye: Vector

@@ -42,10 +42,9 @@ class FoldedDetector:
         self._model = model
 
     def __call__(self, images: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-        """Return the candidates in images (n, H, W, 3), H and W multiples of 16.
+        """Return the candidates (n, top, 6) in images (n, H, W, 3), H and W multiples of 16.
 
-        Returns:
-            (n, top, 6): x0 y0 x1 y1 in pixels, label, score; best first, doubles among them.
+        Each is x0 y0 x1 y1 in pixels, label, score; best first, doubles among them.
 
         Raises:
             UserError: If H or W is not a multiple of 16.

@@ -54,11 +54,8 @@ class Detector(nn.Module):
     Called as torchvision's detectors are: `model(images)` takes a list of (3, H, W) float tensors
     in [0, 1] and returns a list of {"boxes": (N, 4) x0 y0 x1 y1 in pixels, "labels": (N,) int64
     from 1, "scores": (N,) in [0, 1], best first}. H and W are multiples of 16, equal in one call.
-
-    Args:
-        classes: The class names; label i + 1 is classes[i].
-        top: Most detections an image.
-        floor: Detections with a lower score are dropped.
+    Label i + 1 is classes[i]. An image has at most `top` detections, none with a score below
+    `floor`.
     """
 
     def __init__(self, classes: Sequence[str], *, top: int = 10, floor: float = 0.05) -> None:
@@ -99,8 +96,7 @@ class Detector(nn.Module):
     def candidates(self, logits: Tensor, reach: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return the highest peaks of what `maps` returned, best first, doubles among them.
 
-        Returns:
-            The boxes (b, top, 4) in pixels, the labels (b, top) and the scores (b, top).
+        These are boxes (b, top, 4) in pixels, labels (b, top) and scores (b, top).
         """
         heat = logits.contiguous().sigmoid()
         scores, index = (heat * peaks(heat)).flatten(1).topk(self.top)

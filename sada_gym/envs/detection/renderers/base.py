@@ -21,10 +21,9 @@ DEFAULT_KEY = "Rasteriser"
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """A picture of a scene and what is known of the object in it.
+    """A picture of a scene, (size, size, 3) uint8 RGB, and what is known of the object in it.
 
     Attributes:
-        image: (size, size, 3) uint8, RGB.
         mask: (size, size) bool, pixels mostly covered by the object.
         box: (4,) float64, x0 y0 x1 y1 in pixels; None where no object is in sight.
     """

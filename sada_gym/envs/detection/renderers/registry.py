@@ -18,11 +18,9 @@ DEFAULT_RENDERER = "rasteriser"
 
 
 def find_renderer(renderer: Any) -> Renderer:
-    """Make a renderer by its name, or return a user's own one.
+    """Make a renderer by a key of `RENDERERS` or `module:Class`, or return a user's own one.
 
-    Args:
-        renderer: A key of `RENDERERS`, or `module:Class`: whoever has it made closes it. Or a
-            renderer.
+    Whoever has one made closes it.
 
     Raises:
         UserError: If there is no such renderer, or it is not a `Renderer`.

@@ -22,11 +22,9 @@ _Indices = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh of one material.
+    """A closed mesh of one material.
 
-    Attributes:
-        mesh: Closed; vertices (v, 3) in metres, faces (f, 3) counter-clockwise seen from outside.
-        material: What all its faces are made of.
+    Its vertices (v, 3) are in metres, its faces (f, 3) counter-clockwise seen from outside.
     """
 
     mesh: trimesh.Trimesh
@@ -38,11 +36,7 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
 
     Each part keeps its own normals: vertices are doubled along edges sharper than `CREASE_DEG`.
     Faces without area are dropped. A part that encloses a negative volume is turned inside out.
-
-    Args:
-        name: Unique, such as `car/saloon-3`.
-        object_class: Such as `car`.
-        parts: At least one with a face that has area, in metres, front +x, up +z.
+    The parts are in metres, front +x, up +z.
 
     Raises:
         ValueError: If no face has area, or a coordinate is not finite.

@@ -25,12 +25,7 @@ _Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class Orientation(BaseModel):
-    """How the files of a folder are oriented, as its `shapes.json` may say; else as ShapeNet's.
-
-    Attributes:
-        up: The files' axis that points up.
-        front: The files' axis along which an object looks.
-    """
+    """The files' axes that point up and where an object looks: of `shapes.json`, or ShapeNet's."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -91,13 +86,10 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
     the folder's `Orientation` and placed as `Shape` says. All faces are `Material.PAINT`. Some
     2,000 triangles a file are best for rendering time, and 500,000 are the most.
 
-    Args:
-        path: Such as `cad/`, holding `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and
-            optionally `cad/shapes.json`, such as `{"up": "+z", "front": "+x"}`.
-        skip_unreadable: Whether to go on, with a warning, without files that hold no usable mesh.
-
-    Returns:
-        Shapes by class, both sorted by name. A shape is named by its path in the folder.
+    A folder `cad/` holds `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and optionally
+    `cad/shapes.json`, such as `{"up": "+z", "front": "+x"}`. With `skip_unreadable`, a file that
+    holds no usable mesh costs a warning. The shapes by class are sorted by name, both; a shape is
+    named by its path in the folder.
 
     Raises:
         ValueError: If the folder is missing, has no class, a class has no mesh, a file has an

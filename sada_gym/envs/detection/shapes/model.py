@@ -54,7 +54,6 @@ class Shape:
 
     Attributes:
         name: Unique, such as `car/saloon-3`.
-        object_class: One of the benchmark's classes, such as `car`.
         vertices: (v, 3) float32.
         normals: (v, 3) float32, unit length; vertices are doubled where an edge is sharp.
         faces: (f, 3) int32, counter-clockwise seen from outside.

@@ -29,13 +29,9 @@ def is_named(shapes: str | Path) -> bool:
 def find_shapes(
     shapes: str | Path, object_class: str, *, skip_unreadable: bool = False
 ) -> tuple[Shape, ...]:
-    """Find the shapes of a class.
+    """Find the shapes of a class by a key of `SHAPES`, a `module:function`, or a folder's path.
 
-    Args:
-        shapes: A key of `SHAPES`, `module:function` for a set of one's own, or the path of a
-            folder, see `load_folder`.
-        object_class: The class, such as `car`.
-        skip_unreadable: Whether to go on, with a warning, without files that hold no usable mesh.
+    `load_folder` says what a folder holds, and what `skip_unreadable` does.
 
     Raises:
         UserError: If there is no such set, folder or class, or a file cannot be read.
