@@ -102,7 +102,6 @@ def _write(
     *,
     bold: bool = False,
 ) -> None:
-    """Write a line, smaller where it is too long, and cut where it is far too long."""
     room = WIDTH - left - _LEFT
     line = "".join(letter if letter.isprintable() else " " for letter in text)
     for smaller in range(5):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from sada_gym.application import Application
+from sada_gym.arrays import Floats
 from sada_gym.evaluations import fools
 from sada_gym.files import shown
 from sada_gym.parameters import Mu
@@ -22,14 +23,6 @@ MIN_SHARE_S = 4.0
 MAX_FPS = 20
 SHORTEST_S = 2.0
 """A shorter episode is shown in slow motion."""
-
-
-class _HasScore(Protocol):
-    @property
-    def score(self) -> float: ...
-
-
-_EpisodeT = TypeVar("_EpisodeT", bound=_HasScore)
 
 
 @dataclass(frozen=True)
@@ -101,19 +94,17 @@ def share_time(failures: Sequence[int], seconds: float) -> tuple[Sequence[int], 
 
 
 def clip_failures(
-    episodes: Sequence[_EpisodeT],
-    failed: Callable[[_EpisodeT], bool],
+    score: Floats,
+    failed: npt.NDArray[np.bool_],
     seconds: float,
-    make_shot: Callable[[_EpisodeT, int, float], Shot],
+    make_shot: Callable[[int, float], Shot],
 ) -> Clip:
-    """Cut a sample's episodes to a clip of those that failed.
+    """Cut a sample's episodes, of these scores, to a clip of those that failed.
 
     `make_shot` makes the shot of an episode from its number and the seconds that it gets.
     """
-    failures = [i for i, episode in enumerate(episodes) if failed(episode)]
-    chosen, each_s = share_time(failures, seconds)
-    shots = [make_shot(episodes[i], i, each_s) for i in chosen]
-    return Clip(shots, float(np.mean([episode.score for episode in episodes])))
+    chosen, each_s = share_time(np.flatnonzero(failed).tolist(), seconds)
+    return Clip([make_shot(i, each_s) for i in chosen], float(np.mean(score)))
 
 
 def describe_world(application: Application, mu: Mu, count: int = 3) -> str:

@@ -144,7 +144,6 @@ def _medoids(apart: Array, candidates: Indices, count: int) -> tuple[Indices, Ar
 
 
 def _farthest(apart: Array, shown: Indices, candidates: Indices, count: int) -> Indices:
-    """Choose candidates one by one, each the farthest from all that are shown by then."""
     chosen: list[int] = []
     nearest = apart[shown][:, candidates].min(axis=0, initial=np.inf)
     for _ in range(min(count, len(candidates))):

@@ -100,7 +100,6 @@ def _heading(group: FrameGroup) -> Image.Image:
 
 
 def _legend(entries: Sequence[LegendEntry]) -> Image.Image:
-    """Draw marks, each before what it means, in as many lines as they need."""
     face, line, (width, height) = font(_TEXT), round(_LINE * _TEXT) + 8, _SWATCH
     left, top, places = _MARGIN, 0, []
     marks = [entry for entry in entries if entry.mark != "note"]

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from sada_gym.replay.gif import COLOURS, _thinned, durations_ms, gif
-from sada_gym.replay.palette import Palette
+from sada_gym.replay.gif import COLOURS, Palette, _thinned, durations_ms, gif
 
 
 def moving(count: int = 12, side: int = 64) -> list[np.ndarray]:

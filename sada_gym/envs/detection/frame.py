@@ -79,7 +79,6 @@ def _box(draw: ImageDraw.ImageDraw, box: npt.NDArray[Any], colour: str, side: in
 
 
 def _write(draw: ImageDraw.ImageDraw, text: str, y: int, colour: str, side: int) -> None:
-    """Write a line behind a piece of the line of its box."""
     left, start, width = side // 64, side // 10, max(2, side // 96)
     face, middle = font(side / 17), y + side / 28
     dash, gap = (width * length for length in _DASHES[colour])

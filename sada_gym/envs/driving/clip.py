@@ -41,10 +41,11 @@ def clip(application: DrivingApplication, mu: Mu, seed: int, seconds: float) -> 
     """Show how the drives that failed ended."""
     rollouts = application.rollouts(mu, seed)
 
-    def shot(rollout: Rollout[DrivingStart], i: int, seconds: float) -> Shot:
-        return _shot(rollout, f"route {i + 1} of {len(rollouts)}", seconds)
+    def shot(i: int, seconds: float) -> Shot:
+        return _shot(rollouts[i], f"route {i + 1} of {len(rollouts)}", seconds)
 
-    return clip_failures(rollouts, lambda rollout: rollout.score < 1, seconds, shot)
+    score = np.array([rollout.score for rollout in rollouts])
+    return clip_failures(score, score < 1, seconds, shot)
 
 
 def _shot(rollout: Rollout[DrivingStart], name: str, seconds: float) -> Shot:

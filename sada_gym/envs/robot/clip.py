@@ -28,10 +28,11 @@ def clip(application: RobotApplication, mu: Mu, seed: int, seconds: float) -> Cl
     rollouts = application.rollouts(mu, seed)
     world = describe_world(application, mu)
 
-    def shot(rollout: Rollout[RobotStart], i: int, seconds: float) -> Shot:
-        return _shot(rollout, f"trip {i + 1} of {len(rollouts)}", world, seconds)
+    def shot(i: int, seconds: float) -> Shot:
+        return _shot(rollouts[i], f"trip {i + 1} of {len(rollouts)}", world, seconds)
 
-    return clip_failures(rollouts, lambda rollout: rollout.score < 1, seconds, shot)
+    score = np.array([rollout.score for rollout in rollouts])
+    return clip_failures(score, score < 1, seconds, shot)
 
 
 def _shot(rollout: Rollout[RobotStart], name: str, world: str, seconds: float) -> Shot:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PIL import Image
 
 from sada_gym.clips.shots import Clip, Shot, ShotEnding, clip_failures, describe_world, pace
-from sada_gym.envs.episodes.rollout import Rollout
-from sada_gym.envs.wrapped.episodes import EpisodeStart
 from sada_gym.evaluations import fools
 from sada_gym.parameters import Mu, number
 
@@ -24,7 +23,8 @@ def clip(application: GymnasiumApplication, mu: Mu, seed: int, seconds: float) -
     threshold = application.fooling_threshold
     world = describe_world(application, mu)
 
-    def shot(rollout: Rollout[EpisodeStart], i: int, seconds: float) -> Shot:
+    def shot(i: int, seconds: float) -> Shot:
+        rollout = rollouts[i]
         last = len(rollout["frame"]) - 1
         steps, fps, remark = pace(last + 1, application.render_fps, seconds)
         name = f"episode {i + 1} of {len(rollouts)}  ·  " if len(rollouts) > 1 else ""
@@ -37,4 +37,5 @@ def clip(application: GymnasiumApplication, mu: Mu, seed: int, seconds: float) -
         pictures = [Image.fromarray(rollout["frame"][step]) for step in steps]
         return Shot(pictures, fps, notes, world, ending)
 
-    return clip_failures(rollouts, lambda rollout: fools(rollout.score, threshold), seconds, shot)
+    score = np.array([rollout.score for rollout in rollouts])
+    return clip_failures(score, fools(score, threshold), seconds, shot)

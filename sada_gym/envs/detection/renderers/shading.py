@@ -50,7 +50,6 @@ def _unit(a: Triple) -> Triple:
 
 @inlined
 def _light(sun: float, ambient: float, place: KernelBackdrop) -> Triple:
-    """Add up shares of the sun's light and of the ambient light."""
     return plus(scaled(SUN, sun), place.ambient, ambient)
 
 
@@ -94,10 +93,7 @@ def _grain(texture: Array, row: float, column: float) -> float:
 
 @inlined
 def _ground_albedo(place: KernelBackdrop, x: float, y: float, sharpness: float) -> Triple:
-    """Return the ground's colour at (x, y); lines thinner than a pixel fade.
-
-    `sharpness` is the inverse of a pixel's width on the ground.
-    """
+    # lines thinner than a pixel fade: sharpness is the inverse of a pixel's width on the ground
     u = place.ground_turn[0] * x - place.ground_turn[1] * y + place.ground_shift[0]
     v = place.ground_turn[1] * x + place.ground_turn[0] * y + place.ground_shift[1]
     fine = _grain(place.noise, v * 14.0, u * 14.0) * min(1.0, 0.05 * sharpness)
@@ -125,7 +121,6 @@ def _ground_albedo(place: KernelBackdrop, x: float, y: float, sharpness: float) 
 
 @inlined
 def _slab(eye: float, inverse: float, low: float, high: float) -> tuple[float, float]:
-    """Find where a ray enters and leaves the slab low..high of one axis, by its inverse there."""
     a, b = (low - eye) * inverse, (high - eye) * inverse
     return (a, b) if a < b else (b, a)
 
@@ -140,7 +135,6 @@ def _inverse(part: float) -> float:
 def _building(
     eye: Triple, ray: Triple, reach: float, toward: Triple, place: KernelBackdrop
 ) -> tuple[float, Triple]:
-    """Find the first building along a ray within reach: its distance and colour."""
     best, face, which = reach, -1, -1
     inverse = _inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2])
     for b in range(place.buildings.shape[0]):
@@ -175,7 +169,6 @@ def _building(
 def _ground(
     ray: Triple, x: float, y: float, width: float, lamp: Lamp, place: KernelBackdrop
 ) -> Triple:
-    """Light the ground at (x, y), where a ray meets it and a pixel has this width."""
     albedo = _ground_albedo(place, x, y, max(0.15, -ray[2]) / width)
     sun = _sunlit((x, y, 0.0), 0.03, lamp)
     toward = lamp.back
@@ -190,7 +183,6 @@ def _ground(
 def _background(
     eye: Triple, ray: Triple, reach: float, step: float, lamp: Lamp, place: KernelBackdrop
 ) -> Triple:
-    """Return the light along a ray that misses the object and meets the ground within reach."""
     distance, colour = reach, (0.0, 0.0, 0.0)
     x, y = eye[0] + reach * ray[0], eye[1] + reach * ray[1]
     if x * x + y * y > 280.0:  # the plaza's radius squared
@@ -235,7 +227,6 @@ def _surface(
 
 @inlined
 def _glare(toward: float) -> float:
-    """Return the veil that the light lays over the picture when the camera looks towards it."""
     veil = _square(max(0.0, toward), 3)
     return 0.12 * veil + 0.3 * _square(veil, 5)
 
@@ -251,7 +242,6 @@ def _object(
     place: KernelBackdrop,
     materials: Array,
 ) -> Triple:
-    """Light a face of the object where it is seen at sample coordinates (u, v)."""
     plane, corners = g.planes[face], g.faces[face]
     depth = 1.0 / (plane[6] * u + plane[7] * v + plane[8])
     a = (plane[0] * u + plane[1] * v + plane[2]) * depth
@@ -284,16 +274,9 @@ def compose(
 ) -> None:
     """Light every pixel; a face that several samples of one show is lit once, in their middle.
 
-    Args:
-        image: Written, (size, size, 3) uint8.
-        coverage: Written, (size, size) uint8: samples that the object covers.
-        camera: The camera, of samples.
-        lamp: The main light.
-        place: The surroundings.
-        g: The object.
-        materials: (7, 7), see `painted`.
-        tone: (TONE_STEPS,), of `tone_table`.
-        rows: (3, size), room for what is computed of a row of pixels at a time.
+    It fills the image, (size, size, 3) uint8, and the coverage, (size, size) uint8: samples that
+    the object covers. The camera is that of the samples; `materials`, (7, 7), are of `painted`, and
+    `tone` of `tone_table`; `rows`, (3, size), hold what is computed of a row of pixels at a time.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     across_step = SUPERSAMPLING * camera.step

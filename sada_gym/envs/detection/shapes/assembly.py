@@ -132,7 +132,6 @@ def _creased_normals(corners: _Array, faces: _Indices) -> _Array:
 
 
 def _smooth_groups(faces: _Indices, normals: _Array) -> _Indices:
-    """Number the groups of corners that share a normal, (3 f,)."""
     count = len(faces)
     corner = np.arange(3 * count).reshape(-1, 3)
     # the two vertices of each edge, the lower number first, and the corners where they lie
