@@ -85,8 +85,9 @@ class DetectorAgent:
         if self._folded is None:
             return list(chain(*tiled(self._call, batch, self.tile, blank=True)))
         folded = self._folded
-        answers = tiled(lambda tile: folded(tile["image"]), batch, self.tile, blank=True)
-        candidates = np.concatenate(answers)
+        candidates = np.concatenate(
+            tiled(lambda tile: folded(tile["image"]), batch, self.tile, blank=True)
+        )
         boxes, labels, scores = candidates[..., :4], candidates[..., 4], candidates[..., 5]
         _check_numbers(boxes, scores)
         columns = {"boxes": boxes, "labels": labels.astype(np.int64), "scores": scores}
