@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.distance import cdist
 
-from sada_gym.arrays import Floats
+from sada_gym.adversaries.models.arrays import Floats
 
 _BLOCK = 200  # larger arrays would be mapped, and their pages cleared, anew for each block
 _MAX_FACTORISED = 4_000

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import qmc
 
+from sada_gym.adversaries.models.arrays import Floats, Floats32, Indices
 from sada_gym.adversaries.models.mixture import reflect
 from sada_gym.adversaries.models.pool_posterior import Matern, PoolPosterior, fit_matern
-from sada_gym.arrays import Floats, Floats32, Indices
 from sada_gym.errors import AdversaryError
 
 MIN_CANDIDATES = 512

@@ -15,7 +15,7 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 from typing_extensions import Self
 
-from sada_gym.arrays import Floats
+from sada_gym.adversaries.models.arrays import Floats
 from sada_gym.errors import UserError
 
 _VARIANCE_FLOOR = 1e-6

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
+from sada_gym.adversaries.models.arrays import AnyFloats, Floats, Indices
 from sada_gym.adversaries.models.exact_gp import Kernel
-from sada_gym.arrays import AnyFloats, Floats, Indices
 
 MIN_NOISE = 1e-3
 """Least noise variance of a fit as a share of the signal's: float32 factors stay exact enough."""

@@ -11,8 +11,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
+from sada_gym.adversaries.models.arrays import AnyFloats, Floats
 from sada_gym.adversaries.models.exact_gp import Kernel, fit_kernel
-from sada_gym.arrays import AnyFloats, Floats
 
 _FOLDS = 4
 _MIN_FOOLING = 20
