@@ -33,6 +33,12 @@ def _number(key: str, places: int = 0) -> RowCell:
     return lambda row, _: number_cell(getattr(row, key), places)
 
 
+def _mean(name: str, decimals: int | None) -> RowCell:
+    if decimals is None:
+        return lambda row, places: rate_cell(row.means[name], places)
+    return lambda row, _: number_cell(row.means[name], decimals)
+
+
 _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
     (text_column("adversary"), lambda row, _: text_cell(row.label)),
     (
@@ -82,7 +88,7 @@ _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
     *(
         (
             Column(name, measure.title, measure.hint),
-            _rate(name) if measure.places is None else _number(name, measure.places),
+            _mean(name, measure.places),
         )
         for name, measure in MEANS.items()
         if measure.title

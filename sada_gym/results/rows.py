@@ -84,11 +84,7 @@ class Row(Strict):
             None where a track has no coverage.
         afr: The attack fooling rate. See `Measures`, also for the next figures.
         afr_iqm: Its interquartile mean over all runs.
-        novelty: The median distance to the nearest training query.
-        novelty_ratio: The novelty over that of the ideal samples.
-        novelty_fifth_ratio: The same ratio of the fifth percentiles.
-        image_novelty_ratio: The images' median distance over that of ideal samples.
-        afr_feasible: The attack fooling rate over feasible worlds; None where they are not known.
+        means: The means of `MEANS`, by name; None where no run has the measure.
     """
 
     table: str
@@ -110,14 +106,7 @@ class Row(Strict):
     afr_iqm: float | None
     coverage: Figure | None
     relative_coverage: Figure | None
-    density: float | None
-    mu_std: float | None
-    mean_score: float | None
-    novelty: float | None
-    novelty_ratio: float | None
-    novelty_fifth_ratio: float | None
-    image_novelty_ratio: float | None
-    afr_feasible: float | None = None
+    means: dict[str, float | None]
 
     @property
     def deciding(self) -> Figure | None:
@@ -171,7 +160,7 @@ MEANS: Mapping[str, Measure] = {
         optional=True,
     ),
 }
-"""The measures that rows give the mean of, by the row's field."""
+"""The measures that rows give the mean of; tables have a column for each that has a title."""
 
 
 def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
@@ -247,7 +236,7 @@ def _row(
         afr_iqm=interquartile_mean([rate for seeds in rates for rate in seeds]) if rates else None,
         coverage=figure(measured(lambda m: m.coverage)),
         relative_coverage=figure(measured(lambda m: m.relative_coverage)),
-        **{name: mean(measured(measure.read)) for name, measure in MEANS.items()},
+        means={name: mean(measured(measure.read)) for name, measure in MEANS.items()},
     )
 
 

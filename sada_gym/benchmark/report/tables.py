@@ -120,7 +120,7 @@ def _means(rows: Sequence[Row]) -> dict[str, Measure]:
     return {
         name: mean
         for name, mean in MEANS.items()
-        if mean.title and (not mean.optional or any(getattr(row, name) is not None for row in rows))
+        if mean.title and (not mean.optional or any(row.means[name] is not None for row in rows))
     }
 
 
@@ -260,7 +260,7 @@ def _rates(by_track: _ByTrack) -> Iterator[str]:
 
     def spread(label: str) -> Cell:
         row, known = by_track.overall.get(label), paper.class_row(label) if whole else None
-        cell = number_cell(row.mu_std if row else None, 3)
+        cell = number_cell(row.means["mu_std"] if row else None, 3)
         return text_cell(f"{cell.text or '-'} / {known.mu_std:.3f}") if known else cell
 
     yield from (*by_track.rates(columns, spread), "")
