@@ -2,7 +2,7 @@
 
 from sada_gym.envs.detection.shapes.cad import fingerprint, load_class, load_folder
 from sada_gym.envs.detection.shapes.catalogue import CLASSES, benchmark_shapes
-from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape
+from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape, Surface
 from sada_gym.envs.detection.shapes.registry import find_shapes
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "DIAGONAL",
     "Material",
     "Shape",
+    "Surface",
     "benchmark_shapes",
     "find_shapes",
     "fingerprint",

@@ -16,7 +16,7 @@ from typing_extensions import Self
 
 from sada_gym.envs.detection.shapes.assembly import Part, assemble
 from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
-from sada_gym.envs.detection.shapes.model import MESH_ARRAYS, Shape
+from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError
 
 _COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
@@ -103,14 +103,15 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
 
 def fingerprint(shapes: Iterable[Shape]) -> str:
-    """Return the SHA-256, in hexadecimal, of the shapes' classes, names and arrays, in order."""
+    """Return the SHA-256, in hexadecimal, of the shapes' classes, names, arrays and surfaces."""
     digest = hashlib.sha256()
     for shape in shapes:
         mesh = (
             getattr(shape, name).astype(np.dtype(dtype).newbyteorder("<"))
-            for name, dtype in MESH_ARRAYS.items()
+            for name, dtype in shape.array_types.items()
         )
-        for content in (shape.object_class.encode(), shape.name.encode(), *mesh):
+        surfaces = (part for surface in shape.surfaces for part in surface.parts())
+        for content in (shape.object_class.encode(), shape.name.encode(), *mesh, *surfaces):
             digest.update(len(content).to_bytes(8, "little") + bytes(content))
     return digest.hexdigest()
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
-from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.envs.detection.shapes.surface import Material, Surface
 from sada_gym.errors import UserError
+
+__all__ = ["DIAGONAL", "MESH_ARRAYS", "NOTHING", "Material", "Shape", "Surface", "check_keys"]
 
 DIAGONAL = 5.0
 """Length of every shape's bounding-box diagonal in scene units."""
@@ -24,25 +26,18 @@ MESH_ARRAYS: dict[str, type[np.generic]] = {
 }
 """The arrays of a mesh and their types."""
 
+MAX_UV = 1_000.0
+"""How often a texture may repeat: places in it would become coarse."""
 
-def check_keys(what: str, plain: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Raise `UserError` unless the plain data of `what`, such as `a scene`, has just these keys."""
+
+def check_keys(
+    what: str, plain: Mapping[str, Any], names: Iterable[str], optional: Collection[str] = ()
+) -> None:
+    """Raise `UserError` unless the plain data of `what`, such as `a scene`, has these keys."""
     expected = sorted(names)
-    if not isinstance(plain, Mapping) or sorted(plain) != expected:
+    if not isinstance(plain, Mapping) or sorted(set(plain) - set(optional)) != expected:
         got = ", ".join(map(str, plain)) if isinstance(plain, Mapping) else repr(plain)
         raise UserError(f"Expected {what} with the keys {', '.join(expected)}, got {got}.")
-
-
-class Material(IntEnum):
-    """What a face is made of; only PAINT takes the colour that the adversary chooses."""
-
-    PAINT = 0
-    RUBBER = 1  # tyres: near black, matt
-    GLASS = 2  # windows: dark, glossy
-    METAL = 3  # rims, frames, chrome: light grey, glossy
-    LAMP = 4  # head lamps, white labels: bright
-    DARK = 5  # seats, plastic, undersides: dark grey, matt
-    WOOD = 6  # brown, matt
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +52,17 @@ class Shape:
         vertices: (v, 3) float32.
         normals: (v, 3) float32, unit length; vertices are doubled where an edge is sharp.
         faces: (f, 3) int32, counter-clockwise seen from outside.
-        materials: (f,) uint8, values of `Material`.
+        materials: (f,) uint8, values of `Material`; with `surfaces` uint16, indices into these.
         double_sided: Whether faces show from behind too; a user's files may hold open surfaces.
+        surfaces: What the faces of a textured model are made of; empty for others.
+        uv: (v, 2) float32, where the vertices lie in textures: u to the right, v up, (0, 0) is the
+            lower left corner, and beyond 1 the texture repeats. None without textures.
 
     The arrays are kept as read-only views; what is of another type is copied.
 
     Raises:
-        UserError: If an array has another shape, or a face names a vertex that there is not.
+        UserError: If an array has another shape, or a face names a vertex or a surface that there
+            is not.
     """
 
     name: str
@@ -71,26 +70,64 @@ class Shape:
     vertices: npt.NDArray[np.float32]
     normals: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
-    materials: npt.NDArray[np.uint8]
+    materials: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
     double_sided: bool = False
+    surfaces: tuple[Surface, ...] = ()
+    uv: npt.NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Check the mesh: kernels read it without looking."""
         vertices, faces = len(self.vertices), len(self.faces)
-        shapes = ((vertices, 3), (vertices, 3), (faces, 3), (faces,))
-        for (name, dtype), shape in zip(MESH_ARRAYS.items(), shapes, strict=True):
+        shapes: dict[str, tuple[int, ...]] = {
+            "vertices": (vertices, 3),
+            "normals": (vertices, 3),
+            "faces": (faces, 3),
+            "materials": (faces,),
+            "uv": (vertices, 2),
+        }
+        if self.surfaces:
+            self._check_surfaces()
+        for name, dtype in self.array_types.items():
             array = np.ascontiguousarray(getattr(self, name), dtype).view()
-            if array.shape != shape:
+            if array.shape != shapes[name]:
                 raise UserError(
-                    f"Expected {name} of shape {shape} in {self.name}, got {array.shape}."
+                    f"Expected {name} of shape {shapes[name]} in {self.name}, got {array.shape}."
                 )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if self.uv is not None and not np.abs(self.uv).max(initial=0) <= MAX_UV:
+            raise UserError(
+                f"Expected uv of {self.name} within {MAX_UV:,.0f} of 0, got "
+                f"{np.abs(self.uv).max():g}; shift them by whole numbers, or set them to 0."
+            )
         if faces and not (self.faces.min() >= 0 and self.faces.max() < vertices):
             raise UserError(
                 f"Expected faces of {self.name} to name vertices 0 to {vertices - 1}, got "
                 f"{self.faces.min()} to {self.faces.max()}."
             )
+
+    def _check_surfaces(self) -> None:
+        # before conversion, which would wrap numbers around
+        materials, count = np.asarray(self.materials), len(self.surfaces)
+        if materials.size and not (materials.min() >= 0 and materials.max() < count):
+            raise UserError(
+                f"Expected materials of {self.name} to be surfaces 0 to {count - 1}, got "
+                f"{materials.min()} to {materials.max()}."
+            )
+        textured = [surface.name for surface in self.surfaces if surface.texture is not None]
+        if textured and self.uv is None:
+            raise UserError(
+                f"Expected uv in {self.name}, whose surface {textured[0]!r} has a texture, got "
+                "None; give each vertex its place in the texture, or drop the texture."
+            )
+
+    @property
+    def array_types(self) -> dict[str, type[np.generic]]:
+        """The arrays that there are, and their types."""
+        types = dict(MESH_ARRAYS)
+        if self.surfaces:
+            types["materials"] = np.uint16
+        return types if self.uv is None else types | {"uv": np.float32}
 
     @cached_property
     def height(self) -> float:
@@ -98,14 +135,28 @@ class Shape:
         return float(self.vertices[:, 2].max())
 
     def equals(self, other: Shape) -> bool:
-        """Say whether another shape has the same name, class and mesh."""
-        return self is other or all(
-            np.array_equal(value, getattr(other, name)) for name, value in self.to_dict().items()
+        """Say whether another shape has the same name, class, mesh and surfaces."""
+        if self is other:
+            return True
+        mine, its = self.to_dict(), other.to_dict()
+        return mine.keys() == its.keys() and all(
+            np.array_equal(value, its[name]) for name, value in mine.items()
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the shape by the names of its attributes, the mesh in arrays."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """Return the shape by the names of its attributes, the mesh in arrays.
+
+        Surfaces are those of `Surface.to_dict`; `surfaces` and `uv` are left out where they are not
+        set.
+        """
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        if not self.surfaces:
+            del plain["surfaces"]
+        else:
+            plain["surfaces"] = [surface.to_dict() for surface in self.surfaces]
+        if self.uv is None:
+            del plain["uv"]
+        return plain
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Shape:
@@ -114,12 +165,17 @@ class Shape:
         Raises:
             UserError: If a key is missing or unknown.
         """
-        check_keys("a shape", plain, [field.name for field in fields(cls)])
+        optional = ("surfaces", "uv")
+        names = [field.name for field in fields(cls) if field.name not in optional]
+        check_keys("a shape", plain, names, optional)
+        uv = plain.get("uv")
         return cls(
             name=str(plain["name"]),
             object_class=str(plain["object_class"]),
             **{name: np.asarray(plain[name]) for name in MESH_ARRAYS},
             double_sided=bool(plain["double_sided"]),
+            surfaces=tuple(Surface.from_dict(surface) for surface in plain.get("surfaces", ())),
+            uv=None if uv is None else np.asarray(uv, np.float32),
         )
 
 
