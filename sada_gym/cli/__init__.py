@@ -19,6 +19,8 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
+    "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),
+    "confirm": ("confirm:confirm", "Score a run's samples in a slower, truer world.", {}),
     "check": ("check:check", "Check an environment of your own.", _STRAY),
     "benchmark": ("benchmark:benchmark", "Compare adversaries.", _STRAY),
     "submit": ("submit:submit", "Make an entry of the leaderboard.", {}),

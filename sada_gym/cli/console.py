@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -105,6 +105,27 @@ def show_resume_hint(kept: str, *more: str) -> None:
     say(f"\nStopped. {kept}", console=err)
     say("Go on with:", console=err)
     err.print(f"  {command}", markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def scores_progress() -> Iterator[Callable[[int, int, int], None]]:
+    """Show how many scores there are; Ctrl-C says how to go on and exits with code 130."""
+    from sada_gym.experiment.run import RunProgress
+    from sada_gym.progress import AttackProgress
+
+    done = 0
+    try:
+        with AttackProgress(err) as progress:
+
+            def show(count: int, total: int, cached: int) -> None:
+                nonlocal done
+                done = count
+                progress(RunProgress("test", count, total, cached, count - cached))
+
+            yield show
+    except KeyboardInterrupt:
+        show_resume_hint(f"{done:,} scores are kept.")
+        raise typer.Exit(130) from None
 
 
 def check_no_stray_words(words: Sequence[str], example: str) -> None:

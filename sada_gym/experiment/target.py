@@ -126,22 +126,39 @@ class Target(Strict):
             raise
         return OpenTarget(self, evaluator)
 
+    def open_changed(
+        self, env_kwargs: Mapping[str, Any], *, agent: str | None = None, **options: Any
+    ) -> OpenTarget:
+        """Open the same track with other keywords, or another agent, than it was attacked with.
+
+        All other keywords stay. `options` are those of `OpenTarget.of`, whose errors it raises.
+        """
+        with closing(_open(self.track, {}, self.agent)) as evaluator:
+            keywords = self._keywords(evaluator)
+        return OpenTarget.of(
+            self.track, {**keywords, **env_kwargs}, agent=agent or self.agent, **options
+        )
+
     def _reopened(self, track: str, workers: int) -> Evaluator:
         evaluator = _open(track, {}, self.agent, workers=workers)
-        application = evaluator.application
+        keywords = self._keywords(evaluator)
+        if not keywords:
+            return evaluator
+        evaluator.close()
+        return _open(track, keywords, self.agent, workers=workers)
+
+    def _keywords(self, plain: Evaluator) -> dict[str, Any]:
+        """Find the keywords that tell the target from its track without any."""
+        application = plain.application
         assert application is not None
         now = ApplicationKey.of(application).settings
         # a setting may follow from others, and be no keyword
         accepted = inspect.signature(type(application)).parameters
-        other = {
+        return {
             name: value
             for name, value in self.application.settings.items()
             if now.get(name) != value and name in accepted
         }
-        if not other:
-            return evaluator
-        evaluator.close()
-        return _open(track, other, self.agent, workers=workers)
 
 
 class OpenTarget:

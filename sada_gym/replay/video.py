@@ -17,13 +17,14 @@ from sada_gym.clips.make import find_clip
 from sada_gym.clips.shots import Clip
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations, fools
+from sada_gym.experiment.finished import check_samples, open_target, read_run
 from sada_gym.experiment.packages import version
 from sada_gym.experiment.record import RunSettings
 from sada_gym.files import as_path, write_file
 from sada_gym.frames import Frame
+from sada_gym.replay.choice import choose
 from sada_gym.replay.gif import BYTES_PER_10_S, gif
 from sada_gym.replay.mp4 import mp4, require_encoder
-from sada_gym.replay.run import choose, open_target, read_run
 
 SECONDS = 10.0
 MAX_SECONDS = 60.0
@@ -115,7 +116,9 @@ def replay(
     on_progress("open", 0, len(rows))
     timed: list[tuple[Frame, float]] = []
     played: list[ReplayedSample] = []
-    with open_target(settings, Path(run), application) as target:
+    call = f"sada_gym.replay.replay({str(run)!r}, application=YOURS, out='failure.gif')"
+    with open_target(settings, Path(run), application, call=call) as target:
+        check_samples(samples, target)
         threshold = target.application.fooling_threshold
         for row in rows:
             on_progress("play", len(played), len(rows))
@@ -178,11 +181,6 @@ def _play(
     application: Application, samples: Evaluations, row: int, settings: RunSettings, seconds: float
 ) -> Clip:
     mu, threshold = samples.mu[row], application.fooling_threshold
-    if mu.shape != (len(application.parameters),):
-        raise UserError(
-            f"Expected samples of {len(application.parameters)} parameters, got {len(mu)}. The "
-            "run's samples.npz is of another run."
-        )
     try:
         with isolated_rng(application):
             clip = find_clip(application)(application, mu, int(samples.seed[row]), seconds)

@@ -1,13 +1,11 @@
-"""Reads a run's folder: opens the application that was attacked, and chooses samples."""
+"""Opens a finished run: its settings, its test samples, and what it attacked."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from sada_gym.application import Application
-from sada_gym.errors import FileError, UserError, UserTypeError, check_integer
+from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.folder import SAMPLES_FILE, SETTINGS_FILE, read_samples
 from sada_gym.experiment.record import RunSettings
@@ -39,28 +37,22 @@ def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
     return settings, samples
 
 
-def choose(samples: Evaluations, *, worst: int | None, sample: int | None) -> list[int]:
-    """Return the rows of the `worst` samples, None for the very worst, or the one `sample`.
-
-    Raises:
-        UserError: If both are given, or there are not as many samples.
-    """
-    if worst is not None and sample is not None:
-        raise UserError("Expected the number of worst samples or one sample, got both.")
-    if sample is not None:
-        check_integer("sample", sample, 0, len(samples) - 1)
-        return [int(sample)]
-    count = 1 if worst is None else worst
-    check_integer("worst", count, 1, len(samples))
-    rows: list[int] = np.argsort(samples.score, kind="stable")[:count].tolist()
-    return rows
+def check_samples(samples: Evaluations, opened: OpenTarget) -> None:
+    """Raise a UserError for samples of another number of parameters than an application has."""
+    if samples.mu.shape[1] != opened.dimension:
+        raise UserError(
+            f"Expected samples of {opened.dimension} parameters, got {samples.mu.shape[1]}. The "
+            f"run's {SAMPLES_FILE} is of another run."
+        )
 
 
-def open_target(settings: RunSettings, folder: Path, given: Application | str | None) -> OpenTarget:
+def open_target(
+    settings: RunSettings, folder: Path, given: Application | str | None, *, call: str
+) -> OpenTarget:
     """Open what a run attacked, and check that it is the same application, agent and version.
 
     `given` is the application, an environment's id or a TOML file; None takes what the settings
-    name. Messages name the run's folder.
+    name. Messages name the run's folder, and the Python `call` that takes `application=YOURS`.
 
     Raises:
         UserError: If it cannot be opened, or differs.
@@ -69,23 +61,19 @@ def open_target(settings: RunSettings, folder: Path, given: Application | str | 
         raise UserTypeError(
             f"Expected an Application, an environment's id or a TOML file, got {given!r}."
         )
+    mend = (
+        "If a TOML file describes it, name that by --application FILE.toml. If you made it in "
+        f"Python: {call}."
+    )
     target = settings.experiment.target
     if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "
-            f"attacked {shown(target.track)} in an application of yours. {_mend(folder)}"
+            f"attacked {shown(target.track)} in an application of yours. {mend}"
         )
     try:
         return target.open(given)
     except UserError as error:
         raise UserError(
-            f"Expected to open {shown(str(target))} as the run in {folder} did, but: {error} "
-            f"{_mend(folder)}"
+            f"Expected to open {shown(str(target))} as the run in {folder} did, but: {error} {mend}"
         ) from error
-
-
-def _mend(folder: Path) -> str:
-    return (
-        "If a TOML file describes it, name that by --application FILE.toml. If you made it in "
-        f"Python: sada_gym.replay.replay({str(folder)!r}, application=YOURS, out='failure.gif')."
-    )

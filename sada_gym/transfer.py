@@ -1,0 +1,490 @@
+"""Samples of finished runs, scored in other worlds: do attacks carry over, are they confirmed?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from typing_extensions import Self
+
+from sada_gym import agents
+from sada_gym.application import Application
+from sada_gym.arrays import Floats
+from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
+from sada_gym.evaluation.evaluator import Evaluator
+from sada_gym.evaluations import Evaluations, evaluation_seeds
+from sada_gym.experiment.finished import check_samples, open_target, read_run
+from sada_gym.experiment.folder import write_samples
+from sada_gym.experiment.names import card_of, check_spelling
+from sada_gym.experiment.record import RunSettings
+from sada_gym.experiment.target import OpenTarget, Target
+from sada_gym.files import Strict, as_path, read_model, write_model
+from sada_gym.ids import names_file
+from sada_gym.measures.rates import FoolingRate, wilson_interval
+from sada_gym.parameters import Mu, ParameterSpace
+
+STORE_FILE = "elsewhere.sqlite"
+"""Holds, in a run's folder, the scores of its samples in other worlds."""
+
+CONFIRMED_FILE = "confirmed.json"
+_FEWEST_RANKS = 3
+_CHUNK = 8  # a slow world takes seconds, and a kill costs a whole chunk
+
+OnScores = Callable[[int, int, int], object]
+"""Gets the number of scores so far, of all that are asked for, and of those from the store."""
+
+
+class Rate(Strict):
+    """How many of some samples fool, with the 95 % interval of the share (Wilson)."""
+
+    fooled: int
+    samples: int
+    rate: float
+    interval_95: tuple[float, float]
+
+    @classmethod
+    def of(cls, fooled: int, samples: int) -> Self:
+        """Measure a share of at least one sample."""
+        interval = wilson_interval(fooled, samples)
+        return cls(fooled=fooled, samples=samples, rate=fooled / samples, interval_95=interval)
+
+    def __str__(self) -> str:
+        """Write it as people read it: `74.4 % (68.6 to 79.4)`."""
+        return str(FoolingRate(self.fooled, self.samples, self.rate, *self.interval_95))
+
+
+class Comparison(Strict):
+    """The samples of one run, where they were learnt and elsewhere.
+
+    Attributes:
+        run: The run's folder.
+        adversary: What reports call the adversary.
+        here: What the run attacked.
+        there: Where its samples are scored again.
+        keywords: The keywords that were given for it.
+        afr_here: The attack fooling rate of these samples in the run.
+        both: Of the samples that fooled here, the share that fools there too (precision); None
+            where none fooled.
+        new: Of the samples that did not fool here, the share that fools there; None where all did.
+        rank_correlation: Spearman's, of the scores here and there; None where all scores of one
+            world are equal, or for fewer than three samples.
+        clipped: By parameter, how many samples lie outside its range there. They are moved to the
+            nearest end of it.
+    """
+
+    run: str
+    adversary: str
+    seed: int
+    here: Target
+    there: Target
+    keywords: dict[str, Any]
+    afr_here: Rate
+    afr_there: Rate
+    both: Rate | None
+    new: Rate | None
+    rank_correlation: float | None
+    clipped: dict[str, int]
+
+
+class Transfers(Strict):
+    """The comparisons of runs with the worlds that their samples were tried in."""
+
+    comparisons: tuple[Comparison, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Confirmation:
+    """What a second look at a run's samples gave.
+
+    Attributes:
+        comparison: The figures, as in confirmed.json.
+        scores: The samples with their scores in the other world, as in confirmed.npz.
+        path: Where confirmed.json lies.
+    """
+
+    comparison: Comparison
+    scores: Evaluations
+    path: Path
+
+
+def transfer(
+    runs: str | Path | Sequence[str | Path],
+    to: str | Application | Sequence[str | Application] = (),
+    *,
+    agent: str | None = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    application: Application | str | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Transfers:
+    """Score the samples of finished runs in other tracks, against other agents, on other shapes.
+
+    A sample keeps its physical values: where a range differs, mu does too. What lies outside a
+    range is moved to its end, and counted. The scores are kept in `elsewhere.sqlite` in the run's
+    folder, so that a call that was stopped goes on where it was.
+
+    Args:
+        runs: The folders that `attack` wrote.
+        to: Ids, TOML files or applications. None of them means each run's own track, with another
+            agent or other keywords.
+        agent: The agent there. By default it is the run's, where it is shipped for that track, and
+            else the track's own.
+        env_kwargs: Keywords of the ids.
+        samples: Takes the first so many of a run; None takes all.
+        seed: Draws other evaluation seeds; None takes those of the samples, so that worlds of one
+            application differ in nothing else.
+        workers: 1 evaluates in this process, more in as many others.
+        executor: Where workers run, see `Oracle`.
+        application: What the runs attacked, where they cannot say it, see `replay`.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, a run is not finished or cannot be opened as it was, or
+            the parameters there have other names, units or choices.
+    """
+    folders, targets = _listed(runs, "a run's folder"), _listed(to, "an id or an Application")
+    keywords = {} if env_kwargs is None else dict(env_kwargs)
+    check_keywords("env_kwargs", keywords)
+    _check_agent(agent, keywords, targets)
+    if not folders:
+        raise UserError("Expected at least one run, got none. Name the folder of one.")
+    if not (targets or keywords or agent):
+        raise UserError(
+            "Expected a track, an agent or keywords to try the samples with, got none. Name them "
+            "by --to, --agent or --env-kwargs (to=, agent=, env_kwargs=)."
+        )
+    for target in targets:
+        check_spelling(target, None, {**keywords, **({} if agent is None else {"agent": agent})})
+    call = f"sada_gym.transfer.transfer({str(folders[0])!r}, ..., application=YOURS)"
+    settled = _Progress(on_scores)
+    tasks: list[_Task] = []
+    with ExitStack() as stack:
+        opened: dict[object, OpenTarget] = {}
+        for folder in map(Path, folders):
+            run = _Run.read(folder, samples, seed, application, call)
+            for target in targets or [None]:
+                with_agent = agent or _own_agent(run.target, target)
+                key = (folder if target is None else target, with_agent)
+                if key not in opened:
+                    there = _open(run, target, keywords, with_agent, workers, executor)
+                    opened[key] = stack.enter_context(there)
+                tasks.append(_Task.of(run, opened[key], keywords))
+        settled.total = sum(len(task.mu) for task in tasks)
+        return Transfers(comparisons=tuple(task.compare(settled)[0] for task in tasks))
+
+
+def confirm(
+    run: str | Path,
+    env_kwargs: Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    out: str | Path | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    on_scores: OnScores = lambda *_: None,
+) -> Confirmation:
+    """Score a run's samples again in its own track with changed keywords, such as a slow renderer.
+
+    Each sample keeps its seed. The run's folder gets `confirmed.json` and, with mu, score and seed
+    of each sample, `confirmed.npz`. The scores are kept in `elsewhere.sqlite` as well: a call that
+    was stopped goes on where it was.
+
+    Args:
+        run: The folder that `attack` wrote for an id.
+        env_kwargs: The keywords that change, such as `{"renderer": "blender"}`; all others stay.
+        samples: Takes the first so many; None takes all.
+        out: Another name for confirmed.json; the arrays lie beside it.
+        workers: 1 evaluates in this process, more in as many others.
+        executor: Where workers run, see `Oracle`.
+        on_scores: See `OnScores`.
+
+    Raises:
+        UserError: If an argument is bad, nothing changes, or the run is not finished or cannot be
+            opened as it was.
+        FileError: If the file holds another confirmation.
+    """
+    folder = as_path(run, "a run's folder")
+    check_keywords("env_kwargs", env_kwargs)
+    keywords = dict(env_kwargs)
+    if not keywords:
+        raise UserError(
+            "Expected keywords that change the world, got none. Name one, such as --env-kwargs "
+            "renderer=blender."
+        )
+    path = folder / CONFIRMED_FILE if out is None else _json_path(out)
+    agent = keywords.pop("agent", None)
+    given = dict(env_kwargs)
+    _check_agent(agent, {}, ())
+    opened_run = _Run.read(folder, samples, None, None, "sada_gym.transfer.transfer(RUN, YOURS)")
+    own = agent or opened_run.target.agent
+    with _open(opened_run, None, keywords, own, workers, executor, _CHUNK) as there:
+        if there.target.application == opened_run.target.application:
+            raise UserError(
+                f"Expected keywords that change the world, got {given}, with which it is the one "
+                f"that the run in {folder} attacked. Give others."
+            )
+        task = _Task.of(opened_run, there, given)
+        _check_same(path, task)
+        settled = _Progress(on_scores, len(task.mu))
+        comparison, scores = task.compare(settled)
+    write_samples(path.with_suffix(".npz"), scores)
+    write_model(path, comparison)
+    return Confirmation(comparison, scores, path)
+
+
+class _Progress:
+    """Adds up the scores of several evaluations."""
+
+    def __init__(self, on_scores: OnScores, total: int = 0) -> None:
+        self._on_scores, self.total = on_scores, total
+        self._done = self._cached = 0
+
+    @contextmanager
+    def counting(self) -> Iterator[Callable[[int, int], None]]:
+        """Yield what to report one evaluation's scores, and those from the store, to."""
+        latest = (0, 0)
+
+        def report(done: int, cached: int) -> None:
+            nonlocal latest
+            latest = done, cached
+            self._on_scores(self._done + done, self.total, self._cached + cached)
+
+        report(0, 0)
+        yield report
+        self._done, self._cached = self._done + latest[0], self._cached + latest[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A finished run: its samples, as many as are wanted, and the space they lie in."""
+
+    folder: Path
+    settings: RunSettings
+    samples: Evaluations
+    seeds: list[int]
+    parameters: ParameterSpace
+
+    @property
+    def target(self) -> Target:
+        return self.settings.experiment.target
+
+    @classmethod
+    def read(
+        cls,
+        folder: Path,
+        count: int | None,
+        seed: int | None,
+        application: Application | str | None,
+        call: str,
+    ) -> Self:
+        settings, samples = read_run(folder)
+        if count is not None:
+            check_integer("samples", count, 1, len(samples))
+            samples = samples[:count]
+        with open_target(settings, folder, application, call=call) as opened:
+            check_samples(samples, opened)
+            mu = opened.parameters.validate(samples.mu)
+        seeds = samples.seed.tolist()
+        if seed is not None:
+            check_integer("seed", seed, 0)
+            seeds = evaluation_seeds(seed, "validation", 0, len(samples))
+        samples = Evaluations(mu, samples.score, samples.seed)
+        return cls(folder, settings, samples, seeds, opened.parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """The samples of a run, as mu of the world in which they are to be scored."""
+
+    run: _Run
+    there: OpenTarget
+    keywords: dict[str, Any]
+    mu: Mu
+    clipped: dict[str, int]
+
+    @classmethod
+    def of(cls, run: _Run, there: OpenTarget, keywords: dict[str, Any]) -> Self:
+        mu, clipped = map_samples(
+            run.samples.mu, run.parameters, there.parameters, str(run.folder), str(there.target)
+        )
+        return cls(run, there, keywords, mu, clipped)
+
+    def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
+        run, there = self.run, self.there
+        with settled.counting() as report:
+            score = _scores(there.evaluator, self.mu, run.seeds, run.folder / STORE_FILE, report)
+        scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64))
+        here = run.samples.fooled(run.target.fooling_threshold)
+        fooled = scored.fooled(there.target.fooling_threshold)
+        known, others = int(here.sum()), int((~here).sum())
+        comparison = Comparison(
+            run=str(run.folder),
+            adversary=run.settings.label,
+            seed=run.settings.seed,
+            here=run.target,
+            there=there.target,
+            keywords=self.keywords,
+            afr_here=Rate.of(known, len(here)),
+            afr_there=Rate.of(int(fooled.sum()), len(here)),
+            both=Rate.of(int((here & fooled).sum()), known) if known else None,
+            new=Rate.of(int((~here & fooled).sum()), others) if others else None,
+            rank_correlation=_rank_correlation(run.samples.score, score),
+            clipped=self.clipped,
+        )
+        return comparison, scored
+
+
+def map_samples(
+    mu: Mu, here: ParameterSpace, there: ParameterSpace, source: str, place: str
+) -> tuple[Mu, dict[str, int]]:
+    """Express samples, (n, d), by another space's mu: the physical values stay.
+
+    Returns:
+        The mu there, and how many samples of each parameter were moved to the end of its range.
+
+    Raises:
+        UserError: If the parameters of `place` differ from those of the run in `source` in names,
+            units or choices.
+    """
+    missing = sorted({*there.names} - {*here.names})
+    extra = sorted({*here.names} - {*there.names})
+    if missing or extra:
+        parts = [
+            f"{word} {', '.join(names)}"
+            for word, names in (("lacks", extra), ("has besides", missing))
+            if names
+        ]
+        raise UserError(
+            f"Expected the parameters of the run in {source}, got those of {place}, which "
+            f"{' and '.join(parts)}. Choose a track with the same parameters, or attack that one."
+        )
+    known = {parameter.name: i for i, parameter in enumerate(here.parameters)}
+    columns = [known[name] for name in there.names]
+    moved, clipped = mu[:, columns].copy(), {}
+    physical = here.physical(mu)[:, columns]
+    normalised = there.normalised(physical)
+    for i, new in enumerate(there.parameters):
+        old = here.parameters[columns[i]]
+        if (old.unit, old.choices) != (new.unit, new.choices):
+            raise UserError(
+                f"Expected {new.name} of {place} in the unit and with the choices of the run in "
+                f"{source}, {(old.unit, *old.choices)}, got {(new.unit, *new.choices)}. Choose "
+                "another track."
+            )
+        if (old.low, old.high) == (new.low, new.high):
+            continue  # to the bit
+        outside = int((np.abs(normalised[:, i]) > 1.0).sum())
+        moved[:, i] = np.clip(normalised[:, i], -1.0, 1.0)
+        if outside:
+            clipped[new.name] = outside
+    return moved, clipped
+
+
+def _scores(
+    evaluator: Evaluator,
+    mu: Mu,
+    seeds: list[int],
+    store: Path,
+    report: Callable[[int, int], None],
+) -> Floats:
+    # an application that nothing identifies is scored without a store
+    if evaluator.application is not None and evaluator.application.fingerprint is not None:
+        evaluator.attach(store)
+    try:
+        return evaluator.evaluate(mu, seeds, report)[0]
+    finally:
+        evaluator.detach()
+
+
+def _rank_correlation(here: Floats, there: Floats) -> float | None:
+    from scipy.stats import spearmanr
+
+    if len(here) < _FEWEST_RANKS or np.ptp(here) == 0.0 or np.ptp(there) == 0.0:
+        return None
+    return float(spearmanr(here, there).statistic)
+
+
+def _open(
+    run: _Run,
+    target: str | Application | None,
+    keywords: Mapping[str, Any],
+    agent: str | None,
+    workers: int,
+    executor: Executor | None,
+    chunk_size: int | None = None,
+) -> OpenTarget:
+    options: dict[str, Any] = {
+        "agent": agent,
+        "workers": workers,
+        "executor": executor,
+        "chunk_size": chunk_size,
+    }
+    if target is not None:
+        return OpenTarget.of(target, keywords, **options)
+    if {"environment", "order"} <= set(run.target.application.settings):
+        raise UserError(
+            f"Expected a run of an id, whose keywords can change, got that of {run.folder} in an "
+            "application of yours. Describe the other world in a file of its own, and name that "
+            "by `sada-gym transfer --to FILE.toml`."
+        )
+    return run.target.open_changed(keywords, **options)
+
+
+def _own_agent(here: Target, target: str | Application | None) -> str | None:
+    """Return the run's agent where it is shipped for another track; None for that track's own."""
+    if target is None:
+        return here.agent
+    if not isinstance(target, str) or names_file(target):
+        return None
+    card = card_of(target)
+    return here.agent if card is not None and here.agent in agents.names(card.name) else None
+
+
+def _check_agent(
+    agent: Any, keywords: Mapping[str, Any], targets: Sequence[str | Application]
+) -> None:
+    if agent is not None and not isinstance(agent, str):
+        raise UserTypeError(f"Expected an agent's name or file, got {agent!r}.")
+    if agent is not None and "agent" in keywords:
+        raise UserError("Expected the agent once, got it by agent and by env_kwargs.")
+    if agent is not None and any(isinstance(target, Application) for target in targets):
+        raise UserTypeError(
+            f"Expected an agent only with ids, got {agent!r} with an Application. Give it to the "
+            "application itself."
+        )
+
+
+def _listed(given: Any, what: str) -> list[Any]:
+    items = [given] if isinstance(given, str | Path | Application) else given
+    if not isinstance(items, Sequence) or not all(
+        isinstance(item, str | Path | Application) for item in items
+    ):
+        raise UserTypeError(f"Expected {what} or a list of them, got {given!r}.")
+    return [str(item) if isinstance(item, Path) else item for item in items]
+
+
+def _json_path(out: str | Path) -> Path:
+    path = as_path(out, "the confirmation")
+    if path.suffix != ".json":
+        raise UserError(f"Expected a file that ends in .json, got {path}.")
+    return path
+
+
+def _check_same(path: Path, task: _Task) -> None:
+    """Raise a FileError where a file holds the confirmation of another world."""
+    if not path.exists():
+        return
+    old = read_model(path, Comparison)
+    if old.there != task.there.target:
+        raise FileError(
+            f"Expected {path} to hold a confirmation with {task.keywords}, got one with "
+            f"{old.keywords}. Name another file by --out (out=)."
+        )

@@ -1,0 +1,67 @@
+"""`sada-gym transfer` and `sada-gym confirm`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from sada_gym.cli import app
+
+
+def run(*args: str | Path):
+    return CliRunner().invoke(app, [*map(str, args)], env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def analytic(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "a run"
+    words = "attack SADA-Analytic-v0 -a random --budget 0 --samples 20 --workers 1 --out"
+    assert run(*words.split(), folder).exit_code == 0
+    return folder
+
+
+def test_transfer_prints_a_table_and_writes_the_figures(analytic, tmp_path):
+    out = tmp_path / "figures.json"
+    result = run(
+        *("transfer", analytic, analytic, "--to", "SADA-Analytic-v0"),
+        *("--env-kwargs", "volume=0.5", "--out", out),
+    )
+    assert result.exit_code == 0, result.output
+    assert result.stdout.count("SADA-Analytic-v0 with volume=0.5") == 2
+    assert result.stdout.count(f"20 samples of {analytic}") == 1
+    rows = json.loads(out.read_text())["comparisons"]
+    assert [row["keywords"] for row in rows] == [{"volume": 0.5}] * 2
+    assert f"{rows[0]['both']['fooled']} of {rows[0]['both']['samples']}" in result.stdout
+    printed = run("transfer", analytic, "--env-kwargs", "volume=0.5", "--json")
+    assert json.loads(printed.stdout)["comparisons"] == rows[:1]
+
+
+def test_confirm_prints_what_was_confirmed(analytic):
+    result = run("confirm", analytic, "--env-kwargs", "volume=0.05")
+    assert result.exit_code == 0, result.output
+    found = json.loads((analytic / "confirmed.json").read_text())
+    assert f"of the {found['both']['samples']} samples that fool in the run" in result.stdout
+    assert f"{analytic / 'confirmed.json'}, confirmed.npz" in result.stdout
+    printed = run("confirm", analytic, "--env-kwargs", "volume=0.05", "--json")
+    assert json.loads(printed.stdout) == found
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["transfer", "nowhere", "--to", "SADA-Analytic-v0"], "which holds no attack.json"),
+        (["transfer", "{run}"], "Expected a track, an agent or keywords"),
+        (["transfer", "{run}", "--to", "no.toml"], "no.toml"),
+        (["transfer", "{run}", "--to", "SADA-Analytic-v0", "--out", "no/x.json"], "no/x.json"),
+        (["confirm", "{run}"], "Expected keywords that change the world, got none"),
+        (["confirm", "{run}", "--env-kwargs", "volume"], "Expected --env-kwargs key=value"),
+    ],
+)
+def test_bad_input_is_one_sentence(analytic, args, message):
+    result = run(*(word.format(run=analytic) for word in args))
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert "Traceback" not in result.output
