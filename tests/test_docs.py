@@ -24,6 +24,7 @@ from sada_gym import adversaries, agents
 from sada_gym.cli import app
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 from sada_gym.envs.wrapped.toml import read_application
+from sada_gym.fetch import fetchable
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -184,7 +185,7 @@ def _parse(words: list[str]) -> None:
     if name != "submit":  # which takes any name
         assert given.get("adversary", "random") in adversaries.names()
     if given.get("agent") is not None:
-        assert given["agent"] in agents.names()
+        assert given["agent"] in {*agents.names(), *fetchable()}
     subject = given.get("subject", "")
     if subject.endswith(".py") or subject.startswith("examples/"):
         assert (ROOT / subject).is_file()

@@ -11,6 +11,7 @@ from typing import Any
 from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
 from sada_gym.cards import AgentCard, cards, find_card
 from sada_gym.errors import FileError, UserError
+from sada_gym.fetch import fetchable, fetched
 from sada_gym.lazy import load as load_object
 
 _WEIGHTS = ".safetensors"
@@ -50,7 +51,7 @@ def card(name: str, application: str | None = None) -> AgentCard:
 
 
 def load(agent: str | Path, application: str) -> Any:
-    """Load a shipped agent by name, or a safetensors file with an agent's weights.
+    """Load a shipped or a fetched agent by name, or a safetensors file with an agent's weights.
 
     Args:
         agent: A name, or a file, whose name ends in `.safetensors`.
@@ -70,6 +71,8 @@ def load(agent: str | Path, application: str) -> Any:
         )
     check_agent(agent, application)
     path, loader = Path(agent), application_card.agent_loader
+    if agent in (others := fetchable(application)):
+        return load_object(others[str(agent)].loader)(fetched(others[str(agent)]))
     if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
         shipped = card(agent, application)
         verify(shipped)
@@ -85,9 +88,14 @@ def check_agent(agent: str | Path, application: str) -> None:
         application: The name of the application that the agent is for.
 
     Raises:
-        UserError: If there is no such agent or file, or the file is of another kind.
+        UserError: If there is no such agent or file, or the file is of another kind, or the agent
+            still has to be fetched.
     """
-    known, path = names(application), Path(agent)
+    others = fetchable(application)
+    known, path = (*names(application), *others), Path(agent)
+    if agent in others:
+        fetched(others[str(agent)])
+        return
     if isinstance(agent, str) and agent in known:
         return
     application_card = find_card(application)

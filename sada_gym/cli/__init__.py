@@ -17,6 +17,7 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "envs": ("catalogue:envs", "List the environments, or show one.", {}),
     "agents": ("catalogue:agents", "List the trained agents.", {}),
     "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
+    "fetch": ("fetch:fetch", "Fetch a trained agent that others made.", {}),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),

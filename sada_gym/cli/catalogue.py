@@ -61,13 +61,15 @@ def _show_environment(env_id: str, pairs: list[str] | None) -> None:
 
 
 def agents() -> None:
-    """List the trained agents that are shipped."""
+    """List the trained agents that are shipped or can be fetched."""
     from sada_gym.cards import cards
 
     table = _table("agent", "for", "what it is")
     for card in cards():
         for agent in card.agents:
             table.add_row(agent.name, card.name, agent.summary)
+        for other in card.fetched:
+            table.add_row(other.name, card.name, f"{other.summary} (sada-gym fetch {other.name})")
     out.print(table)
 
 

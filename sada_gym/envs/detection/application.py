@@ -66,7 +66,8 @@ class DetectionApplication(Application):
 
     ## Rewards
     A Python float, exactly `-info["score"]`: minus the detector's highest confidence in the class
-    among its best 20 detections, 0 where there is none.
+    among its best 20 detections, 0 where there is none. `coco-centernet` always tells its highest
+    confidence in the class.
 
     ## Starting State
     No proposal yet. The first evaluation after `reset(seed=s)` has the seed s.
@@ -80,8 +81,9 @@ class DetectionApplication(Application):
     ## Arguments
     - `object_class="car"`: aeroplane, bench, bicycle, boat, bottle, bus, car, chair, diningtable,
       motorbike, train or truck; each has an id of its own, such as `SADA-Detection-Car-v0`.
-    - `agent="photographer"`: a shipped detector (`photographer`, `surveyor`), a safetensors file,
-      or any model with torchvision's calling convention, with `labels={"car": 3}`.
+    - `agent="photographer"`: a shipped detector (`photographer`, `surveyor`), a fetched one
+      (`coco-centernet`), a safetensors file, or any model with torchvision's calling convention,
+      with `labels={"car": 3}`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
     - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of
@@ -142,8 +144,8 @@ class DetectionApplication(Application):
             self._shapes_source, object_class, skip_unreadable=skip_unreadable
         )
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
-        self._detector = DetectorAgent(self.agent, tile, image_size)
         self.label = _label(object_class, self.agent, labels)
+        self._detector = DetectorAgent(self.agent, tile, image_size, label=self.label)
         self._agent_id = agent_id
         is_default = renderer in (None, DEFAULT_RENDERER, DEFAULT_KEY)
         self._renderer_name = renderer if isinstance(renderer, str) and not is_default else None

@@ -1,6 +1,6 @@
 """The card of object detection."""
 
-from sada_gym.cards import AgentCard, ApplicationCard, SuiteCard
+from sada_gym.cards import AgentCard, ApplicationCard, FetchedAgent, SuiteCard
 
 _SUFFIXES = (  # in the order of the detectors' labels
     "Aeroplane",
@@ -40,6 +40,28 @@ CARD = ApplicationCard(
             "7806ad6c00e2bad10f5d43f287a995b34024205095702575d0cfc09d0e986ab7",
             "the same with one training view in ten from everywhere",
             "AP50 98.5 % on the views that people photograph",
+        ),
+    ),
+    fetched=(
+        FetchedAgent(
+            name="coco-centernet",
+            client="npm",
+            package="@vladmandic/human",
+            version="3.3.6",
+            archive="vladmandic-human-3.3.6.tgz",
+            members={
+                "package/models/centernet.json": "bfb942eaacc5becf738d536663bc4580"
+                "a0ae9e560722306e6d4dd7fe4a09de05",
+                "package/models/centernet.bin": "1b635a15009071f506f9f2b3519b31c0"
+                "72c534888989f30d269ffd44734ef7ef",
+            },
+            converter="sada_gym.envs.detection.agent.coco:convert",
+            loader="sada_gym.envs.detection.agent.coco:load",
+            sha256="5105a7322a1533bd99e577e00f138c04eddcd0d2faa774b862e47bdd6d429fdf",
+            summary="CenterNet on MobileNetV3, trained on photographs: COCO's 80 classes",
+            nominal="mAP .25 on COCO, as its author says",
+            licence="MIT (the package); its author names none for the weights",
+            megabytes=29,
         ),
     ),
     agent_kind="detector",

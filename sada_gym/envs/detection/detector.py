@@ -44,7 +44,9 @@ class DetectorAgent:
 
     The shipped architecture is folded first, see `FoldedDetector`: later changes of its weights do
     not count. `tile` is by default `DETECTOR_TILE` for the shipped architecture, else 1;
-    `image_size` is that of the images to come, if it is known and they are square.
+    `image_size` is that of the images to come, if it is known and they are square. A detector that
+    `scores_every_class` always keeps its best detection of the class with the `label`, if one is
+    given, however many of other classes are better.
 
     Raises:
         UserError: If the network is in training mode, the tile is not an int from 1 to `MAX_TILE`,
@@ -52,13 +54,19 @@ class DetectorAgent:
     """
 
     def __init__(
-        self, network: DetectorLike, tile: int | None = None, image_size: int | None = None
+        self,
+        network: DetectorLike,
+        tile: int | None = None,
+        image_size: int | None = None,
+        *,
+        label: int | None = None,
     ) -> None:
         from sada_gym.envs.detection.agent.folded import FoldedDetector
         from sada_gym.envs.detection.agent.network import Detector, check_size
 
         check_evaluation_mode(network, "detector")
         self.network = network
+        self._kept_label = label if getattr(network, "scores_every_class", False) else None
         # a subclass may detect otherwise: it is called like any other detector
         self._folded = FoldedDetector(network) if type(network) is Detector else None
         default = 1 if self._folded is None else DETECTOR_TILE
@@ -102,7 +110,7 @@ class DetectorAgent:
         pixels = torch.from_numpy(batch["image"]).permute(0, 3, 1, 2)
         images = list(pixels.float().div(255).contiguous())
         with torch.inference_mode():
-            return _validate(self.network(images), len(images))
+            return _validate(self.network(images), len(images), self._kept_label)
 
 
 def listed(detections: Detections) -> list[dict[str, Any]]:
@@ -112,7 +120,7 @@ def listed(detections: Detections) -> list[dict[str, Any]]:
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def _validate(detections: Any, count: int) -> list[Detections]:
+def _validate(detections: Any, count: int, kept_label: int | None = None) -> list[Detections]:
     if not isinstance(detections, Sequence) or len(detections) != count:
         what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
         raise UserError(
@@ -130,7 +138,10 @@ def _validate(detections: Any, count: int) -> list[Detections]:
                 f"{boxes.shape}, {labels.shape}, {scores.shape}. {_CONVENTION}"
             )
         _check_numbers(boxes, scores)
-        best = np.argsort(-scores, kind="stable")[:TOP_DETECTIONS]
+        order = np.argsort(-scores, kind="stable")
+        best, own = order[:TOP_DETECTIONS], order[labels[order] == kept_label][:1]
+        if len(own) and own[0] not in best:
+            best = np.append(best[:-1], own)
         checked.append(dict(zip(_KEYS, (boxes[best], labels[best], scores[best]), strict=True)))
     return checked
 

@@ -1,0 +1,96 @@
+"""A network given as a list of steps: convolutions and what lies between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+_ACTIVATIONS: Mapping[str, Callable[[Tensor], Tensor]] = {
+    "": lambda x: x,
+    "relu": functional.relu_,
+    "relu6": lambda x: functional.hardtanh_(x, 0, 6),
+    "sigmoid": torch.sigmoid_,
+    "hardswish": lambda x: functional.hardswish(x, inplace=True),
+    "hardsigmoid": lambda x: functional.hardsigmoid(x, inplace=True),
+}
+
+
+class StepNetwork(nn.Module):
+    """Computes the steps that `graph.convert` laid out, with images in the order channels last.
+
+    Args:
+        program: `steps`, each with its `op`, the numbers of its `inputs` and its settings; and
+            `outputs`, each the number of a step and a factor.
+        weights: The kernels (out, in / groups, k, k) and biases (out,) by `STEP.weight` and
+            `STEP.bias`.
+    """
+
+    architecture: ClassVar[str] = "sada_gym steps"
+
+    def __init__(self, program: Mapping[str, Any], weights: Mapping[str, Tensor]) -> None:
+        super().__init__()
+        self.program = program
+        for name, value in weights.items():
+            kept = value.contiguous(memory_format=torch.channels_last) if value.ndim == 4 else value
+            self.register_buffer(name.replace(".", "_"), kept)
+        steps = program["steps"]
+        last = {i: k for k, step in enumerate(steps) for i in step.get("inputs", ())}
+        kept_for_ever = {step for step, _ in program["outputs"]}
+        self._dies: list[set[int]] = [
+            {i for i in step.get("inputs", ()) if last[i] == k} - kept_for_ever
+            for k, step in enumerate(steps)
+        ]
+
+    def forward(self, image: Tensor) -> list[Tensor]:
+        """Map images (n, c, h, w), turned by half a turn, to the outputs, turned as well.
+
+        h and w are multiples of what all strides make together.
+        """
+        values: dict[int, Tensor] = {0: image.contiguous(memory_format=torch.channels_last)}
+        for number, step in enumerate(self.program["steps"]):
+            if number:
+                inputs = [values[i] for i in step["inputs"]]
+                values[number] = self._compute(number, step, inputs)
+                for dead in self._dies[number]:
+                    del values[dead]
+        return [values[step] * factor for step, factor in self.program["outputs"]]
+
+    def _compute(self, number: int, step: Mapping[str, Any], inputs: list[Tensor]) -> Tensor:
+        first, op = inputs[0], step["op"]
+        if op == "convolution":
+            weight = getattr(self, f"{number}_weight")
+            found = functional.conv2d(
+                first,
+                weight,
+                getattr(self, f"{number}_bias", None),
+                step["stride"],
+                weight.shape[-1] // 2,
+                groups=step["groups"],
+            )
+            return _ACTIVATIONS[step["activation"]](found)
+        if op == "add":
+            return torch.add(first, inputs[1], alpha=step["alpha"])
+        if op == "multiply":
+            return first * inputs[1]
+        if op == "mean":
+            return first.mean((2, 3), keepdim=True)
+        if op == "concat":
+            return torch.cat(inputs, 1)
+        if op == "double":
+            return _double(first)
+        return _ACTIVATIONS[op](first.clone())
+
+
+def _double(image: Tensor) -> Tensor:
+    """Resize (n, c, h, w) to twice its size: each pixel, and before it the middle to the last."""
+    for axis in (2, 3):
+        before = torch.cat(
+            [image.narrow(axis, 0, 1), image.narrow(axis, 0, image.shape[axis] - 1)], axis
+        )
+        pairs = torch.stack([(before + image) / 2, image], axis + 1)
+        image = pairs.flatten(axis, axis + 1)
+    return image.contiguous(memory_format=torch.channels_last)
