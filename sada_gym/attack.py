@@ -12,6 +12,7 @@ from typing import Any
 from sada_gym.adversaries.base import Adversary
 from sada_gym.application import Application
 from sada_gym.errors import check_integer, check_keywords
+from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import MAX_QUERIES
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.adversary import AdversarySpec, name_and_class
@@ -19,7 +20,9 @@ from sada_gym.experiment.folder import (
     ADVERSARY_FOLDER,
     RESULT_FILE,
     SAMPLES_FILE,
+    SOURCE_FILE,
     STORE_FILE,
+    RunFolder,
     check_free,
     read_finished,
     reserve_folder,
@@ -32,7 +35,8 @@ from sada_gym.experiment.record import Experiment, Protocol, RunReport, RunSetti
 from sada_gym.experiment.run import OnProgress, Run, RunProgress, Stage, ignore_progress
 from sada_gym.experiment.summary import summary
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.files import as_path, file_errors, write_folder, write_model
+from sada_gym.files import as_path, file_errors, write_file, write_folder, write_model
+from sada_gym.ids import names_file
 
 __all__ = ["AttackResult", "RunProgress", "Stage", "attack"]
 
@@ -142,6 +146,8 @@ def attack(
         )
         with file_errors("make the folder", folder):
             reserved = reserve_folder(folder, settings, resume=resume)
+            if isinstance(environment, str) and names_file(environment):
+                write_file(folder / SOURCE_FILE, f"{Path(environment).absolute()}\n".encode())
         outcome = read_finished(folder, settings, opened.dimension) if resume else None
         was_finished = outcome is not None
         if outcome is None:
@@ -155,7 +161,7 @@ def attack(
                     ideal_set=opened.ideal_set,
                     on_progress=report_progress,
                 )
-                outcome = _finish(run, folder), run.samples, run.queries
+                outcome = _finish(run, reserved, opened.evaluator), run.samples, run.queries
             except BaseException:
                 opened.close(now=True)
                 reserved.release()
@@ -168,12 +174,16 @@ def attack(
     return AttackResult(*outcome, folder, drawn, was_finished)
 
 
-def _finish(run: Run, folder: Path) -> RunReport:
+def _finish(run: Run, reserved: RunFolder, evaluator: Evaluator) -> RunReport:
+    folder, store = reserved.folder, evaluator.store
+    assert store is not None
     run.train()
+    reserved.check(run.settings, store)
     # saved before it samples: loaded again, it gives the same samples
     write_folder(folder / ADVERSARY_FOLDER, run.adversary.save)
     run.test()
     report = run.measure()
+    reserved.check(run.settings, store)
     write_samples(folder / SAMPLES_FILE, run.samples)
     write_model(folder / RESULT_FILE, report)
     return report

@@ -109,20 +109,30 @@ def _remove_unused(home: Path, name: str) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-@functools.cache
-def sources_digest(file: Path) -> str:
-    """Digest a module's source and those of the modules that it imports, directly or not.
+def was_compiled(source: Path) -> bool:
+    """Say whether an earlier run kept the machine code of one of a source's kernels."""
+    folder = f"{_module_name(source)}-{sources_digest(source)}"
+    return any(True for home in _homes() for _ in (home / FOLDER / folder).rglob("*.nbi"))
 
-    Of the modules outside of the package only the given one counts.
-    """
+
+def _closure(file: Path) -> set[Path]:
     sources, unread = set[Path](), [file.resolve()]
     while unread:
         source = unread.pop()
         if source not in sources:
             sources.add(source)
             unread += imported_sources(source)
+    return sources
+
+
+@functools.cache
+def sources_digest(file: Path) -> str:
+    """Digest a module's source and those of the modules that it imports, directly or not.
+
+    Of the modules outside of the package only the given one counts.
+    """
     digest = hashlib.sha256()
-    for source in sorted(sources):
+    for source in sorted(_closure(file)):
         content = source.read_bytes()
         digest.update(f"{_module_name(source)} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:16]

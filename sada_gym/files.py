@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
 import json
@@ -132,6 +133,7 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
         beside.mkdir()
     try:
         fill(beside)
+        sync(beside)
     except OSError as error:
         if error.errno not in _OF_THE_DISK:
             raise  # a mistake of the caller's
@@ -145,6 +147,14 @@ def write_folder(path: Path, fill: Callable[[Path], None]) -> None:
             path.rename(old)
         beside.rename(path)
         shutil.rmtree(old, ignore_errors=True)
+
+
+def sync(folder: Path) -> None:
+    """Make sure that a folder's files are on the disk: after a loss of power none is empty."""
+    for file in folder.rglob("*"):
+        if file.is_file():
+            with file.open("rb+") as written:
+                os.fsync(written.fileno())
 
 
 def restore_folder(path: Path) -> None:
@@ -173,7 +183,7 @@ def write_model(path: Path, model: Strict) -> None:
 
 def read_model(path: Path, kind: type[Model]) -> Model:
     """Read a model that `write_model` wrote; raise `FileError` for anything else."""
-    content = read_file(path, MAX_JSON_BYTES)
+    content = read_file(path, MAX_JSON_BYTES).removeprefix(codecs.BOM_UTF8)
     cause: Exception
     try:
         content.decode()
@@ -205,7 +215,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; raise `FileError` if it cannot be read, is too large or no TOML."""
     content = read_file(path, MAX_TOML_BYTES)
     try:
-        return tomllib.loads(content.decode())
+        return tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # a decoding error is a ValueError too
         raise FileError(
             f"Expected a TOML file in {path}, got something else: {error}. Mend that place; "

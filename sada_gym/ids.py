@@ -13,7 +13,7 @@ from sada_gym.errors import UserError
 
 def names_file(env_id: str) -> bool:
     """Whether a name stands for a TOML file with an application, and not for an id."""
-    return env_id.endswith(".toml")
+    return env_id.lower().endswith(".toml")
 
 
 def find_spec(env_id: str) -> EnvSpec:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.live import Live
@@ -23,6 +22,7 @@ from sada_gym.experiment.run import RunProgress, Stage
 
 COMPILING = "Compiling kernels for the first run (about a minute)"
 LINE_EVERY_S = 30.0
+_KERNEL = re.compile(r"^@(kernel|uncounted)$|\b(kernel|uncounted)\(", re.MULTILINE)
 
 _NAMES: dict[Stage, str] = {
     "train": "Querying",
@@ -209,26 +209,20 @@ def clock(seconds: float) -> str:
     return f"{hours}:{minutes:02}:{whole % 60:02}" if hours else f"{minutes}:{whole % 60:02}"
 
 
-def will_compile(package: str = "sada_gym") -> bool:
-    """Return whether a loaded module has kernels, and no earlier run has kept any of them.
+def will_compile(pattern: str = r"sada_gym\.envs\.\w+\.application") -> bool:
+    """Return whether a loaded application has kernels, and no earlier run has compiled any of them.
 
-    Numba compiles a kernel once, on its first call.
+    Their sources are read, not loaded: workers compile theirs, and this process may need none.
+    `pattern` is that of the modules of applications; their folders are theirs.
     """
-    if "numba" not in sys.modules:
+    modules = [module for name, module in list(sys.modules.items()) if re.fullmatch(pattern, name)]
+    return any(_lacks_machine_code(Path(str(module.__file__)).parent) for module in modules)
+
+
+def _lacks_machine_code(folder: Path) -> bool:
+    sources = [file for file in folder.rglob("*.py") if _KERNEL.search(file.read_text("utf-8"))]
+    if not sources:
         return False
-    modules = [name for name in sys.modules if f"{name}.".startswith(f"{package}.")]
-    return any(kept and not any(kept) for kept in (list(_kernels_kept(name)) for name in modules))
+    from sada_gym.compiled import was_compiled  # numba
 
-
-def _kernels_kept(module: str) -> Iterator[bool]:
-    """Yield, for each kernel of a module that can be kept on disk, whether it is there."""
-    from numba.core.dispatcher import Dispatcher
-
-    for member in list(vars(sys.modules[module]).values()):
-        if not isinstance(member, Dispatcher) or member.__module__ != module:
-            continue
-        kernel: Any = member
-        folder, code = kernel.stats.cache_path, kernel.py_func.__code__
-        if folder is not None:
-            index = f"*.{kernel.py_func.__qualname__}-{code.co_firstlineno}.*.nbi"
-            yield any(Path(folder).glob(index))
+    return not any(map(was_compiled, sources))

@@ -1,3 +1,4 @@
+import importlib
 import io
 import re
 import sys
@@ -11,13 +12,8 @@ from toy import Toy
 
 from sada_gym import adversaries, progress
 from sada_gym.attack import attack
-from sada_gym.compiled import kernel
 from sada_gym.experiment.run import RunProgress
 from sada_gym.progress import COMPILING, AttackProgress, will_compile
-
-
-def double(x):
-    return 2 * x
 
 
 class Slow(adversaries.Adversary):
@@ -222,10 +218,16 @@ def test_compiling_is_said_before_the_first_evaluation_and_only_then(monkeypatch
 def test_it_is_known_whether_kernels_are_compiled_already(monkeypatch, tmp_path):
     import numba
 
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-
-    compiled = kernel(double)
-    monkeypatch.setattr(sys.modules[__name__], "double", compiled, raising=False)
-    assert will_compile(__name__)
-    compiled(1)
-    assert not will_compile(__name__)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "doubling").mkdir()
+    (tmp_path / "doubling" / "application.py").write_text("")
+    (tmp_path / "doubling" / "motion.py").write_text(
+        "from sada_gym.compiled import kernel\n\n\n@kernel\ndef double(x):\n    return 2 * x\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    pattern = r"doubling\.application"
+    assert not will_compile(pattern)  # not loaded
+    importlib.import_module("doubling.application")
+    assert will_compile(pattern)  # its kernels are in a module that workers load
+    importlib.import_module("doubling.motion").double(1)
+    assert not will_compile(pattern)

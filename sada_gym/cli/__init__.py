@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from sada_gym import __version__
+from sada_gym.cli.terminal import prepare
 from sada_gym.lazy import load
 
 # a word without an option reaches the command, which says what to write instead
@@ -87,4 +88,13 @@ def _main(
 
 def main() -> None:
     """Run the command line."""
+    try:
+        prepare()
+    except FileNotFoundError:
+        typer.echo(
+            "Error: Expected a working directory, got one that was deleted. "
+            "Change to another: cd ~",
+            err=True,
+        )
+        raise SystemExit(2) from None
     app(prog_name="sada-gym")

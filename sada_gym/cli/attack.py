@@ -19,6 +19,8 @@ from sada_gym.cli.console import (
     out,
     say,
     show_resume_hint,
+    stop_code,
+    stoppable,
     workers_option,
     wrapped,
 )
@@ -92,6 +94,7 @@ def attack(
 
         try:
             with (
+                stoppable(),
                 open_executor(executor, workers or min(cores(), _MAX_WORKERS)) as opened,
                 AttackProgress(err) as progress,
             ):
@@ -110,9 +113,9 @@ def attack(
                     resume=resume,
                     on_progress=progress,
                 )
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             _show_stop(folder)
-            raise typer.Exit(130) from None
+            raise typer.Exit(stop_code(stop)) from None
     _show_result(result)
 
 

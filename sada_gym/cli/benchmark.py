@@ -21,6 +21,8 @@ from sada_gym.cli.console import (
     out,
     say,
     show_resume_hint,
+    stop_code,
+    stoppable,
     workers_option,
 )
 from sada_gym.errors import UserError
@@ -119,7 +121,7 @@ def benchmark(
         sys.warnoptions.append("ignore:resource_tracker:UserWarning")
         progress = BenchmarkProgress(out)
         try:
-            with open_executor(executor, workers or cores()) as opened, progress:
+            with stoppable(), open_executor(executor, workers or cores()) as opened, progress:
                 result = run_benchmark(
                     chosen,
                     folder,
@@ -129,9 +131,9 @@ def benchmark(
                     references=known,
                     callback=progress,
                 )
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             show_resume_hint(_kept(progress.finished, folder, entries))
-            raise typer.Exit(130) from None
+            raise typer.Exit(stop_code(stop)) from None
     _show_result(result)
 
 

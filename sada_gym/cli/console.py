@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -98,8 +99,31 @@ def make_table(*columns: str, title: str | None = None, left: int | None = None)
     return table
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: a container or a queue stops the command."""
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Let SIGTERM stop this block as Ctrl-C does, so that it cleans up and says how to go on."""
+
+    def stop(number: int, frame: object) -> None:  # noqa: ARG001
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def stop_code(error: KeyboardInterrupt) -> int:
+    """Return the exit code of a command that was stopped: 128 and the signal's number."""
+    return 128 + (signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT)
+
+
 def show_resume_hint(kept: str, *more: str) -> None:
-    """Print after Ctrl-C what is kept, and the command line, with `more`, that goes on."""
+    """Print after a stop what is kept, and the command line, with `more`, that goes on."""
     given = sys.argv[1:]
     command = shlex.join(["sada-gym", *given, *(option for option in more if option not in given)])
     say(f"\nStopped. {kept}", console=err)

@@ -99,7 +99,19 @@ class EvaluationStore:
             except BaseException:
                 self._own.close()
                 raise
+            self._identity = self._on_disk()
         _open_stores.add(self)
+
+    def is_in_place(self) -> bool:
+        """Whether the file is still the one that was opened, and was not removed or replaced."""
+        try:
+            return self._on_disk() == self._identity
+        except OSError:
+            return False
+
+    def _on_disk(self) -> tuple[int, int]:
+        status = self.path.absolute().stat()
+        return status.st_dev, status.st_ino
 
     @property
     def _connection(self) -> sqlite3.Connection:

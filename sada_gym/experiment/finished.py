@@ -7,10 +7,10 @@ from pathlib import Path
 from sada_gym.application import Application
 from sada_gym.errors import FileError, UserError, UserTypeError
 from sada_gym.evaluations import Evaluations
-from sada_gym.experiment.folder import SAMPLES_FILE, SETTINGS_FILE, read_samples
+from sada_gym.experiment.folder import SAMPLES_FILE, SETTINGS_FILE, SOURCE_FILE, read_samples
 from sada_gym.experiment.record import RunSettings
 from sada_gym.experiment.target import OpenTarget
-from sada_gym.files import as_path, read_model, shown
+from sada_gym.files import MAX_TOML_BYTES, as_path, read_file, read_model, shown
 
 
 def read_run(run: str | Path) -> tuple[RunSettings, Evaluations]:
@@ -51,8 +51,9 @@ def open_target(
 ) -> OpenTarget:
     """Open what a run attacked, and check that it is the same application, agent and version.
 
-    `given` is the application, an environment's id or a TOML file; None takes what the settings
-    name. Messages name the run's folder, and the Python `call` that takes `application=YOURS`.
+    `given` is the application, an environment's id or a TOML file; None takes the TOML file or the
+    track that was attacked. Messages name the run's folder, and the Python `call` that takes
+    `application=YOURS`.
 
     Raises:
         UserError: If it cannot be opened, or differs.
@@ -66,6 +67,9 @@ def open_target(
         f"Python: {call}."
     )
     target = settings.experiment.target
+    source = folder / SOURCE_FILE
+    if given is None and source.is_file():
+        given = read_file(source, MAX_TOML_BYTES).decode().strip()
     if given is None and {"environment", "order"} <= set(target.application.settings):
         raise UserError(
             f"Expected a run whose settings can open what it attacked, got that of {folder}: it "

@@ -22,6 +22,8 @@ RESULT_FILE = "result.json"
 SAMPLES_FILE = "samples.npz"
 STORE_FILE = "run.sqlite"
 ADVERSARY_FOLDER = "adversary"
+SOURCE_FILE = "application.txt"
+"""Names the TOML file that described the application, where one did."""
 
 
 def write_samples(path: Path, samples: Evaluations) -> None:
@@ -54,6 +56,25 @@ class RunFolder:
     folder: Path
     made: tuple[Path, ...] | None
 
+    def check(self, settings: RunSettings, store: EvaluationStore) -> None:
+        """Refuse to write results where the folder is not this run's any more.
+
+        Raises:
+            FileError: If the folder, its settings or its store were removed or replaced.
+        """
+        try:
+            same = read_model(self.folder / SETTINGS_FILE, RunSettings) == settings
+            if same and store.is_in_place():
+                return
+            what = "another run's files" if not same else f"another {STORE_FILE}"
+        except FileError as error:
+            what = str(error)
+        raise FileError(
+            f"Expected the results' folder {self.folder} as this run left it, got changes that "
+            f"something else made during the run ({what}). Nothing was written. Run it again in "
+            "a folder of its own."
+        )
+
     def release(self) -> None:
         """Give the folder back if its run made no evaluation, so that nothing of it is left."""
         store = self.folder / STORE_FILE
@@ -65,7 +86,7 @@ class RunFolder:
                 with EvaluationStore(store) as kept:
                     if len(kept):
                         return
-            for path in (store, self.folder / SETTINGS_FILE):
+            for path in (store, self.folder / SETTINGS_FILE, self.folder / SOURCE_FILE):
                 path.unlink(missing_ok=True)
             # with a budget of 0 the adversary is saved before the first evaluation
             shutil.rmtree(self.folder / ADVERSARY_FOLDER, ignore_errors=True)
@@ -135,7 +156,7 @@ def read_finished(
     """
     if not all((folder / name).exists() for name in (RESULT_FILE, SAMPLES_FILE, STORE_FILE)):
         return None
-    if not (folder / ADVERSARY_FOLDER).is_dir():
+    if not _is_saved(folder / ADVERSARY_FOLDER):
         return None
     try:
         report = read_model(folder / RESULT_FILE, RunReport)
@@ -152,3 +173,9 @@ def read_finished(
         with EvaluationStore(folder / STORE_FILE) as store:
             queries = store.evaluations(store.context(experiment.target.application), seeds)
     return None if queries is None else (report, samples, queries)
+
+
+def _is_saved(adversary: Path) -> bool:
+    # after a loss of power files may be there and empty
+    files = [path for path in adversary.rglob("*") if path.is_file()]
+    return adversary.is_dir() and all(path.stat().st_size for path in files)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sada_gym.experiment.run import OnProgress, RunProgress
-from sada_gym.files import file_errors
+from sada_gym.files import file_errors, sync
 
 if TYPE_CHECKING:
     from sada_gym.application import Application
@@ -31,16 +31,14 @@ def draw_missing(
 
     Those that are there already are returned as they are, unless all are to be drawn anew.
     """
-    known = tuple(sorted(folder.glob("*.png")))
-    if known and not anew:
+    known, beside = tuple(sorted(folder.glob("*.png"))), folder / _UNFINISHED
+    are_whole = not beside.exists() and all(path.stat().st_size for path in known)
+    if known and are_whole and not anew:
         return known
     from sada_gym.plots.attack import draw_attack  # matplotlib
 
     on_progress(RunProgress("pictures"))
-    beside = folder / _UNFINISHED
-    with file_errors("write the folder", beside):
-        shutil.rmtree(beside, ignore_errors=True)
-        beside.mkdir()
+    _empty(beside)
     try:
         drawn = draw_attack(
             application,
@@ -50,13 +48,22 @@ def draw_missing(
             headline=report.where.sentence,
             on_progress=lambda done, total: on_progress(RunProgress("pictures", done, total)),
         )
-        # moved when all are there: a run that was stopped meanwhile draws them again
-        with file_errors("write", folder):
-            for made in beside.iterdir():
-                place = folder / made.name
-                if place.is_dir() and not place.is_symlink():
-                    shutil.rmtree(place)
-                made.replace(place)
-        return tuple(folder / path.relative_to(beside) for path in drawn)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        sync(beside)
+    except BaseException:
+        _empty(beside)
+        raise
+    # moved when all are there; as long as this folder is there, a later call draws them again
+    with file_errors("write", folder):
+        for made in beside.iterdir():
+            place = folder / made.name
+            if place.is_dir() and not place.is_symlink():
+                shutil.rmtree(place)
+            made.replace(place)
+        beside.rmdir()
+    return tuple(folder / path.relative_to(beside) for path in drawn)
+
+
+def _empty(folder: Path) -> None:
+    with file_errors("write the folder", folder):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()

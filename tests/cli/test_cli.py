@@ -462,9 +462,48 @@ def test_values_are_json_or_text():
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii"])
+def test_a_summary_can_be_written_in_any_encoding(tmp_path, encoding):
+    code = (
+        "import sys; from sada_gym.cli.terminal import prepare; prepare(); "
+        "print('a\u2212b \u2013 \u2026 \u00d7 \u4e16', file=sys.stderr); "
+        "sys.argv = ['sada-gym', *sys.argv[1:]]; from sada_gym.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *ATTACK, "--workers", "1", "--out", tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": encoding},
+        capture_output=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "fooled" in done.stdout.decode(encoding)
+    said = done.stderr.decode(encoding).splitlines()[0]
+    expected = {
+        "cp1252": "a-b \u2013 \u2026 \u00d7 ?",
+        "latin-1": "a-b - ... \u00d7 ?",
+        "ascii": "a-b - ... x ?",
+    }
+    assert said == expected[encoding]
+
+
+def test_a_terminal_of_unknown_width_and_a_deleted_folder(tmp_path):
+    command = [sys.executable, "-m", "sada_gym", "adversaries"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "0"}
+    listed = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert listed.returncode == 0, listed.stderr
+    assert "bbgan" in listed.stdout
+    (tmp_path / "gone").mkdir()
+    code = "import os, sys; from sada_gym.cli import main; sys.argv[1:] = ['adversaries']; "
+    code += f"os.chdir({str(tmp_path / 'gone')!r}); os.rmdir(os.getcwd()); main()"
+    refused = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith(b"Error: Expected a working directory, got one that was del")
+
+
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="sends a signal as a terminal does")
-@pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
+@pytest.mark.parametrize(
+    ("workers", "sent", "code"), [(1, "SIGINT", 130), (2, "SIGINT", 130), (2, "SIGTERM", 143)]
+)
+def test_a_stop_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers, sent, code):
     out, log = tmp_path / "an out", tmp_path / "log"
     command = ["attack", "toy:Toy-v0", "-a", "toy:Greedy", "--budget", "300", "--samples", "10"]
     command += ["--workers", str(workers), "--out", str(out), "--executor", "processes"]
@@ -472,10 +511,11 @@ def test_ctrl_c_keeps_the_evaluations_and_says_how_to_resume(tmp_path, workers):
     process = start_interruptible(command)
     while process.poll() is None and (not log.exists() or log.read_text().count("\n") < 150):
         time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, getattr(signal, sent))
     _, printed = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in printed
+    assert "semaphore" not in printed
     with EvaluationStore(out / "run.sqlite") as store:
         kept = len(store)
     assert kept >= 64

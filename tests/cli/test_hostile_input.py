@@ -47,6 +47,24 @@ def invoke(args):
     return result
 
 
+WRONG = ("abc", "", "null", "128.5", "-1", "0", "1000000000", "[128]", '{"a": 1}', "true", "~/x")
+KEYWORDS = [
+    *(("SADA-Detection-v0", name) for name in ("object_class", "image_size", "tile", "shapes")),
+    *(("SADA-Detection-v0", name) for name in ("skip_unreadable", "renderer", "labels")),
+    *(("SADA-Driving-v0", "task"), ("SADA-UAV-v0", "anchors"), ("SADA-Analytic-v0", "regions")),
+    *(("SADA-Digits-v0", "digit"), ("SADA-Digits-v0", "image"), ("SADA-Digits-v0", "parameters")),
+    *(("SADA-Pixel-v0", "radius"), ("SADA-Pixel-v0", "tile"), ("SADA-Robot-v0", "agent")),
+]
+
+
+@pytest.mark.parametrize(("env_id", "keyword"), KEYWORDS)
+def test_a_keyword_of_a_wrong_type_or_size_is_refused_or_does(folder, env_id, keyword):
+    for text in (*WRONG, "x" * 5_000):
+        result = invoke(["envs", env_id, "--env-kwargs", f"{keyword}={text}"])
+        assert result.exit_code in (0, 2), text
+        assert result.exit_code == 0 or result.stderr.startswith("Error: Expected "), text
+
+
 @pytest.mark.parametrize(
     "args",
     [

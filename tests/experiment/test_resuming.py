@@ -169,6 +169,65 @@ def test_pictures_that_fail_can_be_drawn_later(tmp_path, monkeypatch):
     assert len(done.pictures) == 3
 
 
+def test_pictures_are_a_set_all_or_none(tmp_path, monkeypatch):
+    replace = Path.replace
+
+    def stop_at_the_second(path, place):
+        if path.suffix == ".png" and list(tmp_path.glob("*.png")):
+            raise KeyboardInterrupt
+        return replace(path, place)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", stop_at_the_second)
+        with pytest.raises(KeyboardInterrupt):
+            run(tmp_path, pictures=True)
+    assert len(list(tmp_path.glob("*.png"))) == 1
+    done = run(tmp_path, pictures=True, resume=True)
+    assert done.was_finished
+    assert len(done.pictures) == 3
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_files_that_a_loss_of_power_left_empty_are_made_again(tmp_path):
+    run(tmp_path, pictures=True)
+    before = contents(tmp_path)
+    (tmp_path / "fooled.png").write_bytes(b"")
+    assert run(tmp_path, pictures=True, resume=True).was_finished
+    saved = next(path for path in (tmp_path / "adversary").iterdir() if path.stat().st_size)
+    saved.write_bytes(b"")
+    assert not run(tmp_path, pictures=True, resume=True).was_finished
+    assert contents(tmp_path) == before
+
+
+class Meddled(Greedy):
+    """An adversary during whose training something changes the run's folder."""
+
+    name = "greedy"
+    meddle = staticmethod(lambda: None)
+
+    def train(self, oracle):
+        super().train(oracle)
+        self.meddle()
+
+
+@pytest.mark.parametrize("name", ["attack.json", "run.sqlite", "all"])
+def test_a_folder_that_is_removed_or_taken_over_during_a_run_is_noticed(tmp_path, name):
+    folder, other = tmp_path / "run", tmp_path / "other"
+    run(other, budget=50)
+
+    def meddle():
+        for file in ("attack.json", "run.sqlite"):
+            if name in (file, "all"):
+                (folder / file).unlink()
+                (folder / file).write_bytes((other / file).read_bytes())
+
+    Meddled.meddle = staticmethod(meddle)
+    with pytest.raises(FileError, match="as this run left it, got changes"):
+        run(folder, adversary=Meddled)
+    assert not (folder / "result.json").exists()
+    assert not (folder / "adversary").exists()
+
+
 SCRIPT = """
 import sys
 from toy import Greedy, Toy

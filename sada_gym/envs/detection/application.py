@@ -30,10 +30,13 @@ from sada_gym.envs.detection.renderers.registry import (
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import fingerprint
 from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes, is_named
-from sada_gym.errors import UserError
+from sada_gym.errors import UserError, check_integer
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 from sada_gym.seeds import validate_seeds, validate_world
+
+MAX_IMAGE_SIZE = 4_096
+"""Pixels a side of the largest picture: its samples take 2 GB."""
 
 
 class DetectionApplication(Application):
@@ -136,8 +139,7 @@ class DetectionApplication(Application):
         renderer: str | Renderer | None = None,
         tile: int | None = None,
     ) -> None:
-        if image_size < 32:
-            raise UserError(f"Expected an image_size of at least 32 pixels, got {image_size}.")
+        check_integer("image_size", image_size, 32, MAX_IMAGE_SIZE)
         self.object_class, self.image_size = object_class, image_size
         self._shapes_source = DEFAULT_SHAPES if shapes is None else shapes
         self.shapes = find_shapes(

@@ -14,6 +14,7 @@ from sada_gym.envs.driving.episodes import POLICY_HZ, DrivingEnd, DrivingEpisode
 from sada_gym.envs.driving.world.route import LAYOUT, benchmark_routes
 from sada_gym.envs.driving.world.weather import LIGHTS, NAMES
 from sada_gym.envs.episodes.closed_loop import AgentLike, SimulatorApplication
+from sada_gym.errors import UserTypeError
 from sada_gym.parameters import Mu, Parameter, ParameterSpace
 
 
@@ -86,6 +87,8 @@ class DrivingApplication(SimulatorApplication[DrivingEpisodes]):
         agent: AgentLike = "cil",
         agent_id: str | None = None,
     ) -> None:
+        if not isinstance(task, str):
+            raise UserTypeError(f"Expected a task's name, got {task!r}.")
         self.task, self.routes = task, benchmark_routes(task)
         super().__init__(agent, agent_id)
 

@@ -1,8 +1,10 @@
 """Applications in TOML files: the same as in Python, and one sentence for each mistake."""
 
+import codecs
 import inspect
 import json
 import re
+from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -28,7 +30,9 @@ from sada_gym.envs.wrapped.disturbances import (
 )
 from sada_gym.envs.wrapped.toml import read_application
 from sada_gym.errors import FileError, UserError
+from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
+from sada_gym.experiment.finished import open_target, read_run
 from sada_gym.files import MAX_TOML_BYTES, read_toml
 from sada_gym.testing import rules
 
@@ -83,6 +87,26 @@ def test_a_file_means_what_the_constructor_means(pole, model):
     assert read.fingerprint == made.fingerprint is not None
     assert read.agent_name == "pole"
     assert read.parameters.parameters == made.parameters.parameters
+
+
+def test_a_byte_order_mark_and_capitals_in_the_suffix_do_no_harm(pole):
+    marked = pole.with_name("MARKED.TOML")
+    marked.write_bytes(codecs.BOM_UTF8 + pole.read_bytes())
+    with closing(Evaluator(str(marked))) as evaluator:
+        assert evaluator.application.fingerprint == read_application(pole).fingerprint
+
+
+def test_a_run_remembers_the_file_that_described_its_application(pole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    attack("pole.toml", out="run", **RANDOM)
+    monkeypatch.chdir(tmp_path.parent)
+    settings, samples = read_run(tmp_path / "run")
+    with open_target(settings, tmp_path / "run", None, call="replay(") as opened:
+        again = opened.application.evaluate(samples.mu[:2], samples.seed[:2].tolist())
+    np.testing.assert_array_equal(again.score, samples.score[:2])
+    pole.unlink()
+    with pytest.raises(UserError, match=r"pole\.toml.*--application FILE"):
+        open_target(settings, tmp_path / "run", None, call="replay(")
 
 
 def test_every_key_of_the_constructor_can_stand_in_a_file():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import warnings
 from collections.abc import Iterable
@@ -163,7 +164,7 @@ def _orientation(file: Path) -> Orientation:
     if not file.exists():
         return Orientation()
     try:
-        return Orientation.model_validate_json(file.read_bytes())
+        return Orientation.model_validate_json(file.read_bytes().removeprefix(codecs.BOM_UTF8))
     except ValidationError as error:
         flaws = "; ".join(
             f"{'.'.join(map(str, flaw['loc'])) or 'file'}: {flaw['msg']}" for flaw in error.errors()

@@ -9,6 +9,7 @@ from pathlib import Path
 from sada_gym.envs.detection.shapes.cad import load_class
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError, UserTypeError
+from sada_gym.files import file_errors
 from sada_gym.parts import find_part
 
 SHAPES: dict[str, str] = {
@@ -41,13 +42,17 @@ def find_shapes(
             f"Expected shapes to be a name among {', '.join(SHAPES)} or the path of a folder, got "
             f"{shapes!r}."
         )
+    if not isinstance(object_class, str):
+        raise UserTypeError(f"Expected object_class to be a class's name, got {object_class!r}.")
     path = Path(shapes)
     if isinstance(shapes, str) and is_named(shapes):
         chosen = find_part("shape set", shapes, SHAPES)(object_class)
         if not isinstance(chosen, tuple) or not chosen or not isinstance(chosen[0], Shape):
             raise UserError(f"Expected a tuple of Shape objects from {shapes!r}, got {chosen!r}.")
         return chosen
-    if not path.is_dir() and len(path.parts) == 1:
+    with file_errors("find the folder of shapes", path):
+        is_folder = path.is_dir()
+    if not is_folder and len(path.parts) == 1:
         close = difflib.get_close_matches(str(path), SHAPES, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise UserError(
