@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from leaderboard.board_tables import outdated_sheet, paper_sheet, ranking_sheets, strongest_sheet
-from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup, track_of
-from sada_gym.benchmark.results import results_of
-from sada_gym.benchmark.suite import Table, tables_of
+from leaderboard.groups import GroupResults, OutdatedResult, track_of
+from sada_gym.benchmark.results import Comparison, results_of
 from sada_gym.cards import ApplicationCard, cards
-from sada_gym.experiment.record import slug
-from sada_gym.results.entry import Entry
+from sada_gym.results.entry import Entry, EntryResult
 from sada_gym.results.front import Chart, make_chart
 from sada_gym.results.models import Tier
 from sada_gym.results.rows import Row
@@ -44,55 +42,37 @@ class Ranking:
         return make_chart(self.rows, f"Attack fooling rate against coverage, {self.tier}")
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """All entries that attacked one agent under one rule for the budget, by tier."""
-
-    table: Table
-    agent: str
-    rankings: tuple[Ranking, ...]
-
-    @property
-    def anchor(self) -> str:
-        """The place on the group's page."""
-        return slug(f"{self.table.name}.{self.agent}".strip("."))
-
-
 @dataclass(frozen=True, eq=False)
 class GroupBoard(GroupResults):
     """The board of one group."""
 
     @cached_property
-    def comparisons(self) -> tuple[Comparison, ...]:
-        """Each table with each agent, the claims' order first."""
-        claimed = self.results["claimed"]
-        tables = {table.name: table for table in claimed.tables}
-        return tuple(
-            Comparison(tables[table], agent, tuple(self._rankings(tables[table], agent)))
-            for table, agent in claimed.comparisons()
-        )
+    def comparisons(self) -> tuple[tuple[Comparison, tuple[Ranking, ...]], ...]:
+        """What is claimed in each table against each agent, with its rankings by tier."""
+        claims = self.results["claimed"].comparisons
+        return tuple((claimed, tuple(self._rankings(claimed))) for claimed in claims)
 
     @property
     def outdated_sheet(self) -> Sheet | None:
         """The table of outdated results; None without any."""
-        return outdated_sheet(self.group.name, self.outdated) if self.outdated else None
+        return outdated_sheet(self.card.page, self.outdated) if self.outdated else None
 
     @cached_property
     def paper_sheet(self) -> Sheet | None:
         """The paper's numbers alone, where there is no entry yet and the paper has the tracks."""
-        return None if self.comparisons else paper_sheet(self)
+        return None if self.comparisons else paper_sheet(self.card)
 
-    def _rankings(self, table: Table, agent: str) -> Iterator[Ranking]:
-        verified = {row.entry for row in self.results["verified"].rows_of(table.name, agent, None)}
-        for tier in TIERS:
-            rows = self.results[tier].rows_of(table.name, agent, None)
-            if not rows:
+    def _rankings(self, claimed: Comparison) -> Iterator[Ranking]:
+        verified = self.results["verified"].find(claimed.table.name, claimed.agent)
+        known = {row.entry for row in verified.rows} if verified else set()
+        for tier, comparison in zip(TIERS, (verified, claimed), strict=True):
+            if comparison is None:
                 continue
-            whole, by_track, coverage = ranking_sheets(self, table, agent, tier)
-            is_open = any(row.entry not in verified for row in rows)
-            yield Ranking(
-                tier, tuple(rows), whole, by_track, coverage if coverage.lines else None, is_open
-            )
+            rows = comparison.rows
+            whole, by_track, coverage = ranking_sheets(self.card, self.entries, comparison, tier)
+            is_open = any(row.entry not in known for row in rows)
+            shown = coverage if coverage.lines else None
+            yield Ranking(tier, rows, whole, by_track, shown, is_open)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +104,6 @@ def make_board(
         applications: The applications with a place on the board; by default all that are known.
             Those beside the five of the benchmark's suites have a page where there are results.
     """
-    groups = [TrackGroup.of(card) for card in (cards() if applications is None else applications)]
-    group_of = {track: group for group in groups for track in group.tracks}
     outdated = [
         OutdatedResult(entry, result, reason)
         for entry in entries
@@ -133,29 +111,19 @@ def make_board(
         if (reason := find_outdated(result.claimed.experiment)) is not None
     ]
     left_out = {id(late.result) for late in outdated}
+    boards, elsewhere = [], outdated
+    for card in cards() if applications is None else applications:
+        tracks = card.board_tracks
+        late = tuple(result for result in outdated if track_of(result.result) in tracks)
+        elsewhere = [result for result in elsewhere if result not in late]
 
-    def outdated_of(group: TrackGroup | None) -> tuple[OutdatedResult, ...]:
-        return tuple(late for late in outdated if group_of.get(track_of(late.result)) == group)
+        def is_current(result: EntryResult, tracks: Collection[str] = tracks) -> bool:
+            return track_of(result) in tracks and id(result) not in left_out
 
-    def current(entry: Entry, group: TrackGroup) -> Entry:
-        tracks = group.tracks
-        return entry.keeping(
-            lambda result: track_of(result) in tracks and id(result) not in left_out
-        )
-
-    with_suite = {card.name for card in cards() if card.suite is not None}
-    boards = []
-    for group in groups:
-        chosen = tuple(current(entry, group) for entry in entries)
-        rules = {
-            result.claimed.experiment.protocol.rule
-            for entry in chosen
-            for result in entry.results.values()
-        }
         # every entry goes in, so that two of one title are told apart on every page
-        results = {tier: results_of(chosen, tables_of(rules), tier=tier) for tier in TIERS}
+        chosen = [entry.keeping(is_current) for entry in entries]
+        results = {tier: results_of(chosen, tier=tier) for tier in TIERS}
         with_results = tuple(entry for entry in chosen if entry.results)
-        late = outdated_of(group)
-        if with_results or late or group.application in with_suite:
-            boards.append(GroupBoard(group, with_results, results, late))
-    return Board(tuple(entries), tuple(boards), outdated_of(None))
+        if with_results or late or card.suite:
+            boards.append(GroupBoard(card, with_results, results, late))
+    return Board(tuple(entries), tuple(boards), tuple(elsewhere))

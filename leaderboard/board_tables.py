@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from leaderboard.groups import GroupResults, OutdatedResult, TrackGroup
-from sada_gym.benchmark.suite import TABLES, Table
-from sada_gym.experiment.record import slug
+from leaderboard.groups import GroupResults, OutdatedResult
+from sada_gym.benchmark.results import Comparison
+from sada_gym.cards import ApplicationCard
+from sada_gym.experiment.record import place_of, slug
 from sada_gym.results import paper
 from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, EntryResult
@@ -33,10 +34,7 @@ from sada_gym.results.sheet import (
     text_cell,
     text_column,
 )
-from sada_gym.submission.current import current_target
-
-PAPER_RULE = "paper-budgets"
-"""The rule under which the paper's numbers were made."""
+from sada_gym.submission.current import PAPER_BUDGETS, current_target
 
 _ENTRY = text_column("entry")
 _TIER = text_column(
@@ -80,53 +78,59 @@ class _RankingLine(NamedTuple):
 
 
 def ranking_sheets(
-    board: GroupResults, table: Table, agent: str, tier: Tier
+    card: ApplicationCard, entries: Sequence[Entry], comparison: Comparison, tier: Tier
 ) -> tuple[Sheet, Sheet, Sheet]:
     """Lay out a comparison in one tier: entries by F1 (AFR without coverage), then other rates.
 
     Returns:
         All figures over the tracks; the AFR by track; the coverage by track.
     """
-    results, group = board.results[tier], board.group
-    entries = {entry.metadata.name: entry for entry in board.entries}
-    runs = [run for run in results.runs if (run.table, run.agent) == (table.name, agent)]
-    attacked = {run.track for run in runs}
-    tracks = tuple(track for track in group.tracks if track in attacked)
-    on_tracks = [row for track in tracks for row in results.rows_of(table.name, agent, track)]
-    rows = results.rows_of(table.name, agent, None)
-    rows.sort(key=lambda row: -row.deciding.value if row.deciding else math.inf)
+    entry_of = {entry.metadata.name: entry for entry in entries}
+    tracks = tuple(track for track in card.board_tracks if track in comparison.by_track)
+    rows = sorted(
+        comparison.rows, key=lambda row: -row.deciding.value if row.deciding else math.inf
+    )
     lines = [
         _RankingLine(
             "control" if row.control else "ranked" if row.rank else "unranked",
             entry_link(row.entry, row.label),
-            _cells(row, [run for run in runs if run.entry == row.entry], entries[row.entry]),
-            _rates([by_track for by_track in on_tracks if by_track.entry == row.entry]),
+            _cells(row, comparison.runs, entry_of[row.entry]),
+            _rates(row.entry, {track: comparison.by_track[track] for track in tracks}),
         )
         for row in rows
     ]
-    lines += [*_paper(table, agent, group, tracks), *_uniform(agent, tracks)]
-    name = ".".join(slug(part) for part in (group.name, table.name, agent, tier) if part)
+    if comparison.table.name == PAPER_BUDGETS and comparison.agent == _default_agent(card):
+        lines += _paper(tracks)
+    lines += _uniform(comparison.agent, tracks)
+    name = f"{slug(card.page)}.{comparison.name}.{tier}"
     over = f", mean over {len(tracks)} tracks" if len(tracks) > 1 else " on the only track"
     overall = tuple(line.line(line.cells) for line in lines if line.cells)
-    afr, coverage = (_by_track(name, group, tracks, lines, figure) for figure in _BY_TRACK)
+    afr, coverage = (_by_track(name, card, tracks, lines, figure) for figure in _BY_TRACK)
     return Sheet(f"{name}.all", f"All figures{over}", _COLUMNS, overall), afr, coverage
 
 
-def paper_sheet(board: GroupResults) -> Sheet | None:
+def paper_sheet(card: ApplicationCard) -> Sheet | None:
     """Return the paper's numbers where there is no entry yet; None where the paper has none."""
-    group, agent = board.group, next(iter(board.group.agents), "")
-    lines = list(_paper(TABLES[PAPER_RULE], agent, group, group.tracks))
+    lines = list(_paper(card.board_tracks))
     if not lines:
         return None
-    lines += _uniform(agent, group.tracks)
-    sheet = _by_track(group.name, group, group.tracks, lines, "afr")
-    return replace(sheet, name=f"{group.name}.paper")
+    lines += _uniform(_default_agent(card), card.board_tracks)
+    sheet = _by_track(card.page, card, card.board_tracks, lines, "afr")
+    return replace(sheet, name=f"{card.page}.paper")
+
+
+def _default_agent(card: ApplicationCard) -> str:
+    return next((agent.name for agent in card.agents), "")
 
 
 def _by_track(
-    name: str, group: TrackGroup, tracks: Sequence[str], lines: Sequence[_RankingLine], figure: str
+    name: str,
+    card: ApplicationCard,
+    tracks: Sequence[str],
+    lines: Sequence[_RankingLine],
+    figure: str,
 ) -> Sheet:
-    columns = (_ENTRY, *(Column(track, group.short(track)) for track in tracks))
+    columns = (_ENTRY, *(Column(track, card.short(track)) for track in tracks))
     shown = tuple(
         line.line({track: shaded(rate_cell(rate)) for track, rate in rates.items()})
         for line in lines
@@ -135,16 +139,16 @@ def _by_track(
     return Sheet(f"{name}.{figure}", _BY_TRACK[figure], columns, shown)
 
 
-def _rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+def _rates(entry: str, by_track: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, float]]:
+    own = {track: row for track, rows in by_track.items() for row in rows if row.entry == entry}
     return {
-        name: {
-            row.track: figure.value for row in rows if row.track if (figure := getattr(row, name))
-        }
+        name: {track: figure.value for track, row in own.items() if (figure := getattr(row, name))}
         for name in _BY_TRACK
     }
 
 
 def _cells(row: Row, runs: Sequence[RunSummary], entry: Entry) -> dict[str, Cell]:
+    runs = [run for run in runs if run.entry == row.entry]
     places = dict.fromkeys(run.experiment.place for run in runs)
     results = [entry.results[place] for place in places if place in entry.results]
     tiers = {result.tier for result in results}
@@ -190,16 +194,20 @@ def _flags(entry: Entry, results: Sequence[EntryResult]) -> Cell:
     )
 
 
-def _paper(
-    table: Table, agent: str, group: TrackGroup, tracks: Sequence[str]
-) -> Iterator[_RankingLine]:
-    """Return the paper's numbers, where it has this rule, this agent's place and these tracks."""
-    if table.name != PAPER_RULE or agent != next(iter(group.agents), ""):
-        return
-    for name, row in paper.rows_on(tracks).items():
-        cells = {"afr": rate_cell(row.average), "mu_std": number_cell(row.mu_std, 3)}
-        shown = cells if row.average is not None else {}
-        yield _RankingLine("paper", text_cell(f"{name} · AAAI 2020"), shown, {"afr": row.afr})
+def _paper(tracks: Sequence[str]) -> Iterator[_RankingLine]:
+    """Return the paper's numbers, where it has any of these tracks."""
+    of_classes = set(tracks) <= set(paper.CLASS_COLUMNS.values())
+    is_whole = set(tracks) == set(paper.CLASS_COLUMNS.values())
+    for name, printed in (paper.CLASS_TABLE if of_classes else paper.TABLE_1).items():
+        afr = {track: printed[track] / 100 for track in tracks if track in printed}
+        cells = {}
+        if is_whole:
+            cells["afr"] = rate_cell(printed[paper.AVERAGE] / 100)
+            cells["mu_std"] = number_cell(printed["mu_std"], 3)
+        elif len(afr) == len(tracks) and not of_classes:
+            cells["afr"] = rate_cell(sum(afr.values()) / len(afr))
+        if afr:
+            yield _RankingLine("paper", text_cell(f"{name} · AAAI 2020"), cells, {"afr": afr})
 
 
 def _uniform(agent: str, tracks: Sequence[str]) -> Iterator[_RankingLine]:
@@ -245,46 +253,43 @@ def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
     """Return the strongest verified attack on each track and agent beside its usual rate."""
     lines = []
     for board in groups:
-        group = board.group
-        for agent, track in itertools.product(group.agents or {"": ""}, group.tracks):
+        card = board.card
+        nominal = {agent.name: agent.nominal for agent in card.agents} or {"": ""}
+        for agent, track in itertools.product(nominal, card.board_tracks):
             cells = {
                 "agent": text_cell(agent or "-"),
-                "track": text_cell(track, href=f"{group.name}.html"),
-                "group": text_cell(group.title),
-                "nominal": text_cell(group.nominal.get(agent, "")),
+                "track": text_cell(track, href=f"{card.page}.html"),
+                "group": text_cell(card.title),
+                "nominal": text_cell(nominal[agent]),
                 "uniform_rate": rate_cell(uniform_rate(track, agent)),
             }
-            if row := _strongest(board, track, agent):
+            if strongest := _strongest(board, track, agent):
+                rule, row = strongest
                 cells |= row_cells(row, ("afr", "relative_coverage", "queries"))
-                cells |= {"entry": entry_link(row.entry, row.label), "rule": text_cell(row.table)}
+                cells |= {"entry": entry_link(row.entry, row.label), "rule": text_cell(rule)}
             lines.append(Line("ranked", cells))
     # what was attacked comes first, the weakest agent at the top
     lines.sort(key=lambda line: -float(line.cells.get("afr", BLANK).value or -1.0))
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
 
 
-def _strongest(board: GroupResults, track: str, agent: str) -> Row | None:
-    """Return the ranked verified entry without flags of the verifier whose interval is highest."""
-    results = board.results["verified"]
-    flagged = {
-        (entry.metadata.name, experiment.protocol.rule)
-        for entry in board.entries
-        for result in entry.results.values()
-        for experiment in [result.claimed.experiment]
-        if result.verified is not None and result.verified.flags
-        if (experiment.target.track, experiment.target.agent) == (track, agent)
-    }
-    bounds = {
-        (row.table, row.entry): (row.deciding.interval_95[0], row)
-        for table in results.tables
-        for row in results.rows_of(table.name, agent, track)
-        if (row.entry, table.name) not in flagged
-        if row.rank is not None and row.deciding is not None and row.deciding.interval_95
-    }
-    if not bounds:
-        return None
-    # of equal bounds the first by name, so that the choice does not depend on the order
-    return bounds[min(bounds, key=lambda place: (-bounds[place][0], place))][1]
+def _strongest(board: GroupResults, track: str, agent: str) -> tuple[str, Row] | None:
+    """Return the ranked verified entry without the verifier's flags whose interval is highest."""
+    bounds = {}
+    for comparison in board.results["verified"].comparisons:
+        rule = comparison.table.name
+        flagged = {
+            entry.metadata.name
+            for entry in board.entries
+            if (result := entry.results.get(place_of(track, agent, rule))) is not None
+            if result.verified is not None and result.verified.flags
+        }
+        for row in comparison.by_track.get(track, ()) if comparison.agent == agent else ():
+            figure = row.deciding
+            if row.rank and figure and figure.interval_95 and row.entry not in flagged:
+                # of equal bounds the first by name, so that the choice does not depend on the order
+                bounds[-figure.interval_95[0], rule, row.entry] = rule, row
+    return bounds[min(bounds)] if bounds else None
 
 
 _OUTDATED = (

@@ -103,38 +103,33 @@ def is_web(url: str) -> bool:
 
 
 def _sections(board: GroupBoard, entry: Entry, pictures: Pictures) -> Iterator[Section]:
-    name = entry.metadata.name
+    name, card = entry.metadata.name, board.card
     own = {other.metadata.name: other.results for other in board.entries}.get(name, {})
-    for comparison in board.comparisons if own else ():
-        table, agent = comparison.table, comparison.agent
+    for comparison, _ in board.comparisons if own else ():
+        rule, agent = comparison.table.name, comparison.agent
         rows = {
             tier: {
-                row.track: row
-                for track in board.group.tracks
-                for row in board.results[tier].rows_of(table.name, agent, track)
+                track: row
+                for track in card.board_tracks
+                for row in board.results[tier].rows_of(rule, agent, track)
                 if row.entry == name
             }
             for tier in TIERS
         }
-        places = {track: place_of(track, agent, table.name) for track in board.group.tracks}
+        places = {track: place_of(track, agent, rule) for track in card.board_tracks}
         results = {track: own[place] for track, place in places.items() if place in own}
         if rows["claimed"]:
-            against = f" · {agent}" if agent else ""
+            sheet = f"entries/{name}.{slug(card.page)}.{comparison.name}"
             yield Section(
-                f"{board.group.title} · {table.title}{against}",
-                f"{board.group.name}.html#{comparison.anchor}",
-                Sheet(
-                    f"entries/{name}.{slug(board.group.name)}.{comparison.anchor}",
-                    "By track",
-                    _COLUMNS,
-                    tuple(_lines(results, rows)),
-                ),
-                pictures.of(board.group, agent, results),
+                " · ".join((card.title, *comparison.names)),
+                f"{card.page}.html#{comparison.name}",
+                Sheet(sheet, "By track", _COLUMNS, tuple(_lines(results, rows))),
+                pictures.of(card, agent, results),
             )
 
 
 def _lines(
-    results: Mapping[str, EntryResult], rows: Mapping[Tier, Mapping[str | None, Row]]
+    results: Mapping[str, EntryResult], rows: Mapping[Tier, Mapping[str, Row]]
 ) -> Iterator[Line]:
     for track, result in results.items():
         seeds: Sequence[VerifiedSeed | SeedResult] = (result.verified or result.claimed).seeds

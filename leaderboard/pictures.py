@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from leaderboard.groups import TrackGroup
 from sada_gym import __version__
 from sada_gym.application import Application
+from sada_gym.cards import ApplicationCard
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import read_file
 from sada_gym.plots.attack import contact_sheet, marginals
@@ -48,7 +48,7 @@ class Pictures:
     files: dict[str, bytes] = field(default_factory=dict)
 
     def of(
-        self, group: TrackGroup, agent: str, results: Mapping[str, EntryResult]
+        self, card: ApplicationCard, agent: str, results: Mapping[str, EntryResult]
     ) -> tuple[Picture, ...]:
         """Draw the samples behind the results by track; tracks of the same parameters share one."""
         if not self.drawing:
@@ -61,7 +61,7 @@ class Pictures:
         applications = {track: target.application for track, target in opened.items()}
         pictures = []
         for tracks in _alike(applications):
-            names = ", ".join(group.short(track) for track in tracks)
+            names = ", ".join(card.short(track) for track in tracks)
             samples = {
                 track: Evaluations.joined(list(results[track].samples.values())) for track in tracks
             }
@@ -77,7 +77,7 @@ class Pictures:
                 content = self._earlier(path)
                 if content is None:
                     draw = _marginals if kind == "marginals" else _fooled
-                    content = draw(chosen, samples, group)
+                    content = draw(chosen, samples, card)
                 if content:
                     self.files[path] = content
                     pictures.append(Picture(path, text))
@@ -103,7 +103,7 @@ def _alike(applications: Mapping[str, Application]) -> Iterator[list[str]]:
 
 
 def _marginals(
-    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: TrackGroup
+    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], _: ApplicationCard
 ) -> bytes:
     application = next(iter(applications.values()))
     pooled = Evaluations.joined(list(samples.values()))
@@ -111,7 +111,9 @@ def _marginals(
 
 
 def _fooled(
-    applications: Mapping[str, Application], samples: Mapping[str, Evaluations], group: TrackGroup
+    applications: Mapping[str, Application],
+    samples: Mapping[str, Evaluations],
+    card: ApplicationCard,
 ) -> bytes:
     """Draw fooled worlds, in turn from each track."""
     by_track = [
@@ -130,7 +132,7 @@ def _fooled(
         return b""
     if not frames:
         return b""
-    captions = [f"{group.short(track)}: Q = {samples[track].score[i]:.2f}" for track, i in chosen]
+    captions = [f"{card.short(track)}: Q = {samples[track].score[i]:.2f}" for track, i in chosen]
     threshold = next(iter(applications.values())).fooling_threshold
     title = f"Samples that fool the agent (Q ≤ {threshold:g}): {len(frames)} of {len(in_turn):,}"
     return png(contact_sheet(frames, captions, title))

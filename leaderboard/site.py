@@ -73,7 +73,7 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
     render = partial(_render, _environment(), board)
     sheets = [board.strongest, entries_sheet(board)]
     for group in board.groups:
-        yield from render(f"{group.group.name}.html", "group.html", group=group)
+        yield from render(f"{group.card.page}.html", "group.html", group=group)
         sheets += _sheets_of(group)
     for entry in board.entries:
         page = entry_page(board, entry, pictures)
@@ -93,8 +93,8 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
 
 
 def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
-    for comparison in group.comparisons:
-        for ranking in comparison.rankings:
+    for _, rankings in group.comparisons:
+        for ranking in rankings:
             sheets = (ranking.whole, ranking.by_track, ranking.coverage_by_track)
             yield from filter(None, sheets)
     yield from filter(None, (group.paper_sheet, group.outdated_sheet))
@@ -102,17 +102,14 @@ def _sheets_of(group: GroupBoard) -> Iterator[Sheet]:
 
 def leaders(group: GroupBoard) -> Iterator[tuple[str, list[str]]]:
     """Return who has rank 1 in each comparison, in the highest tier that ranks anything."""
-    for comparison in group.comparisons:
-        for ranking in comparison.rankings:
+    for comparison, rankings in group.comparisons:
+        for ranking in rankings:
             first = [row for row in ranking.rows if row.is_first]
             if first:
                 first.sort(key=lambda row: -row.deciding.value if row.deciding else 0.0)
-                parts = (f"{ranking.tier}, {comparison.table.title}", comparison.agent)
                 more = [f"and {len(first) - _NAMED} more"] if len(first) > _NAMED else []
-                yield (
-                    " · ".join(filter(None, parts)),
-                    [*(_with_figures(row) for row in first[:_NAMED]), *more],
-                )
+                leading = [*(_with_figures(row) for row in first[:_NAMED]), *more]
+                yield f"{ranking.tier}, {' · '.join(comparison.names)}", leading
                 break
 
 
@@ -140,7 +137,7 @@ def entries_sheet(board: Board) -> Sheet:
         metadata, name = entry.metadata, entry.metadata.name
         late = sum(result.entry.metadata.name == name for result in board.outdated)
         current = {
-            group.group.title: own
+            group.card.title: own
             for group in board.groups
             for own in group.entries
             if own.metadata.name == name

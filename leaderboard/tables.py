@@ -1,7 +1,5 @@
 """Makes the tables in docs/ from the entries: `python -m leaderboard.tables`.
 
-With `--suites` it prints the names of the suites that `make results` measures instead.
-
 A page marks the place of a table by a line `<!-- table: NAME -->`; what follows, up to
 `<!-- end of table -->`, is replaced. The pages `docs/results/SUITE/table.md` are written as a
 whole.
@@ -9,8 +7,8 @@ whole.
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -50,16 +48,16 @@ class Headline:
     table: str
     agent: str
 
-    def rows(self, entries: Sequence[Entry], track: str | None = None) -> list[Row]:
+    def rows(self, entries: Sequence[Entry], track: str | None = None) -> tuple[Row, ...]:
         """Return the verified rows, over all of the suite's tracks or on one.
 
         Means over different tracks do not compare: there is no row until each has all tracks.
         """
-        results = _verified(self.suite, self.table, tuple(entries))
-        over_all = results.rows_of(self.table, self.agent, None)
-        if any(row.tracks < len(find_suite(self.suite).tracks) for row in over_all):
-            return []
-        return over_all if track is None else results.rows_of(self.table, self.agent, track)
+        verified = _verified(self.suite, self.table, tuple(entries)).find(self.table, self.agent)
+        tracks = find_suite(self.suite).tracks
+        if verified is None or any(row.tracks < len(tracks) for row in verified.rows):
+            return ()
+        return verified.rows if track is None else verified.by_track[track]
 
     def by_label(self, entries: Sequence[Entry], track: str | None = None) -> dict[str, Row]:
         """Return the same rows by the adversaries' labels."""
@@ -190,7 +188,11 @@ def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
 
 def main() -> None:
     """Write all tables of the documentation, or print the names of the suites."""
-    if sys.argv[1:] == ["--suites"]:
+    parser = argparse.ArgumentParser("python -m leaderboard.tables", description=main.__doc__)
+    parser.add_argument(
+        "--suites", action="store_true", help="print what `make results` measures; write nothing"
+    )
+    if parser.parse_args().suites:
         print(*MEASURED)
         return
     entries = read_entries(ENTRIES)

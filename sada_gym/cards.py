@@ -151,6 +151,20 @@ class ApplicationCard:
         """The ids of all tracks."""
         return tuple(map(self.track_id, self.tracks))
 
+    @property
+    def board_tracks(self) -> tuple[str, ...]:
+        """The ids that take part in the leaderboard: without tracks the general one."""
+        return self.track_ids or (self.id,)
+
+    @property
+    def page(self) -> str:
+        """The name of its page of the leaderboard: its suite's, if it has one."""
+        return self.suite.name if self.suite else self.name.removeprefix("SADA-").lower()
+
+    def short(self, track: str) -> str:
+        """Return what tells a track from the others."""
+        return track.removeprefix(f"{self.name}-").rsplit("-v", 1)[0]
+
 
 @cache
 def cards() -> tuple[ApplicationCard, ...]:

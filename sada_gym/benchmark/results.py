@@ -4,75 +4,123 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
 
 from sada_gym import agents
-from sada_gym.benchmark.suite import ADVERSARIES, CONTROLS, Table
+from sada_gym.benchmark.suite import ADVERSARIES, CONTROLS, Table, tables_of
 from sada_gym.experiment.differences import check_same_record
 from sada_gym.experiment.packages import in_order
+from sada_gym.experiment.record import slug
 from sada_gym.experiment.target import Target
-from sada_gym.files import Strict
 from sada_gym.registration import env_ids
 from sada_gym.results.entry import Entry, EntryResult
 from sada_gym.results.models import DISQUALIFYING, SeedResult, Tier, entry_name
 from sada_gym.results.rows import Row, RunSummary, rows_of_runs
 
 
-class Results(Strict):
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The runs of a table against one agent."""
+
+    table: Table
+    agent: str
+    runs: tuple[RunSummary, ...]
+
+    @property
+    def name(self) -> str:
+        """What files and places on pages are called by: `TABLE.AGENT`."""
+        return slug(f"{self.table.name}.{self.agent}".strip("."))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The table's title, and the agent's name if it has one."""
+        return (self.table.title, self.agent) if self.agent else (self.table.title,)
+
+    @property
+    def tracks(self) -> tuple[str, ...]:
+        """The tracks with runs."""
+        return tuple(dict.fromkeys(run.track for run in self.runs))
+
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """The figures over all tracks."""
+        return rows_of_runs(self.runs)
+
+    @cached_property
+    def by_track(self) -> dict[str, tuple[Row, ...]]:
+        """The figures on each track."""
+        return {
+            track: rows_of_runs([run for run in self.runs if run.track == track])
+            for track in self.tracks
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
     """The results of entries, put together in tables.
 
     Attributes:
-        tables: The tables.
         packages: The versions of the packages that took part in any run, by package.
         targets: The agents that were attacked.
-        rows: The figures over all tracks, then those of each.
-        runs: The runs.
+        comparisons: Each table with each agent that it attacks.
     """
 
-    tables: tuple[Table, ...]
     packages: dict[str, tuple[str, ...]]
     targets: tuple[Target, ...]
-    rows: tuple[Row, ...]
-    runs: tuple[RunSummary, ...]
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def runs(self) -> tuple[RunSummary, ...]:
+        """All runs."""
+        return tuple(run for comparison in self.comparisons for run in comparison.runs)
 
     def seeds_of(self, target: Target) -> list[int]:
         """List the seeds of the runs that attack a target."""
         return sorted({run.claims.seed for run in self.runs if run.experiment.target == target})
 
-    def rows_of(self, table: str, agent: str, track: str | None) -> list[Row]:
-        """List the rows of one table and agent, over all tracks or on one."""
-        key = (table, agent, track)
-        return [row for row in self.rows if (row.table, row.agent, row.track) == key]
+    def find(self, table: str, agent: str) -> Comparison | None:
+        """Find the runs of a table against an agent."""
+        named = (c for c in self.comparisons if (c.table.name, c.agent) == (table, agent))
+        return next(named, None)
 
-    def comparisons(self) -> list[tuple[str, str]]:
-        """List each table with each agent that it attacks."""
-        return list(dict.fromkeys((run.table, run.agent) for run in self.runs))
+    def rows_of(self, table: str, agent: str, track: str | None) -> tuple[Row, ...]:
+        """List the rows of one table and agent, over all tracks or on one."""
+        comparison = self.find(table, agent)
+        if comparison is None:
+            return ()
+        return comparison.rows if track is None else comparison.by_track.get(track, ())
 
 
 def results_of(
-    entries: Sequence[Entry], tables: Sequence[Table], *, tier: Tier = "claimed"
+    entries: Sequence[Entry], tables: Sequence[Table] = (), *, tier: Tier = "claimed"
 ) -> Results:
     """Put the results of entries together in tables, with intervals and ranks.
 
     Args:
         entries: The entries. Leave out the results that are outdated; see
             `sada_gym.results.entry.Entry`.
-        tables: The tables. Each takes the results that were made by its rule against its agents.
+        tables: The tables. Each takes the results that were made by its rule against its agents;
+            none takes those of all rules.
         tier: What to show: what all entries claim, or what the verifier found of those results
             that it has seen.
 
     Raises:
         UserError: If two results attack different versions of a track or of its agent.
     """
+    if not tables:
+        tables = tables_of(
+            {r.claimed.experiment.protocol.rule for e in entries for r in e.results.values()}
+        )
     labels = _labels(entries)
-    runs, targets = list[RunSummary](), dict[tuple[str, str], Target]()
+    targets: dict[tuple[str, str], Target] = {}
+    runs_of: dict[tuple[int, str], list[RunSummary]] = {}
     versions: dict[str, set[str]] = {}
     for entry in entries:
         for result in entry.results.values():
             experiment = result.claimed.experiment
             target, verified = experiment.target, result.verified if tier == "verified" else None
-            showing = [table for table in tables if table.shows(experiment)]
+            showing = [i for i, table in enumerate(tables) if table.shows(experiment)]
             seeds = list(_seeds(result, tier))
             if not showing or not seeds:
                 continue
@@ -85,29 +133,28 @@ def results_of(
             for claims in seeds:
                 for name, version in claims.packages.items():
                     versions.setdefault(name, set()).add(version)
-                runs += [
-                    RunSummary(
-                        table=table.name,
-                        label=labels[entry.metadata.name],
-                        entry=entry.metadata.name,
-                        experiment=experiment.at(claims.seed),
-                        claims=claims,
-                        control=experiment.adversary.name in CONTROLS,
-                        disqualified=verified is not None
-                        and not DISQUALIFYING.isdisjoint(verified.flags),
-                    )
-                    for table in showing
-                ]
-    runs.sort(key=partial(_run_order, tables=[table.name for table in tables]))
+                summary = RunSummary(
+                    label=labels[entry.metadata.name],
+                    entry=entry.metadata.name,
+                    experiment=experiment.at(claims.seed),
+                    claims=claims,
+                    control=experiment.adversary.name in CONTROLS,
+                    disqualified=verified is not None
+                    and not DISQUALIFYING.isdisjoint(verified.flags),
+                )
+                for table in showing:
+                    runs_of.setdefault((table, target.agent), []).append(summary)
+    known = agents.names()
+    comparisons = tuple(
+        Comparison(tables[table], agent, tuple(sorted(runs_of[table, agent], key=_run_order)))
+        for table, agent in sorted(runs_of, key=lambda key: (key[0], _place(key[1], known)))
+    )
+    attacked = dict.fromkeys((track, c.agent) for c in comparisons for track in c.tracks)
     ordered = in_order({name: ", ".join(sorted(several)) for name, several in versions.items()})
     return Results(
-        tables=tuple(tables),
         packages={name: tuple(sorted(versions[name])) for name in ordered},
-        targets=tuple(
-            targets[key] for key in dict.fromkeys((run.track, run.agent) for run in runs)
-        ),
-        rows=tuple(rows_of_runs(runs)),
-        runs=tuple(runs),
+        targets=tuple(targets[key] for key in attacked),
+        comparisons=comparisons,
     )
 
 
@@ -137,16 +184,10 @@ def _seeds(result: EntryResult, tier: Tier) -> Iterator[SeedResult]:
                 yield claims.model_copy(update=changes)
 
 
-def _run_order(run: RunSummary, tables: Sequence[str]) -> tuple[Any, ...]:
-    """Return a key to sort runs by: known names in their order, then other names."""
+def _run_order(run: RunSummary) -> tuple[tuple[int, str], tuple[int, str], int]:
+    return _place(run.track, env_ids()), _place(run.label, list(ADVERSARIES)), run.claims.seed
 
-    def place(name: str, names: Sequence[str]) -> tuple[int, str]:
-        return (names.index(name) if name in names else len(names), name)
 
-    return (
-        place(run.table, tables),
-        place(run.agent, agents.names()),
-        place(run.track, env_ids()),
-        place(run.label, list(ADVERSARIES)),
-        run.claims.seed,
-    )
+def _place(name: str, names: Sequence[str]) -> tuple[int, str]:
+    """Return a key to sort by: known names in their order, then others."""
+    return (names.index(name) if name in names else len(names), name)

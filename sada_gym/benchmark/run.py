@@ -17,7 +17,7 @@ from sada_gym.benchmark.report.pictures import draw_benchmark
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.schedule import do_runs
-from sada_gym.benchmark.suite import Suite, Table, tables_of
+from sada_gym.benchmark.suite import Suite, Table
 from sada_gym.benchmark.targets import current_targets, without_outdated
 from sada_gym.errors import UserError, check_integer
 from sada_gym.evaluation.workers import MAX_WORKERS
@@ -153,14 +153,14 @@ def report_benchmark(
         entry.keeping(lambda r: tracks is None or r.claimed.experiment.target.track in tracks)
         for entry in read_entries(entries_folder)
     ]
-    experiments = [r.claimed.experiment for entry in chosen for r in entry.results.values()]
-    attacked = {(e.target.track, e.target.agent) for e in experiments}
+    attacked_targets = (r.claimed.experiment.target for e in chosen for r in e.results.values())
+    attacked = {(target.track, target.agent) for target in attacked_targets}
     targets = current_targets(attacked, references)
     chosen, outdated = without_outdated(chosen, targets)
     if outdated:
         what = "One result is" if outdated == 1 else f"{outdated} results are"
         notes = (*notes, f"{what} left out, because the track or its agent has changed since.")
-    results = results_of(chosen, tables or tables_of({e.protocol.rule for e in experiments}))
+    results = results_of(chosen, tables or ())
     if not results.runs:
         raise UserError(
             f"Expected finished runs in {entries_folder}, got none yet. Run the benchmark."

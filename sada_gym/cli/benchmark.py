@@ -171,15 +171,13 @@ def _hours(cost: CostEstimate) -> str:
 
 
 def _show_result(result: BenchmarkResult) -> None:
-    results = result.results
-    titles = {table.name: table.title for table in results.tables}
-    for name, agent in results.comparisons():
-        title = f"{titles[name]} · {agent}" if agent else titles[name]
+    for comparison in result.results.comparisons:
+        title = " · ".join(comparison.names)
         table = Table(title=title, header_style="bold", title_justify="left")
         keys = ("adversary", "f1", "rank", "afr", "relative_coverage", "runs")
         for column in row_columns(*keys):
             table.add_column(column.title, justify="right" if column.numeric else "left")
-        for row in results.rows_of(name, agent, None):
+        for row in comparison.rows:
             cells = row_cells(row, keys)
             table.add_row(*(escape(cells[key].text) for key in keys))
         out.print(table)

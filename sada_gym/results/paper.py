@@ -6,39 +6,13 @@ Table `detector-table` (lines 671-683), as printed there, contradictions include
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 AVERAGE = "12-class avg"
 FULL_SET = "full set"
 
-TABLE_1_COLUMNS: dict[str, str | None] = {
-    "Bicycle": "SADA-Detection-Bicycle-v0",
-    "Motorbike": "SADA-Detection-Motorbike-v0",
-    "Truck": "SADA-Detection-Truck-v0",
-    AVERAGE: None,
-    "Straight": "SADA-Driving-Straight-v0",
-    "One Curve": "SADA-Driving-OneCurve-v0",
-    "Navigation": "SADA-Driving-Navigation-v0",
-    "3 anchors": "SADA-UAV-3Anchors-v0",
-    "4 anchors": "SADA-UAV-4Anchors-v0",
-    "5 anchors": "SADA-UAV-5Anchors-v0",
-}
-"""The columns of the paper's Table 1 and our tracks; the average's are the twelve classes."""
-
-TABLE_1: dict[str, tuple[float | None, ...]] = {
-    "Full Set": (14.6, 32.5, 56.8, 37.1, 10.6, 19.5, 46.3, 17.0, 23.5, 15.8),
-    "Random": (13.3, 38.8, 73.8, 45.7, 8.0, 18.0, 48.0, 22.0, 30.0, 16.0),
-    "Multi-Class SVM": (20.0, 45.6, 70.8, 45.8, 96.0, 100.0, 100.0, 24.0, 30.0, 14.0),
-    "GP Regression": (17.6, 43.6, 83.6, 45.26, 100.0, 100.0, 100.0, 74.0, 94.0, 44.0),
-    "Gaussian": (19.6, 40.4, 72.4, 47.0, 54.0, 30.0, 64.0, 49.3, 56.0, 28.7),
-    "GMM10%": (26.0, 48.4, 75.2, 49.0, 90.0, 72.0, 98.0, 57.0, 63.0, 33.0),
-    "GMM50%": (16.4, 46.8, 72.0, 47.8, 92.0, 68.0, 100.0, 54.0, 60.0, 40.0),
-    "Bayesian": (48.0, 52.0, 75.6, 56.1, None, None, None, None, None, None),
-    "BBGAN (vanilla)": (44.0, 45.2, 90.8, 74.5, 100.0, 98.0, 98.0, 42.0, 94.0, 86.0),
-    "BBGAN (boost)": (65.8, 82.0, 100.0, 80.5, 100.0, 100.0, 100.0, 86.0, 98.0, 92.0),
-}
-"""AFR in percent by row, in the order of `TABLE_1_COLUMNS`; None where the paper has a dash."""
+Rates = Mapping[str, float]
+"""AFR in percent by track, and by `AVERAGE` that of the twelve classes."""
 
 CLASS_COLUMNS: dict[str, str] = {
     "aeroplane": "SADA-Detection-Aeroplane-v0",
@@ -56,21 +30,32 @@ CLASS_COLUMNS: dict[str, str] = {
 }
 """The classes of the appendix's table and our tracks."""
 
+TABLE_1_COLUMNS: dict[str, str | None] = {
+    "Bicycle": "SADA-Detection-Bicycle-v0",
+    "Motorbike": "SADA-Detection-Motorbike-v0",
+    "Truck": "SADA-Detection-Truck-v0",
+    AVERAGE: None,
+    "Straight": "SADA-Driving-Straight-v0",
+    "One Curve": "SADA-Driving-OneCurve-v0",
+    "Navigation": "SADA-Driving-Navigation-v0",
+    "3 anchors": "SADA-UAV-3Anchors-v0",
+    "4 anchors": "SADA-UAV-4Anchors-v0",
+    "5 anchors": "SADA-UAV-5Anchors-v0",
+}
+"""The columns of the paper's Table 1 and our tracks; the average's are the twelve classes."""
 
-@dataclass(frozen=True)
-class ClassRow:
-    """A row of the appendix's table.
-
-    Attributes:
-        afr: AFR in percent, in the order of `CLASS_COLUMNS`.
-        average: The average of the classes as printed, in percent.
-        mu_std: The samples' spread.
-    """
-
-    afr: tuple[float, ...]
-    average: float
-    mu_std: float
-
+_TABLE_1 = """\
+Full Set: 14.6 32.5 56.8 37.1 10.6 19.5 46.3 17.0 23.5 15.8
+Random: 13.3 38.8 73.8 45.7 8.0 18.0 48.0 22.0 30.0 16.0
+Multi-Class SVM: 20.0 45.6 70.8 45.8 96.0 100.0 100.0 24.0 30.0 14.0
+GP Regression: 17.6 43.6 83.6 45.26 100.0 100.0 100.0 74.0 94.0 44.0
+Gaussian: 19.6 40.4 72.4 47.0 54.0 30.0 64.0 49.3 56.0 28.7
+GMM10%: 26.0 48.4 75.2 49.0 90.0 72.0 98.0 57.0 63.0 33.0
+GMM50%: 16.4 46.8 72.0 47.8 92.0 68.0 100.0 54.0 60.0 40.0
+Bayesian: 48.0 52.0 75.6 56.1 - - - - - -
+BBGAN (vanilla): 44.0 45.2 90.8 74.5 100.0 98.0 98.0 42.0 94.0 86.0
+BBGAN (boost): 65.8 82.0 100.0 80.5 100.0 100.0 100.0 86.0 98.0 92.0
+"""
 
 _APPENDIX = """\
 Full Set: 8.64 35.2 14.6 33.4 22.5 53.1 39.8 44.1 46.1 32.5 58.1 56.8 37.1 0.577
@@ -86,16 +71,24 @@ BBGAN (boost): 33.0 82.4 65.8 78.8 67.4 100.0 67.4 100.0 90.2 82.0 98.4 100.0 80
 """
 
 
-def _class_row(printed: str) -> ClassRow:
-    *rates, average, mu_std = map(float, printed.split())
-    return ClassRow(tuple(rates), average, mu_std)
+def _parse(printed: str, *columns: str) -> dict[str, Rates]:
+    """Read a row a line: its name, then a number or a dash for each column."""
+    rows = (line.partition(": ") for line in printed.splitlines())
+    return {
+        name: {
+            column: float(number)
+            for column, number in zip(columns, numbers.split(), strict=True)
+            if number != "-"
+        }
+        for name, _, numbers in rows
+    }
 
 
-CLASS_TABLE: dict[str, ClassRow] = {
-    name: _class_row(printed)
-    for name, _, printed in (line.partition(": ") for line in _APPENDIX.splitlines())
-}
-"""The rows of the appendix's table: the classes, their average, and the spread."""
+TABLE_1 = _parse(_TABLE_1, *(track or AVERAGE for track in TABLE_1_COLUMNS.values()))
+"""The rows of Table 1; a rate that is a dash in the paper is missing."""
+
+CLASS_TABLE = _parse(_APPENDIX, *CLASS_COLUMNS.values(), AVERAGE, "mu_std")
+"""The rows of the appendix's table; `mu_std` is the samples' spread."""
 
 ROWS: dict[str, str] = {
     FULL_SET: "Full Set",
@@ -114,55 +107,9 @@ ROWS: dict[str, str] = {
 """The paper's row that each adversary of ours is compared with, by the adversary's label."""
 
 
-def table_1(label: str, column: str) -> float | None:
-    """Return the AFR of the paper's Table 1, in percent; None where it has none."""
-    if label not in ROWS:
-        return None
-    return TABLE_1[ROWS[label]][list(TABLE_1_COLUMNS).index(column)]
+def rates_of(table: Mapping[str, Rates], key: str) -> Mapping[str, float]:
+    """Return a column of `TABLE_1` or `CLASS_TABLE`, by the labels of our adversaries.
 
-
-def class_row(label: str) -> ClassRow | None:
-    """Return the row of the appendix's table; None where there is none."""
-    return CLASS_TABLE[ROWS[label]] if label in ROWS else None
-
-
-def class_rate(label: str, class_name: str | None) -> float | None:
-    """Return the AFR of the appendix's table for a class or `AVERAGE`; None where it has none."""
-    row = class_row(label)
-    if row is not None and class_name in CLASS_COLUMNS:
-        return row.afr[list(CLASS_COLUMNS).index(class_name)]
-    return row.average if row is not None and class_name == AVERAGE else None
-
-
-@dataclass(frozen=True)
-class PaperRow:
-    """The paper's numbers of one adversary on some of our tracks.
-
-    Attributes:
-        afr: The AFR by track, as shares; tracks where the paper has a dash are missing.
-        average: Their average; None unless all tracks have one.
-        mu_std: The samples' spread over the twelve classes; None for other tracks.
+    A column that the table lacks is empty.
     """
-
-    afr: Mapping[str, float]
-    average: float | None
-    mu_std: float | None
-
-
-def rows_on(tracks: Collection[str]) -> dict[str, PaperRow]:
-    """Return the paper's numbers on some tracks by its rows, from the appendix where it has all."""
-    rows = {}
-    if set(tracks) <= set(CLASS_COLUMNS.values()):
-        whole = set(tracks) == set(CLASS_COLUMNS.values())
-        for name, row in CLASS_TABLE.items():
-            rates = dict(zip(CLASS_COLUMNS.values(), row.afr, strict=True))
-            average, mu_std = (row.average / 100, row.mu_std) if whole else (None, None)
-            rows[name] = PaperRow({track: rates[track] / 100 for track in tracks}, average, mu_std)
-        return rows
-    for name, printed in TABLE_1.items():
-        of_column = dict(zip(TABLE_1_COLUMNS.values(), printed, strict=True))
-        afr = {track: rate / 100 for track in tracks if (rate := of_column.get(track)) is not None}
-        if afr:
-            average = sum(afr.values()) / len(afr) if set(afr) == set(tracks) else None
-            rows[name] = PaperRow(afr, average, None)
-    return rows
+    return {label: table[row][key] for label, row in ROWS.items() if key in table[row]}

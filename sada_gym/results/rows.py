@@ -21,10 +21,9 @@ T = TypeVar("T")
 
 
 class RunSummary(Strict):
-    """One run: a seed of a result, in a table that shows it.
+    """One run: a seed of a result, as tables show it.
 
     Attributes:
-        table: The table's name.
         label: What reports call the adversary.
         entry: The name of the entry.
         experiment: The experiment, with its seed.
@@ -33,7 +32,6 @@ class RunSummary(Strict):
         disqualified: Whether the verifier found what takes the rank: see `DISQUALIFYING`.
     """
 
-    table: str
     label: str
     entry: str
     experiment: Experiment
@@ -45,11 +43,6 @@ class RunSummary(Strict):
     def track(self) -> str:
         """The environment's id."""
         return self.experiment.target.track
-
-    @property
-    def agent(self) -> str:
-        """The agent's name."""
-        return self.experiment.target.agent
 
     @property
     def samples(self) -> int:
@@ -66,7 +59,6 @@ class Row(Strict):
     """An adversary's figures in a table: on one track, or over all.
 
     Attributes:
-        track: The environment's id; None for all tracks.
         label: What tables call the adversary.
         entry: The name of its entry.
         control: Whether it is a control, which has no rank.
@@ -87,9 +79,6 @@ class Row(Strict):
         means: The means of `MEANS`, by name; None where no run has the measure.
     """
 
-    table: str
-    agent: str
-    track: str | None
     label: str
     entry: str
     control: bool
@@ -163,30 +152,24 @@ MEANS: Mapping[str, Measure] = {
 """The measures that rows give the mean of; tables have a column for each that has a title."""
 
 
-def rows_of_runs(runs: Sequence[RunSummary]) -> Iterator[Row]:
-    """Sum up the runs of each table and agent: over all tracks, then on each track.
+def rows_of_runs(runs: Sequence[RunSummary]) -> tuple[Row, ...]:
+    """Sum up runs of one table and agent, on one track or on several, with ranks.
 
     Rows have a rank by F1. Where some track of the rows has no coverage, as without a reference
     set, there is no F1, and the rank is by AFR. The AFR of ideal samples is that of the control
     `ideal` on the track; without its runs it counts as 100 %.
     """
-    for table, agent in dict.fromkeys((run.table, run.agent) for run in runs):
-        of_both = [run for run in runs if (run.table, run.agent) == (table, agent)]
-        for track in (None, *dict.fromkeys(run.track for run in of_both)):
-            chosen = [run for run in of_both if track in (None, run.track)]
-            yield from _ranked(list(_rows(track, chosen)))
-
-
-def _rows(track: str | None, runs: Sequence[RunSummary]) -> Iterator[Row]:
     measured = [(run, run.measures) for run in runs if run.measures is not None]
     tracks = {run.track for run in runs}
     covered = {run.track for run, measures in measured if measures.relative_coverage is not None}
     is_ideal = {run.entry for run in runs if run.experiment.adversary.name == IDEAL}
     ideal = _by_track([(run, m.afr) for run, m in measured if run.entry in is_ideal])
     ideal_afr = {name: float(np.mean(rates)) for name, rates in ideal.items()}
+    rows = []
     for entry in dict.fromkeys(run.entry for run in runs):
         own = [run for run in runs if run.entry == entry]
-        yield _row(track, own, tracks, ideal_afr if covered == tracks else None)
+        rows.append(_row(own, tracks, ideal_afr if covered == tracks else None))
+    return tuple(_ranked(rows))
 
 
 def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
@@ -197,10 +180,7 @@ def _by_track(values: Sequence[tuple[RunSummary, T]]) -> dict[str, list[T]]:
 
 
 def _row(
-    track: str | None,
-    runs: Sequence[RunSummary],
-    tracks: set[str],
-    ideal_afr: Mapping[str, float] | None,
+    runs: Sequence[RunSummary], tracks: set[str], ideal_afr: Mapping[str, float] | None
 ) -> Row:
     """Sum up the runs of one entry; without `ideal_afr` there is no F1."""
     first = runs[0]
@@ -217,9 +197,6 @@ def _row(
     samples = {run.track: run.samples for run, _ in good}
     has_f1 = ideal_afr is not None and all(m.relative_coverage is not None for _, m in good)
     return Row(
-        table=first.table,
-        agent=first.agent,
-        track=track,
         label=first.label,
         entry=first.entry,
         control=first.control,

@@ -39,7 +39,7 @@ def default_agent(track: str) -> str:
 
 
 def _applications() -> dict[str, str]:
-    return {env_id: card.name for card in cards() for env_id in card.track_ids or (card.id,)}
+    return {track: card.name for card in cards() for track in card.board_tracks}
 
 
 @lru_cache(maxsize=256)

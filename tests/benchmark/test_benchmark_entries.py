@@ -256,7 +256,7 @@ def test_the_report_leaves_out_what_is_outdated(copied, references, tmp_path):
         "One result is left out, because the track or its agent has changed since.",
     )
     assert done.notes[0] in (copied / "table.md").read_text()
-    assert [table.title for table in done.results.tables] == ["n60"]  # the rule's name
+    assert {c.table.title for c in done.results.comparisons} == {"n60"}  # the rule's name
 
 
 def test_the_report_is_the_same_in_a_second_place(copied, whole, references):

@@ -74,6 +74,10 @@ def rows(results, table="equal-queries", agent="cil", track=None):
     return {row.entry: row for row in results.rows_of(table, agent, track)}
 
 
+def names(comparison):
+    return comparison.table.name, comparison.agent
+
+
 def test_tables_take_the_results_of_their_rule_and_agents():
     results = (
         result([10], rule="paper-budgets"),
@@ -83,20 +87,21 @@ def test_tables_take_the_results_of_their_rule_and_agents():
         result([50], rule="paper-budgets", agent="ppo"),
     )
     found = results_of([entry("gp", *results)], tuple(TABLES.values()))
-    assert {(run.table, run.agent): run.measures.fooled for run in found.runs} == {
+    assert {names(one): one.runs[0].measures.fooled for one in found.comparisons} == {
         ("paper-budgets", "cil"): 10,
         ("other-agents", "ppo"): 20,
         ("equal-queries", "cil"): 30,
         ("equal-queries", "ppo"): 40,
         ("paper-budgets", "ppo"): 50,
     }
-    assert found.comparisons()[0] == ("paper-budgets", "cil")
+    assert len(found.runs) == 5
+    assert names(found.comparisons[0]) == ("paper-budgets", "cil")
     default = EQUAL.model_copy(update={"agents": "default"})
-    assert results_of([entry("gp", *results)], [default]).comparisons() == [
-        ("equal-queries", "cil")
-    ]
+    (shown,) = results_of([entry("gp", *results)], [default]).comparisons
+    assert names(shown) == ("equal-queries", "cil")
     named = EQUAL.model_copy(update={"agents": ("ppo", "mine")})
-    assert results_of([entry("gp", *results)], [named]).comparisons() == [("equal-queries", "ppo")]
+    (shown,) = results_of([entry("gp", *results)], [named]).comparisons
+    assert names(shown) == ("equal-queries", "ppo")
 
 
 def test_a_user_s_own_agent_is_the_default_one_of_its_application():
@@ -214,4 +219,4 @@ def test_versions_of_a_track_may_not_differ():
 
 def test_no_entries_make_empty_results():
     found = results_of([], tuple(TABLES.values()))
-    assert (found.runs, found.rows, found.targets, found.packages) == ((), (), (), {})
+    assert (found.runs, found.comparisons, found.targets, found.packages) == ((), (), (), {})

@@ -2,13 +2,13 @@ import pytest
 from made_experiments import made_experiment, made_target
 
 from sada_gym.benchmark.report.tables import short_name, write_tables
-from sada_gym.benchmark.results import Results
+from sada_gym.benchmark.results import Comparison, Results
 from sada_gym.benchmark.suite import Budget, Table
 from sada_gym.experiment.measure import FeasibleRate, Measures, Search
 from sada_gym.experiment.target import ReferenceSummary
 from sada_gym.results.models import SeedResult
 from sada_gym.results.paper import CLASS_COLUMNS
-from sada_gym.results.rows import RunSummary, rows_of_runs
+from sada_gym.results.rows import RunSummary
 
 TRACKS = tuple(CLASS_COLUMNS.values())
 TABLE = Table(name="t", title="A table", note="A note.", budget=Budget(queries=2000))
@@ -48,7 +48,6 @@ def run(
         flags=flags,
     )
     return RunSummary(
-        table="t",
         label=label,
         entry=label,
         experiment=made_experiment(
@@ -69,14 +68,17 @@ def target_of(track, agent):
 
 
 def report(tmp_path, runs, notes=()):
+    targets = {(run.track, run.experiment.target.agent): run.experiment.target for run in runs}
+    agents = dict.fromkeys(agent for _, agent in targets)
     results = Results(
-        tables=(TABLE,),
         packages={"numpy": ("2.0",)},
-        targets=tuple(
-            target_of(*key) for key in dict.fromkeys((run.track, run.agent) for run in runs)
+        targets=tuple(targets.values()),
+        comparisons=tuple(
+            Comparison(
+                TABLE, agent, tuple(run for run in runs if run.experiment.target.agent == agent)
+            )
+            for agent in agents
         ),
-        rows=tuple(rows_of_runs(runs)),
-        runs=tuple(runs),
     )
     return write_tables(tmp_path, results, notes).read_text(), results
 

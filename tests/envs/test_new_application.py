@@ -18,7 +18,6 @@ from pathlib import Path
 import gymnasium as gym
 import sada_gym
 from leaderboard import tables
-from leaderboard.groups import TrackGroup
 from sada_gym.attack import attack
 from sada_gym.benchmark.suite import find_suite
 from sada_gym.cards import find_card
@@ -37,9 +36,8 @@ assert (comparison.table, comparison.agent) == ("equal-queries", ""), comparison
 assert "Toys" in next(tables.side_by_side(None, ()))
 Path("results").mkdir()
 tables.write_tables(Path("results"), tables.results_of_suite((), "toys"))
-group = TrackGroup.of(find_card("SADA-Toy"))
-assert (group.name, group.title) == ("toys", "Toy slopes")
-assert "slopes" in group.summary
+card = find_card("SADA-Toy")
+assert (card.page, card.short(track)) == ("toys", "Three")
 
 run = attack(track, "random", budget=5, seed=0, out="run", progress=False).folder
 video = replay(run, out="toy.gif")

@@ -27,12 +27,12 @@ def board(entries):
 
 
 def group(board, name):
-    return next(one for one in board.groups if one.group.name == name)
+    return next(one for one in board.groups if one.card.page == name)
 
 
 def rankings(board, name):
-    (comparison,) = group(board, name).comparisons
-    return {one.tier: one for one in comparison.rankings}
+    ((_, of_tiers),) = group(board, name).comparisons
+    return {ranking.tier: ranking for ranking in of_tiers}
 
 
 def column(sheet, key):
@@ -102,7 +102,7 @@ def test_the_papers_numbers_stand_beside_ours(board):
 
 def test_the_papers_numbers_wait_for_the_first_entry():
     board = make_board([], [find_card("SADA-UAV"), find_card("SADA-Digits")])
-    sheets = {one.group.name: one.paper_sheet for one in board.groups}
+    sheets = {one.card.page: one.paper_sheet for one in board.groups}
     assert sheets["digits"] is None  # the paper has no digits
     assert [line.kind for line in sheets["racing"].lines] == ["paper"] * 9 + ["reference"]
     assert sheets["racing"].lines[0].cells[RACING[0]].text == "17.0"
@@ -147,7 +147,7 @@ def test_a_flagged_attack_is_not_the_strongest(tmp_path):
 
 
 def test_an_application_without_results_has_no_page_unless_a_suite_has_it(board):
-    assert [one.group.name for one in board.groups] == ["racing", "digits"]
+    assert [one.card.page for one in board.groups] == ["racing", "digits"]
 
 
 def test_the_front_is_what_no_other_ranked_entry_beats_twice(board):

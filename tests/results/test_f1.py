@@ -30,7 +30,6 @@ def measures(fooled, relative, ideal=0.9):
 def runs_of(label, seeds, track="a"):
     return [
         RunSummary(
-            table="t",
             label=label,
             entry=label,
             experiment=made_experiment(
@@ -45,8 +44,8 @@ def runs_of(label, seeds, track="a"):
 
 
 def rows(*runs, track=None):
-    found = rows_of_runs([run for several in runs for run in several])
-    return {row.entry: row for row in found if row.track == track}
+    together = [run for several in runs for run in several if track in (None, run.track)]
+    return {row.entry: row for row in rows_of_runs(together)}
 
 
 def test_f1_is_the_harmonic_mean_of_afr_over_the_ideal_s_and_coverage():

@@ -45,15 +45,14 @@ def draw_benchmark(out: Path, results: Results, entries: Sequence[Entry], target
 def _pictures(
     out: Path, results: Results, entries: Sequence[Entry], targets: Targets
 ) -> Iterator[tuple[Path, Figure | bytes]]:
-    titles = {table.name: table.title for table in results.tables}
-    for table, agent in results.comparisons():
-        folder = picture_folder(out, table, agent)
-        title = f"{titles[table]}, {agent}" if agent else titles[table]
-        runs = [run for run in results.runs if (run.table, run.agent) == (table, agent)]
-        tracks = list(dict.fromkeys(run.track for run in runs))
+    for comparison in results.comparisons:
+        agent, runs, tracks = comparison.agent, comparison.runs, comparison.tracks
+        folder, title = (
+            picture_folder(out, comparison.table.name, agent),
+            ", ".join(comparison.names),
+        )
         over = short_name(tracks[0]) if len(tracks) == 1 else f"mean of {len(tracks)} tracks"
-        rows = results.rows_of(table, agent, None)
-        if chart := make_chart(rows, f"{title}: {over}"):
+        if chart := make_chart(comparison.rows, f"{title}: {over}"):
             yield folder / "afr-coverage.svg", chart.svg().encode()
         if curves := _curves(runs):
             yield folder / "anytime.png", anytime_curves(curves, f"{title}: search, {over}")

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
 from sada_gym.benchmark.folder import TABLE_FILE
-from sada_gym.benchmark.results import Results
+from sada_gym.benchmark.results import Comparison, Results
 from sada_gym.benchmark.suite import is_default
 from sada_gym.files import write_file
 from sada_gym.results import paper
@@ -64,21 +62,19 @@ def write_tables(out: Path, results: Results, notes: Sequence[str] = ()) -> Path
 
 
 def _lines(results: Results, notes: Sequence[str]) -> Iterator[str]:
-    hints = (measure.hint for measure in _means(results.rows).values() if measure.optional)
+    everything = [row for comparison in results.comparisons for row in comparison.rows]
+    hints = (measure.hint for measure in _means(everything).values() if measure.optional)
     yield from ("# Benchmark results", "", _LEGEND + "".join(f"- {hint}\n" for hint in hints), "")
-    tables = {table.name: table for table in results.tables}
-    for table in dict.fromkeys(table for table, _ in results.comparisons()):
-        yield from _all_applications(results, table, tables[table].title)
-    for table, agent in results.comparisons():
-        rows = results.rows_of(table, agent, None)
-        against = f", {agent}" if agent else ""
-        yield from (f"## {tables[table].title}{against}", "", tables[table].note, _budgets(rows))
-        tracks = [run.track for run in results.runs if (run.table, run.agent) == (table, agent)]
-        by_track = _ByTrack(results, table, dict.fromkeys(tracks, agent))
+    for table in dict.fromkeys(comparison.table.name for comparison in results.comparisons):
+        yield from _all_applications(results, table)
+    for comparison in results.comparisons:
+        rows = comparison.rows
+        yield from (f"## {', '.join(comparison.names)}", "", comparison.table.note, _budgets(rows))
         over = _tracks(max(row.tracks for row in rows))
         yield from ("", f"### All measures, mean over {over}", "")
-        yield from _all_measures(rows, by_track)
-        yield from _like_the_paper(by_track, _paper_columns(tracks))
+        yield from _all_measures(comparison)
+        by_track = _ByTrack(results, dict.fromkeys(comparison.tracks, comparison))
+        yield from _like_the_paper(by_track, _paper_columns(by_track.tracks))
         yield from _rates(by_track)
         yield from _coverages(by_track)
     yield from _targets(results)
@@ -103,14 +99,19 @@ def _budgets(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def _all_measures(rows: Sequence[Row], by_track: _ByTrack) -> Iterator[str]:
+def _all_measures(comparison: Comparison) -> Iterator[str]:
     shown = ("adversary", "f1", "rank", "afr", "afr_iqm", "relative_coverage")
-    more = ("coverage", *_means(rows), "runs")
+    more = ("coverage", *_means(comparison.rows), "runs")
     front = Column("front", "front", blank="")
     columns = (*row_columns(*shown), front, *row_columns(*more))
-    fronts = by_track.fronts()
+    on_front: dict[str, list[bool]] = {}
+    for rows in comparison.by_track.values():
+        for entry, is_on_front in front_of(rows).items():
+            on_front.setdefault(entry, []).append(is_on_front)
+    fronts = {entry: text_cell(f"{sum(on)} of {len(on)}") for entry, on in on_front.items()}
     lines = [
-        row_cells(row, (*shown, *more)) | {"front": fronts.get(row.label, BLANK)} for row in rows
+        row_cells(row, (*shown, *more)) | {"front": fronts.get(row.entry, BLANK)}
+        for row in comparison.rows
     ]
     yield from (*markdown_table(columns, lines), "")
 
@@ -124,156 +125,146 @@ def _means(rows: Sequence[Row]) -> dict[str, Measure]:
     }
 
 
-def _all_applications(results: Results, table: str, title: str) -> Iterator[str]:
+def _all_applications(results: Results, table: str) -> Iterator[str]:
     """Put all applications in one table, each by its default agent; none if there is only one."""
     application_of = {target.track: target.application.name for target in results.targets}
-    agent_of = {
-        run.track: run.agent
-        for run in results.runs
-        if run.table == table and is_default(application_of[run.track], run.agent)
+    comparison_of = {
+        track: comparison
+        for comparison in results.comparisons
+        if comparison.table.name == table
+        for track in comparison.tracks
+        if is_default(application_of[track], comparison.agent)
     }
-    if len({application_of[track] for track in agent_of}) < 2:
+    if len({application_of[track] for track in comparison_of}) < 2:
         return
-    agents = ", ".join(dict.fromkeys(agent_of.values()))
-    yield from (f"## {title}: all applications", "", f"Agents: {agents}.", "")
-    by_track, columns = _ByTrack(results, table, agent_of), _paper_columns(agent_of)
+    comparisons = [*dict.fromkeys(comparison_of.values())]
+    agents = ", ".join(comparison.agent for comparison in comparisons)
+    title = f"## {comparisons[0].table.title}: all applications"
+    yield from (title, "", f"Agents: {agents}.", "")
+    by_track, columns = _ByTrack(results, comparison_of), _paper_columns(comparison_of)
     yield from _like_the_paper(by_track, columns)
     # the paper itself has no coverage
-    yield from by_track.coverage("### The same columns: coverage / ideal, %", columns)
-
-
-@dataclass(frozen=True)
-class _TrackColumn:
-    """A column of a table by track: one track, or the average of several, beside the paper's."""
-
-    title: str
-    tracks: Sequence[str]
-    theirs: Callable[[str], float | None] = lambda _: None
-    average: bool = False
-
-    def mean_of(self, values: Mapping[tuple[str, str], float], label: str) -> Cell:
-        """Average an adversary's rates on the tracks; blank unless it has all of them."""
-        rates = [values[track, label] for track in self.tracks if (track, label) in values]
-        whole = rates and len(rates) == len(self.tracks)
-        return rate_cell(float(np.mean(rates)) if whole else None)
+    yield from _coverage(by_track, "### The same columns: coverage / ideal, %", columns)
 
 
 class _ByTrack:
-    """The rows of a table with one agent on each track, to lay out in columns."""
+    """The rows of a table with one agent on each track; rates are by track and label."""
 
-    def __init__(self, results: Results, table: str, agent_of: Mapping[str, str]) -> None:
-        agents = dict.fromkeys(agent_of.values())
-        self.tracks = list(agent_of)
-        self.overall = {
-            row.label: row for agent in agents for row in results.rows_of(table, agent, None)
-        }
+    def __init__(self, results: Results, comparison_of: Mapping[str, Comparison]) -> None:
+        self.tracks = list(comparison_of)
+        comparisons = dict.fromkeys(comparison_of.values())
+        self.overall = {row.label: row for c in comparisons for row in c.rows}
         self.rows = {
             (track, row.label): row
-            for track, agent in agent_of.items()
-            for row in results.rows_of(table, agent, track)
+            for track, comparison in comparison_of.items()
+            for row in comparison.by_track[track]
         }
-        self._uniform = {
+        self.afr = {key: row.afr.value for key, row in self.rows.items() if row.afr} | {
             (target.track, paper.FULL_SET): target.reference.uniform_rate
             for target in results.targets
-            if target.reference and agent_of.get(target.track) == target.agent
+            if target.track in comparison_of and target.reference
+            if comparison_of[target.track].agent == target.agent
+        }
+        self.coverage = {
+            key: row.relative_coverage.value
+            for key, row in self.rows.items()
+            if row.relative_coverage
         }
 
-    def values(self, name: Literal["afr", "relative_coverage"]) -> dict[tuple[str, str], float]:
-        """Return a figure by track and label, where there is one."""
-        figures = {key: getattr(row, name) for key, row in self.rows.items()}
-        return {key: figure.value for key, figure in figures.items() if figure is not None}
 
-    def fronts(self) -> dict[str, Cell]:
-        """Count the tracks on which each ranked adversary is on the front of AFR and coverage."""
-        on_front, tracks = Counter[str](), Counter[str]()
-        for track in self.tracks:
-            of_track = {row.entry: row for (name, _), row in self.rows.items() if name == track}
-            for entry, is_on_front in front_of(of_track.values()).items():
-                tracks[of_track[entry].label] += 1
-                on_front[of_track[entry].label] += is_on_front
-        return {
-            label: text_cell(f"{on_front[label]} of {count}") for label, count in tracks.items()
-        }
+class _Column(NamedTuple):
+    """A column of a table by track: one track or a mean, and the paper's rates by label."""
 
-    def rates(
-        self, columns: Sequence[_TrackColumn], spread: Callable[[str], Cell] | None = None
-    ) -> Iterator[str]:
-        """Lay the AFR out in columns beside the paper's, rank 1 in bold."""
-        values = self.values("afr") | self._uniform
-        lines = []
-        for label in dict.fromkeys((paper.FULL_SET, *self.overall)):
-            cells = [text_cell(label)]
-            for column in columns:
-                cell, theirs = column.mean_of(values, label), column.theirs(label)
-                row = None if column.average else self.rows.get((column.tracks[0], label))
-                text = f"**{cell.text}**" if row and row.is_first else cell.text or "-"
-                cells.append(text_cell(text if theirs is None else f"{text} / {theirs:.1f}"))
-            lines.append(cells if spread is None else [*cells, spread(label)])
-        more = [] if spread is None else [column.title for column in row_columns("mu_std")]
-        return titled_table(("adversary", *(column.title for column in columns), *more), lines)
+    title: str
+    tracks: Sequence[str]
+    printed: Mapping[str, float] = {}
+    is_mean: bool = False
 
-    def coverage(self, title: str, columns: Sequence[_TrackColumn]) -> Iterator[str]:
-        """Lay coverage out in columns; nothing where there is none."""
-        values = self.values("relative_coverage")
-        if columns and values:
-            titles = ("adversary", *(column.title for column in columns))
-            lines = (
-                (text_cell(label), *(column.mean_of(values, label) for column in columns))
-                for label in self.overall
-            )
-            yield from (title, "", *titled_table(titles, lines), "")
+    def cell(self, rates: Mapping[tuple[str, str], float], label: str) -> Cell:
+        """Average an adversary's rates on the tracks; blank unless it has all of them."""
+        own = [rates[track, label] for track in self.tracks if (track, label) in rates]
+        whole = own and len(own) == len(self.tracks)
+        return rate_cell(float(np.mean(own)) if whole else None)
 
 
-def _paper_columns(tracks: Collection[str]) -> list[_TrackColumn]:
+def _paper_columns(tracks: Collection[str]) -> list[_Column]:
     """Choose the columns of the paper's Table 1 for which there are tracks."""
     columns = []
     for title, track in paper.TABLE_1_COLUMNS.items():
         own = [track] if track else list(_CLASSES)
         if set(own) <= set(tracks):
-            theirs = partial(paper.table_1, column=title)
-            columns.append(_TrackColumn(title, own, theirs, average=track is None))
+            printed = paper.rates_of(paper.TABLE_1, track or paper.AVERAGE)
+            columns.append(_Column(title, own, printed, is_mean=track is None))
     return columns
 
 
-def _like_the_paper(by_track: _ByTrack, columns: Sequence[_TrackColumn]) -> Iterator[str]:
+def _beside_the_paper(by_track: _ByTrack, columns: Sequence[_Column]) -> dict[str, list[Cell]]:
+    """Lay the AFR out in columns beside the paper's, rank 1 in bold: a line for each label."""
+
+    def cell(column: _Column, label: str) -> Cell:
+        text, printed = column.cell(by_track.afr, label).text, column.printed.get(label)
+        row = None if column.is_mean else by_track.rows.get((column.tracks[0], label))
+        text = f"**{text}**" if row and row.is_first else text or "-"
+        return text_cell(text if printed is None else f"{text} / {printed:.1f}")
+
+    labels = dict.fromkeys((paper.FULL_SET, *by_track.overall))
+    return {label: [text_cell(label), *(cell(c, label) for c in columns)] for label in labels}
+
+
+def _like_the_paper(by_track: _ByTrack, columns: Sequence[_Column]) -> Iterator[str]:
     """Lay the AFR out like the paper's Table 1: ours / the paper's."""
     if columns:
+        lines = _beside_the_paper(by_track, columns).values()
         yield from ("### Beside the paper's Table 1: AFR in %, ours / the paper's", "")
-        yield from (*by_track.rates(columns), "", _BESIDE_THE_PAPER, "")
+        yield from titled_table(("adversary", *(column.title for column in columns)), lines)
+        yield from ("", _BESIDE_THE_PAPER, "")
 
 
 def _rates(by_track: _ByTrack) -> Iterator[str]:
     """Show the AFR of every track, beside the paper's appendix where that has the class."""
+    tracks, classes = by_track.tracks, set(_CLASSES)
     by_class = "### By class: AFR in %, ours / the paper's appendix"
     other = "### By track: AFR in %, where the paper has the track / the paper's"
-    yield from (by_class if set(by_track.tracks) <= set(_CLASSES) else other, "")
+    yield from (by_class if set(tracks) <= classes else other, "")
     columns = [
-        _TrackColumn(
-            short_name(track), [track], partial(paper.class_rate, class_name=_CLASSES.get(track))
-        )
-        for track in by_track.tracks
+        _Column(short_name(track), [track], paper.rates_of(paper.CLASS_TABLE, track))
+        for track in tracks
     ]
-    whole = set(by_track.tracks) == set(_CLASSES)
-    average = paper.AVERAGE if whole else f"mean of {_tracks(len(by_track.tracks))}"
-    theirs = partial(paper.class_rate, class_name=average)
-    columns.append(_TrackColumn(average, by_track.tracks, theirs, average=True))
-
-    def spread(label: str) -> Cell:
-        row, known = by_track.overall.get(label), paper.class_row(label) if whole else None
+    whole = set(tracks) == classes
+    average = paper.AVERAGE if whole else f"mean of {_tracks(len(tracks))}"
+    spreads = paper.rates_of(paper.CLASS_TABLE, "mu_std" if whole else "")
+    printed = paper.rates_of(paper.CLASS_TABLE, average)
+    columns.append(_Column(average, tracks, printed, is_mean=True))
+    lines = _beside_the_paper(by_track, columns)
+    for label, cells in lines.items():
+        row = by_track.overall.get(label)
         cell = number_cell(row.means["mu_std"] if row else None, 3)
-        return text_cell(f"{cell.text or '-'} / {known.mu_std:.3f}") if known else cell
+        if label in spreads:
+            cell = text_cell(f"{cell.text or '-'} / {spreads[label]:.3f}")
+        cells.append(cell)
+    titles = ("adversary", *(column.title for column in columns), MEANS["mu_std"].title)
+    yield from (*titled_table(titles, lines.values()), "")
 
-    yield from (*by_track.rates(columns, spread), "")
+
+def _coverage(by_track: _ByTrack, title: str, columns: Sequence[_Column]) -> Iterator[str]:
+    """Lay coverage out in columns; nothing where there is none."""
+    if columns and by_track.coverage:
+        lines = (
+            (text_cell(label), *(column.cell(by_track.coverage, label) for column in columns))
+            for label in by_track.overall
+        )
+        titles = ("adversary", *(column.title for column in columns))
+        yield from (title, "", *titled_table(titles, lines), "")
 
 
 def _coverages(by_track: _ByTrack) -> Iterator[str]:
     """Show the coverage of every track that has a reference set."""
-    covered = {track for track, _ in by_track.values("relative_coverage")}
+    covered = {track for track, _ in by_track.coverage}
     tracks = [track for track in by_track.tracks if track in covered]
     kind = "class" if set(tracks) <= set(_CLASSES) else "track"
-    columns = [_TrackColumn(short_name(track), [track]) for track in tracks]
-    columns.append(_TrackColumn(f"mean of {_tracks(len(tracks))}", tracks))
-    yield from by_track.coverage(f"### By {kind}: coverage / ideal, %", columns)
+    columns = [_Column(short_name(track), [track]) for track in tracks]
+    columns.append(_Column(f"mean of {_tracks(len(tracks))}", tracks))
+    yield from _coverage(by_track, f"### By {kind}: coverage / ideal, %", columns)
 
 
 def _targets(results: Results) -> Iterator[str]:
@@ -299,9 +290,10 @@ def _remarks(results: Results, notes: Sequence[str]) -> Iterator[str]:
     """List the adversaries' flags, errors, and what is missing."""
     flags: Counter[tuple[str, str, str]] = Counter()
     for run in results.runs:
-        flags.update((run.table, run.label, flag) for flag in run.claims.flags)
+        table = run.experiment.protocol.rule
+        flags.update((table, run.label, flag) for flag in run.claims.flags)
         if run.claims.error is not None:
-            flags[run.table, run.label, f"failed: {run.claims.error}"] += 1
+            flags[table, run.label, f"failed: {run.claims.error}"] += 1
     lines = [f"- {note}" for note in notes]
     for (table, label, text), count in flags.items():
         runs = "one run" if count == 1 else f"{count} runs"
