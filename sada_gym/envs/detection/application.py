@@ -16,6 +16,13 @@ from sada_gym.application import Application, Scored
 from sada_gym.envs.detection.backdrop import random_backdrop
 from sada_gym.envs.detection.detector import Detections, DetectorAgent, DetectorLike, listed
 from sada_gym.envs.detection.frame import annotate, legend
+from sada_gym.envs.detection.parameter_sets import (
+    COLOUR,
+    DEFAULT_PARAMETERS,
+    DEFAULT_PITCH_DEG,
+    PARAMETER_SETS,
+    find_parameters,
+)
 from sada_gym.envs.detection.renderers.base import (
     DEFAULT_KEY,
     Renderer,
@@ -30,9 +37,9 @@ from sada_gym.envs.detection.renderers.registry import (
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import fingerprint
 from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes, is_named
-from sada_gym.errors import UserError, check_integer
+from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.frames import Frame, LegendEntry
-from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.parameters import Mu
 from sada_gym.seeds import validate_seeds, validate_world
 
 MAX_IMAGE_SIZE = 4_096
@@ -96,6 +103,11 @@ class DetectionApplication(Application):
       as an object or as `module:Class`.
     - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 4
       for the shipped architecture.
+    - `parameters="paper"`: the eight above. `viewpoint` has four, camera azimuth and pitch, light
+      azimuth and pitch; the camera's distance is then 11.25 and the paint blue. `unpainted` has the
+      five without paint, which is grey (0.5, 0.5, 0.5) where a shape takes any.
+    - `camera_pitch_deg=None`: another range of the camera's pitch than 0 to 51.6, such as (5, 30).
+    - `shape=None`: the name of the only shape to show, such as `car/saloon-0`.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 
     ## Version History
@@ -106,25 +118,7 @@ class DetectionApplication(Application):
     version: ClassVar[int] = 0
     fooling_threshold = 0.3
     sample_size = 250
-    parameters = ParameterSpace(
-        Parameter("camera_distance", 8.0, 14.5, "scene units"),
-        Parameter(
-            *("camera_azimuth_deg", -180.0, 180.0, "deg"),
-            directions=("in front", "on the left", "behind", "on the right"),
-        ),
-        Parameter("camera_pitch_deg", 0.0, 51.6, "deg"),
-        Parameter(
-            *("light_azimuth_deg", -180.0, 180.0, "deg"),
-            directions=(
-                *("behind the camera", "right of the camera"),
-                *("opposite the camera", "left of the camera"),
-            ),
-        ),
-        Parameter("light_pitch_deg", 3.0, 90.0, "deg"),
-        Parameter("colour_red", 0.0, 1.0),
-        Parameter("colour_green", 0.0, 1.0),
-        Parameter("colour_blue", 0.0, 1.0),
-    )
+    parameters = PARAMETER_SETS[DEFAULT_PARAMETERS].parameters
 
     def __init__(
         self,
@@ -138,13 +132,23 @@ class DetectionApplication(Application):
         image_size: int = 128,
         renderer: str | Renderer | None = None,
         tile: int | None = None,
+        parameters: str = DEFAULT_PARAMETERS,
+        camera_pitch_deg: Sequence[float] | None = None,
+        shape: str | None = None,
     ) -> None:
         check_integer("image_size", image_size, 32, MAX_IMAGE_SIZE)
+        self._parameters_name = parameters
+        self._parameter_set = find_parameters(parameters, camera_pitch_deg)
+        self.parameters = self._parameter_set.parameters
         self.object_class, self.image_size = object_class, image_size
         self._shapes_source = DEFAULT_SHAPES if shapes is None else shapes
         self.shapes = find_shapes(
             self._shapes_source, object_class, skip_unreadable=skip_unreadable
         )
+        self._shape_name = shape
+        if shape is not None:
+            check_known("shape", [shape], [known.name for known in self.shapes])
+            self.shapes = tuple(known for known in self.shapes if known.name == shape)
         self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
         self.label = _label(object_class, self.agent, labels)
         self._detector = DetectorAgent(self.agent, tile, image_size, label=self.label)
@@ -184,6 +188,13 @@ class DetectionApplication(Application):
             settings["renderer"] = self._renderer_name
         if self._shapes_source != DEFAULT_SHAPES and is_named(self._shapes_source):
             settings["shapes"] = self._shapes_source
+        # left out where they are the defaults: what was stored before they came stays valid
+        if self._parameters_name != DEFAULT_PARAMETERS:
+            settings["parameters"] = self._parameters_name
+        if (pitch := self._parameter_set.pitch_range) != DEFAULT_PITCH_DEG:
+            settings["camera_pitch_deg"] = list(pitch)
+        if self._shape_name is not None:
+            settings["shape"] = self._shape_name
         return settings
 
     @property
@@ -201,11 +212,12 @@ class DetectionApplication(Application):
         return hashlib.sha256("|".join(parts).encode()).hexdigest()
 
     def scene(self, mu: npt.NDArray[np.float32], seed: int) -> Scene:
-        """Lay out the scene of one mu, (8,): the seed picks shape and place, mu sets the rest."""
+        """Lay out the scene of one mu, (d,): the seed picks shape and place, mu sets the rest."""
         rng = np.random.default_rng(seed)
         shape = self.shapes[int(rng.integers(len(self.shapes)))]
-        *numbers, red, green, blue = self.parameters.physical(mu).tolist()
-        placed = dict(zip(PLACEMENT, numbers, strict=True))
+        values = self._parameter_set.values(mu)
+        placed: dict[str, Any] = {name: values[name] for name in PLACEMENT}
+        red, green, blue = (values[name] for name in COLOUR)
         backdrop = random_backdrop(rng)
         return Scene(shape, (red, green, blue), backdrop=backdrop, seed=seed, **placed)
 

@@ -56,10 +56,12 @@ def clip(application: DetectionApplication, mu: Mu, seed: int, seconds: float) -
     text = f"the detector says {answers[-1]}" if fooled else f"still found: {answers[-1]}"
     if fooled and answers[-1].startswith(f"{wanted},"):
         text = f"only {score:.2f} sure of the {wanted}"
-    distance, azimuth, pitch, _, light, *_ = application.parameters.physical(mu).tolist()
+    scene = application.scene(mu, seed)
+    azimuth = scene.camera_azimuth_deg
     world = (
         f"camera {abs(azimuth):.0f}° round to the {'right' if azimuth < 0 else 'left'}, "
-        f"{pitch:.0f}° up, {distance:.1f} away; light {light:.0f}° up"
+        f"{scene.camera_pitch_deg:.0f}° up, {scene.camera_distance:.1f} away; light "
+        f"{scene.light_pitch_deg:.0f}° up"
     )
     notes = [f"the detector says {answer}" for answer in answers]
     return Clip([Shot(pictures, MORPH_FPS, notes, world, ShotEnding(text, fooled))], score)
