@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from sada_gym.agents.identity import identity
 from sada_gym.errors import UserError
@@ -14,6 +16,21 @@ from sada_gym.errors import UserError
 Indices = npt.NDArray[np.intp]
 EpisodesT = TypeVar("EpisodesT", contravariant=True)
 ActionsT = TypeVar("ActionsT", covariant=True)
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What an agent sees and does in a task; `task_id` is for messages.
+
+    `wrapped_by` holds Gymnasium's kinds of wrappers that are already at work in the task itself;
+    `has_masks` says whether it has `action_masks()`.
+    """
+
+    task_id: str
+    observation_space: spaces.Space[Any]
+    action_space: spaces.Space[Any]
+    wrapped_by: tuple[type[Any], ...] = ()
+    has_masks: bool = False
 
 
 @runtime_checkable

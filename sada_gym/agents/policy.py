@@ -3,58 +3,59 @@
 from __future__ import annotations
 
 import hashlib
-import traceback
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sada_gym import agents
-from sada_gym.agents.contract import Agent, Indices, as_agent
-from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
+from sada_gym.agents.contract import Agent, Indices, Interface, as_agent
+from sada_gym.agents.exported import ExportedNetwork
+from sada_gym.agents.model_call import (
+    MASKS,
+    SEEDS,
+    STATE,
+    Answers,
+    ModelCall,
+    StateLayout,
+    is_torchs_refusal,
+    mask_size,
+)
+from sada_gym.agents.tile import Batch, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
+from sada_gym.determinism import one_thread
 from sada_gym.errors import UserError
 
 POLICY_TILE = 16
 """The observations in one call of a model. A network that gives other bits to another place in the
 batch (narrow layers do) sees one observation at a time."""
 
+_STATELESS = StateLayout(None, ())
+
 _LIBRARIES = ("stable_baselines3", "sb3_contrib")
-
-
-@dataclass(frozen=True)
-class Interface:
-    """What an agent sees and does in a task; `task_id` is for messages.
-
-    `wrapped_by` holds Gymnasium's kinds of wrappers that are already at work in the task itself.
-    """
-
-    task_id: str
-    observation_space: spaces.Space[Any]
-    action_space: spaces.Space[Any]
-    wrapped_by: tuple[type[Any], ...] = ()
 
 
 class Policy:
     """A model that was trained on an inner task, with the wrappers that it was trained under.
 
-    It chooses actions deterministically. Frames are stacked, pictures transposed and observations
-    normalised as SB3's wrappers did in training.
+    Frames are stacked, pictures transposed and observations normalised as SB3's wrappers did in
+    training. The state of a model with a memory, such as RecurrentPPO, is kept for each episode.
 
     Args:
         model: An SB3 model, or whatever has its spaces and `predict`.
         episodes: The `Episodes` in which it will act, or their class, or an `Interface`.
-        normalisation: The `VecNormalize` of its training; None takes that which the model holds.
+        normalisation: The `VecNormalize` of its training; None takes that which the model holds;
+            False says that there was none.
+        deterministic: Whether it takes the best action. Otherwise it draws one at each step, from
+            the evaluation's seed, one episode at a time.
 
     Raises:
-        UserError: If the model's spaces are others, or it has a memory of its own.
+        UserError: If the model's spaces are others, or its memory cannot be kept.
     """
 
     def __init__(
@@ -62,7 +63,8 @@ class Policy:
         model: Predictor,
         episodes: Any,
         *,
-        normalisation: VecNormalize | None = None,
+        normalisation: VecNormalize | Literal[False] | None = None,
+        deterministic: bool = True,
     ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
         if not _fits_models(observation_space):
@@ -84,7 +86,9 @@ class Policy:
                 f"actions {model_actions}. Train it on {episodes.task_id}."
             )
         self.model = model
-        self._plain = not isinstance(observation_space, spaces.Dict)
+        plain = not isinstance(observation_space, spaces.Dict)
+        self._call = ModelCall(model, plain=plain, deterministic=deterministic)
+        self._deterministic = deterministic
         self._transforms = observation_transforms(
             episodes if no_spaces else model,
             observation_space,
@@ -93,7 +97,16 @@ class Policy:
             wrapped_by=getattr(episodes, "wrapped_by", ()),
         )
         self._action_shape = action_space.shape or ()
+        self._choices = mask_size(action_space) if self._call.takes_masks else 0
+        if self._choices and not getattr(episodes, "has_masks", False):
+            raise UserError(
+                f"Expected an environment with action_masks(), because {type(model).__name__} "
+                f"chooses among valid actions, got {episodes.task_id} without. Pass a function "
+                "that makes the environment within sb3_contrib's ActionMasker, or the function "
+                "lambda observation: model.predict(observation)[0] as the agent."
+            )
         self._tile = POLICY_TILE
+        self.start(0)
         if not self._same_in_every_place(keyed(observation_space)):
             self._tile = 1
 
@@ -103,9 +116,12 @@ class Policy:
 
         Weights do not tell what the `predict` of a class other than SB3's does with them.
         """
-        if type(self.model).__module__.partition(".")[0] not in _LIBRARIES:
+        if isinstance(self.model, ExportedNetwork):
+            weights: str | None = self.model.weights_hash
+        elif type(self.model).__module__.partition(".")[0] in _LIBRARIES:
+            weights = agents.fingerprint(getattr(self.model, "policy", self.model))
+        else:
             return None
-        weights = agents.fingerprint(getattr(self.model, "policy", self.model))
         normalisation = normalisation_bytes(self._transforms)
         if weights is None or not normalisation:
             return weights
@@ -124,8 +140,15 @@ class Policy:
         """Leave out what only training needs: environments, and functions of the learning rate."""
         return {**self.__dict__, "model": _for_acting(self.model)}
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Let the model be asked again."""
+        self.__dict__.update(state)
+        self._call.model = self.model
+
     def start(self, count: int) -> None:
         """Begin `count` new episodes."""
+        self._began = np.zeros(count, np.bool_)
+        self._states: list[npt.NDArray[Any]] = []
         for transform in self._transforms:
             transform.start(count)
 
@@ -136,7 +159,11 @@ class Policy:
         finite where the episodes take none, or its `predict` raises.
         """
         batch = self._transformed(episodes.observe(which), which)
-        actions = np.concatenate(tiled(self._predict, batch, self._tile))
+        if self._call.takes_masks:
+            batch[MASKS] = episodes.action_masks(which)
+        if not self._deterministic:
+            batch[SEEDS] = episodes.agent_seeds(which)
+        actions = self._answers(batch, which)
         wrong = np.flatnonzero(~np.isfinite(actions).reshape(len(actions), -1).all(axis=1))
         if wrong.size and episodes.finite_only:
             first = int(wrong[0])
@@ -152,77 +179,99 @@ class Policy:
             batch = transform.apply(batch, which)
         return batch
 
+    def _answers(self, batch: Batch, which: Indices) -> npt.NDArray[Any]:
+        """Return the actions in some episodes, and keep their states."""
+        if self._call.layout is None:
+            return np.concatenate([part.actions for part in tiled(self._ask, batch, self._tile)])
+        actions = np.empty((len(which), *self._action_shape))
+        began = self._began[which]
+        for rows in (np.flatnonzero(~began), np.flatnonzero(began)):
+            if not len(rows):
+                continue
+            chosen = {key: value[rows] for key, value in batch.items()}
+            if began[rows[0]]:
+                for i, kept in enumerate(self._states):
+                    chosen[f"{STATE}{i}"] = kept[which[rows]]
+            parts = tiled(self._ask, chosen, self._tile)
+            actions[rows] = np.concatenate([part.actions for part in parts])
+            states = [np.concatenate(same) for same in zip(*(p.state for p in parts), strict=True)]
+            if not self._states:
+                self._states = [
+                    np.zeros((len(self._began), *state.shape[1:]), state.dtype) for state in states
+                ]
+            for kept, state in zip(self._states, states, strict=True):
+                kept[which[rows]] = state
+        self._began[which] = True
+        return actions
+
     def _same_in_every_place(self, observation_space: Any) -> bool:
-        """Whether each of a tile's observations keeps its action when the tile is reversed."""
+        """Whether each of a tile's observations keeps its action when the tile is reversed.
+
+        It finds out, too, whether the model has a memory.
+        """
         drawn = deepcopy(observation_space)
         drawn.seed(0)
         samples = [drawn.sample() for _ in range(POLICY_TILE)]
         batch = {key: np.stack([sample[key] for sample in samples]) for key in observation_space}
         self.start(POLICY_TILE)
         tile = self._transformed(batch, np.arange(POLICY_TILE))
-        try:
-            (actions,) = tiled(self._ask, tile, POLICY_TILE)
-            backwards = {key: value[::-1] for key, value in tile.items()}
-            (reversed_,) = tiled(self._ask, backwards, POLICY_TILE)
-        except ValueError as error:
-            if not _is_torchs_refusal(error):
-                raise
-            return True  # `act` says for whom
-        return np.array_equal(actions, reversed_[::-1], equal_nan=True)
+        if self._choices:
+            tile[MASKS] = np.ones((POLICY_TILE, self._choices), np.bool_)
+        if not self._deterministic:
+            tile[SEEDS] = np.zeros(POLICY_TILE, np.uint32)
+        with one_thread():
+            try:
+                self._call.find_layout(tile)
+                if not self._deterministic or (self._call.layout or _STATELESS).axes is None:
+                    self._call({key: value[:1] for key, value in tile.items()})
+                    return False
+                answers, backwards = (self._twice(tile, step) for step in (1, -1))
+            except ValueError as error:
+                if not is_torchs_refusal(error):
+                    raise
+                return True  # `act` says for whom
+        return all(
+            np.array_equal(one, other[::-1], equal_nan=True)
+            for one, other in zip(answers, backwards, strict=True)
+        )
 
-    def _ask(self, tile: Batch) -> npt.NDArray[Any]:
-        observation: Any = tile[ALONE] if self._plain else tile
-        try:
-            answer = self.model.predict(observation, deterministic=True)
-        except UserError:
-            raise
-        except Exception as error:  # whatever a user's model may raise
-            if isinstance(error, ValueError) and _is_torchs_refusal(error):
-                raise
-            raise UserError(
-                f"Expected actions from {type(self.model).__name__}, got {type(error).__name__}: "
-                f"{error}. It is called as predict(observations, deterministic=True), with a batch "
-                "of observations."
-            ) from error
-        if not isinstance(answer, tuple) or len(answer) != 2:
-            raise UserError(
-                f"Expected (actions, None) from the predict of {type(self.model).__name__}, as "
-                f"SB3's gives it, got {type(answer).__name__}. Return both."
-            )
-        actions, memory = answer
-        if memory is not None:
-            raise UserError(
-                f"Expected an agent without a memory of its own, got {type(self.model).__name__}, "
-                "whose predict gives a state. Train one under VecFrameStack instead."
-            )
-        return actions
+    def _twice(self, tile: Batch, step: int) -> list[npt.NDArray[Any]]:
+        """Ask about a tile in this order, and again with the states of the first answers."""
+        turned = {key: value[::step] for key, value in tile.items()}
+        (first,) = tiled(self._call, turned, POLICY_TILE)
+        if not first.state:
+            return [first.actions]
+        states = {f"{STATE}{i}": part for i, part in enumerate(first.state)}
+        (second,) = tiled(self._call, {**turned, **states}, POLICY_TILE)
+        return [first.actions, *first.state, second.actions, *second.state]
 
-    def _predict(self, tile: Batch) -> npt.NDArray[Any]:
-        """Return the actions of a tile; NaN where the model refuses one."""
+    def _ask(self, tile: Batch) -> Answers:
+        """Return the answers to a tile; NaN where the model refuses one."""
         try:
-            actions = self._ask(tile)
+            answers = self._call(tile)
         except ValueError as error:
-            if not _is_torchs_refusal(error):
+            if not is_torchs_refusal(error):
                 raise
-            actions = self._one_by_one(tile)
+            answers = self._one_by_one(tile)
         shape = (self._tile, *self._action_shape)
-        if np.shape(actions) != shape:
+        if answers.actions.shape != shape:
             raise UserError(
                 f"Expected actions of shape {shape} from {type(self.model).__name__}, got "
-                f"{np.shape(actions)}."
+                f"{answers.actions.shape}."
             )
-        return np.asarray(actions)
+        return answers
 
-    def _one_by_one(self, tile: Batch) -> npt.NDArray[Any]:
+    def _one_by_one(self, tile: Batch) -> Answers:
         actions = np.full((self._tile, *self._action_shape), np.nan)
         for row in range(self._tile):
             try:
                 alone = {key: value[row : row + 1] for key, value in tile.items()}
-                actions[row] = tiled(self._ask, alone, self._tile)[0][0]
+                actions[row] = tiled(self._call, alone, self._tile)[0].actions[0]
             except ValueError as error:
-                if not _is_torchs_refusal(error):
+                if not is_torchs_refusal(error):
                     raise
-        return actions
+        states = tuple(value for key, value in tile.items() if key.startswith(STATE))
+        return Answers(actions, states)
 
 
 def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
@@ -256,10 +305,3 @@ def _for_acting(model: Any) -> Any:
     )
     copied.env = copied._vec_normalize_env = None
     return copied
-
-
-def _is_torchs_refusal(error: ValueError) -> bool:
-    """Whether a distribution of torch's refused its parameters: the network's output was NaN."""
-    # the error has no type of its own, so the place where it was raised decides
-    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
-    return frame.f_code is torch.distributions.Distribution.__init__.__code__

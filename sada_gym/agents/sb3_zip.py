@@ -7,6 +7,7 @@ words are read here. Weights are read by torch, which builds nothing but tensors
 from __future__ import annotations
 
 import base64
+import inspect
 import io
 import json
 import pickletools
@@ -27,7 +28,7 @@ from torch.nn.modules import activation
 
 from sada_gym.agents.sb3_spaces import network_space, validate_action_space
 from sada_gym.determinism import generators_kept
-from sada_gym.errors import FileError, UserError, explained
+from sada_gym.errors import FileError, MissingExtra, UserError, explained
 from sada_gym.files import as_path, read_file
 
 MAX_MODEL_BYTES = 500 * 2**20
@@ -41,6 +42,16 @@ _ALGORITHMS = {
     "gae_lambda": "A2C",
 }
 """The algorithm whose files have this key and none of those above."""
+
+_CONTRIB = {
+    "sb3_contrib.tqc.": "TQC",
+    "sb3_contrib.qrdqn.": "QRDQN",
+    "sb3_contrib.ars.": "ARS",
+    "sb3_contrib.crossq.": "CrossQ",
+    "sb3_contrib.common.maskable.": "MaskablePPO",
+    "sb3_contrib.common.recurrent.": "RecurrentPPO",
+}
+"""The algorithm of sb3-contrib whose policy class begins so; TRPO has SB3's own."""
 
 _CLASSES = {
     str(kind): kind
@@ -69,7 +80,7 @@ def load_sb3(
     *,
     allow_pickle: bool = False,
 ) -> Any:
-    """Load a model of PPO, A2C, DQN, SAC, TD3 or DDPG, on the CPU, for acting.
+    """Load a model of PPO, A2C, DQN, SAC, TD3, DDPG or sb3-contrib, on the CPU, for acting.
 
     Its `predict` gives the same bits as that of a model which SB3 itself loads. It has no buffers
     and no optimiser's state; DDPG comes as TD3, whose policy it has. The spaces are taken from the
@@ -123,14 +134,15 @@ def _rebuilt(
     action_space: gym.Space[Any],
 ) -> Any:
     arguments = _policy_arguments(path, data)
-    if issubclass(algorithm, OnPolicyAlgorithm):
+    if issubclass(algorithm, OnPolicyAlgorithm) and _takes(policy_class, "use_sde"):
         arguments["use_sde"] = data.get("use_sde") is True
 
     stored = sum(part.numel() for part in weights.values())
     try:
         if not _can_hold(arguments, stored):
             raise ValueError(f"its {stored:,} weights cannot fill such layers")
-        policy = policy_class(observation_space, action_space, lambda _: 0.0, **arguments)
+        schedule = {"lr_schedule": lambda _: 0.0} if _takes(policy_class, "lr_schedule") else {}
+        policy = policy_class(observation_space, action_space, **schedule, **arguments)
     except _BAD_ARGUMENTS as error:
         raise UserError(
             f"Expected policy_kwargs in {path} that {policy_class.__name__} takes with "
@@ -155,6 +167,10 @@ def _rebuilt(
     model.policy, model.policy_kwargs = policy, arguments
     model.use_sde = data.get("use_sde") is True
     return model
+
+
+def _takes(policy_class: type[Any], keyword: str) -> bool:
+    return keyword in inspect.signature(policy_class).parameters
 
 
 def _read_data(path: Path, content: bytes) -> dict[str, Any]:
@@ -235,15 +251,32 @@ def _referenced_class(entry: Any) -> str | None:
 
 
 def _algorithm(path: Path, data: Mapping[str, Any], policy_class: str | None) -> type[Any]:
-    contrib = "cg_max_steps" in data or (policy_class or "").startswith("sb3_contrib")
+    of_contrib = (
+        name for start, name in _CONTRIB.items() if (policy_class or "").startswith(start)
+    )
+    contrib = "TRPO" if "cg_max_steps" in data else next(of_contrib, None)
+    if contrib is not None:
+        return _of_contrib(path, contrib)
     name = next((name for key, name in _ALGORITHMS.items() if key in data), None)
-    if contrib or name is None:
+    if name is None:
         raise UserError(
-            f"Expected a model of PPO, A2C, DQN, SAC, TD3 or DDPG in {path}, got one of "
-            f"{'sb3_contrib' if contrib else 'another algorithm'}. Load it yourself and pass the "
-            "model, such as agent=TQC.load(file)."
+            f"Expected a model of PPO, A2C, DQN, SAC, TD3, DDPG or one of sb3-contrib's in {path}, "
+            "got one of another algorithm. Load it yourself and pass the model, such as "
+            "agent=Mine.load(file)."
         )
     kind: type[Any] = getattr(stable_baselines3, name)
+    return kind
+
+
+def _of_contrib(path: Path, name: str) -> type[Any]:
+    try:
+        import sb3_contrib
+    except ImportError as error:
+        raise MissingExtra(
+            f"Expected sb3-contrib to be installed, for {path} holds a model of its {name}. "
+            "Run: pip install 'sada-gym[contrib]'"
+        ) from error
+    kind: type[Any] = getattr(sb3_contrib, name)
     return kind
 
 

@@ -7,11 +7,12 @@ stacked, and that images were normalised, but not by which statistics.
 
 from __future__ import annotations
 
+import os
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -122,18 +123,19 @@ def observation_transforms(
     observation_space: spaces.Space[Any],
     task: str,
     *,
-    normalisation: VecNormalize | None = None,
+    normalisation: VecNormalize | Literal[False] | None = None,
     wrapped_by: tuple[type[Any], ...] = (),
 ) -> list[Transform]:
     """Find what must be done to a task's observations before a model gets them.
 
-    Without `normalisation`, the `VecNormalize` that the model holds counts. `wrapped_by` holds
+    Without `normalisation`, the `VecNormalize` that the model holds counts; False says that there
+    is none where the model holds none. `wrapped_by` holds
     Gymnasium's kinds of wrappers that are already at work in the task itself. It raises `UserError`
     if the model was trained on other observations, or under a wrapper that is not known here, or on
     normalised observations whose statistics are missing.
     """
     env = getattr(model, "get_env", lambda: None)()
-    if env is None or normalisation is not None:
+    if env is None or normalisation:
         return _by_spaces(model, observation_space, task, normalisation)
     transforms: list[Transform] = []
     wrappers = []
@@ -198,7 +200,7 @@ def _by_spaces(
     model: Any,
     expected: spaces.Space[Any],
     task: str,
-    normalisation: VecNormalize | None,
+    normalisation: VecNormalize | Literal[False] | None,
 ) -> list[Transform]:
     """Find transforms by the model's own space; SB3 transposes images by itself where needed."""
     wrong = _wrong_observations(getattr(model, "observation_space", None), expected, task)
@@ -226,15 +228,15 @@ def _by_spaces(
             raise wrong
         if not isinstance(parts[key], spaces.Box) and given[key] != parts[key]:
             raise wrong
-    if normalisation is not None:
+    if normalisation:
         return _normalised(normalisation, parts, shapes, stack)
-    for space in given.values():
+    for space in given.values() if normalisation is None else ():
         # speeds and the like have wide bounds: there a space does not show it
         if isinstance(space, spaces.Box) and len(space.shape) == 3 and space.low.min() < 0:
             raise UserError(
                 "Expected the statistics of the VecNormalize that this agent was trained with, "
                 "got a model without. Load it as PPO.load(file, env=VecNormalize.load(statistics, "
-                "env))."
+                "env)), or say vec_normalize=False if there was none."
             )
     return [*stack]
 
@@ -271,7 +273,8 @@ def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
         return given
     if not isinstance(given, str | Path):
         raise UserTypeError(
-            f"Expected vec_normalize to be a VecNormalize or the path of its file, got {given!r}."
+            "Expected vec_normalize to be a VecNormalize, the path of its file, or False if the "
+            f"agent needs none, got {given!r}."
         )
     if not allow_pickle:
         raise UserError(
@@ -279,7 +282,8 @@ def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
             "which can run code when it is loaded. Pass allow_pickle=True if it is your own."
         )
     expected = f"Expected the file of a VecNormalize in {given}"
-    with explained(expected, kind=FileError), Path(given).open("rb") as file:
+    path = os.path.expanduser(given)
+    with explained(expected, kind=FileError), open(path, "rb") as file:
         loaded = pickle.load(file)
     if not isinstance(loaded, VecNormalize):
         raise FileError(f"{expected}, got a {type(loaded).__name__}. Write it by its save.")

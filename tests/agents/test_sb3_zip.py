@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import pickle
+import sys
 import zipfile
 
 import gymnasium as gym
@@ -294,14 +295,41 @@ def test_trust_says_what_cannot_be_unpickled(path):
 
 
 @pytest.mark.parametrize("module", ["sb3_contrib.tqc.policies", "sb3_contrib.qrdqn.policies"])
-def test_models_of_sb3_contrib_are_passed_in_memory(module, path):
+def test_models_of_sb3_contrib_need_it(module, path, monkeypatch):
     words = pickle.dumps(len).replace(
         b"\x8c\x08builtins", bytes([0x8C, len(module)]) + module.encode()
     )
     entry = {":serialized:": base64.b64encode(words).decode()}
     rewrite(path, data=lambda data: data.update(policy_class=entry))
-    with pytest.raises(UserError, match=r"got one of sb3_contrib.*agent=TQC.load"):
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    with pytest.raises(UserError, match=r"sb3-contrib to be installed.*sada-gym\[contrib\]"):
         load_sb3(path, VECTOR, DISCRETE)
+
+
+CONTRIB = [
+    ("TQC", "MlpPolicy", TORQUES, {"n_quantiles": 7, "net_arch": [8]}),
+    ("QRDQN", "MlpPolicy", DISCRETE, {"n_quantiles": 7}),
+    ("ARS", "LinearPolicy", DISCRETE, {}),
+    ("TRPO", "MlpPolicy", TORQUES, {"activation_fn": nn.ReLU}),
+    ("CrossQ", "MlpPolicy", TORQUES, {"net_arch": [8]}),
+    ("MaskablePPO", "MlpPolicy", DISCRETE, {}),
+    ("RecurrentPPO", "MlpLstmPolicy", DISCRETE, {"lstm_hidden_size": 8, "n_lstm_layers": 2}),
+]
+
+
+@pytest.mark.parametrize(("name", "policy", "actions", "kwargs"), CONTRIB)
+def test_models_of_sb3_contrib_are_loaded_without_unpickling(
+    name, policy, actions, kwargs, tmp_path
+):
+    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed")
+    env = Fake(VECTOR, actions)
+    model = getattr(contrib, name)(policy, env, policy_kwargs=kwargs, seed=0, device="cpu")
+    model.save(tmp_path / "model.zip")
+    loaded = load_sb3(tmp_path / "model.zip", VECTOR, actions)
+    assert type(loaded) is type(model)
+    seen = samples(VECTOR)
+    expected = model.predict(seen, deterministic=True)[0]
+    assert (loaded.predict(seen, deterministic=True)[0] == expected).all()
 
 
 def test_another_algorithm_is_refused(path):

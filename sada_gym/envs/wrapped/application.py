@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +17,9 @@ from gymnasium import spaces
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.agents.contract import Agent
+from sada_gym.agents.agent_files import find_agent_file, load_agent_file
+from sada_gym.agents.contract import Agent, Interface
+from sada_gym.agents.given import agent_of
 from sada_gym.agents.identity import check_agent_id
 from sada_gym.application import Scored, check_declared
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
@@ -25,9 +27,8 @@ from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, function_name, layers
-from sada_gym.envs.wrapped.function_agent import FunctionAgent
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
-from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, explained
+from sada_gym.errors import UserError, UserTypeError, check_integer, explained
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
@@ -55,7 +56,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
             function `observation -> action`, or an agent with `fingerprint`, `start` and `act`.
             A function is called for one observation at a time, and must remember nothing, because
-            many episodes go on at once. Box actions are clipped to their space.
+            many episodes go on at once. A class or function without arguments, or with the one
+            argument `seed`, makes an agent for each episode; of an object with `reset` each episode
+            gets a copy. These may remember. Box actions are clipped to their space.
         parameters: The parameters by name: (low, high), or a binding of `sada_gym.envs.wrapped`.
             (low, high) is a keyword of the environment's constructor of that name, else an
             attribute of `env.unwrapped`.
@@ -72,7 +75,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             change it whenever you change one of them. SB3 models have a hash of their weights.
         allow_pickle: Whether files may be unpickled, which can run code: do it only with your own.
         vec_normalize: The `VecNormalize` that the agent was trained with, or its file, a pickle. A
-            model that holds its training environment needs none.
+            model that holds its training environment needs none. False says that there was none,
+            although a file of one lies beside the agent's.
+        deterministic: Whether the agent takes its best action. With False it draws its actions, one
+            observation at a time, and all that it draws follows from the evaluation's seed.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -107,7 +113,8 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         name: str | None = None,
         agent_id: str | None = None,
         allow_pickle: bool = False,
-        vec_normalize: str | Path | VecNormalize | None = None,
+        vec_normalize: str | Path | VecNormalize | Literal[False] | None = None,
+        deterministic: bool = True,
     ) -> None:
         check_integer("episodes", episodes, 1)
         check_integer("sample_size", sample_size, 1)
@@ -119,8 +126,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._episode_count, self._allow_pickle = episodes, allow_pickle
-        self._vec_normalize = None
-        if vec_normalize is not None:
+        if not isinstance(deterministic, bool):
+            raise UserTypeError(f"Expected deterministic to be a bool, got {deterministic!r}.")
+        self._deterministic = deterministic
+        self._vec_normalize: VecNormalize | Literal[False] | None
+        if vec_normalize is None or vec_normalize is False:
+            self._vec_normalize = vec_normalize
+        else:
             load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
             self._vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
         with closing(factory.make({})) as env:
@@ -129,7 +141,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             self.name = name  # type: ignore[misc]
         check_declared(self)
         if isinstance(agent, str | Path):
-            file = Path(agent)
+            file = find_agent_file(agent)
             super().__init__(self._load(file), agent_id)
             self.agent_name = agent_id or file.stem
         else:
@@ -153,6 +165,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             for kind in (gym.ObservationWrapper, gym.ActionWrapper)
             if any(isinstance(layer, kind) for layer in layers(env))
         )
+        self._has_masks = env.has_wrapper_attr("action_masks")
         self.packages = _packages(env)
         self.name, self.version = _name_and_version(factory, env)  # type: ignore[misc]
         _check_environment(env, factory)
@@ -170,34 +183,30 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         return EpisodeSpec(factory, bindings, seen, done, score, "the agent")
 
     def _load(self, path: Path) -> Any:
-        if not path.is_file():
-            raise FileError(f"Expected an SB3 zip as the agent, got {path}: no such file.")
-        load_sb3, spec = load("sada_gym.agents.sb3_zip:load_sb3"), self.episode_spec
-        return load_sb3(
-            path, spec.observation_space, spec.action_space, allow_pickle=self._allow_pickle
+        spec = self.episode_spec
+        return load_agent_file(
+            path,
+            spec.observation_space,
+            spec.action_space,
+            allow_pickle=self._allow_pickle,
+            has_statistics=self._vec_normalize is not None,
         )
 
     def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
-        if isinstance(given, type):
-            raise UserTypeError(
-                f"Expected an agent, got the class {given.__name__}. Make one of it, such as "
-                "PPO.load('agent.zip')."
-            )
-        if isinstance(given, Agent):
-            return given
-        if hasattr(given, "predict"):
-            from sada_gym.agents.policy import Interface, Policy
-
-            spec = self.episode_spec
-            interface = Interface(
-                spec.factory.name, spec.observation_space, spec.action_space, self._wrapped_by
-            )
-            return Policy(given, interface, normalisation=self._vec_normalize)
-        if callable(given):
-            return FunctionAgent(given, self.agent_name)
-        raise UserTypeError(
-            "Expected an SB3 model, the path of an SB3 zip, an object with `predict`, or a "
-            f"function of an observation as the agent, got {given!r}."
+        spec = self.episode_spec
+        interface = Interface(
+            spec.factory.name,
+            spec.observation_space,
+            spec.action_space,
+            self._wrapped_by,
+            self._has_masks,
+        )
+        return agent_of(
+            given,
+            interface,
+            self.agent_name,
+            normalisation=self._vec_normalize,
+            deterministic=self._deterministic,
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -223,6 +232,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "fooling_threshold": float(self.fooling_threshold),
             "episodes": self._episode_count,
             "max_steps": factory.max_steps,
+            **({} if self._deterministic else {"deterministic": False}),
         }
 
     @property

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
@@ -25,6 +26,12 @@ from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
 from sada_gym.errors import UserError, explained
 
+_AGENT_STREAM = 2**31
+"""Far from the streams of parameters."""
+
+_GOLDEN = np.uint64(0x9E3779B1)
+"""2**32 over the golden ratio, an odd number: the seeds of 2**32 steps differ."""
+
 
 @dataclass(frozen=True)
 class EpisodeStart:
@@ -37,6 +44,11 @@ class EpisodeStart:
     def seed_sequence(self, stream: int) -> np.random.SeedSequence:
         """Return a source of randomness; stream 0 seeds the environment, others the parameters."""
         return np.random.SeedSequence(self.seed, spawn_key=(self.number, stream))
+
+    @cached_property
+    def agent_seed(self) -> int:
+        """What an agent's random choices follow from, below 2**32."""
+        return int(self.seed_sequence(_AGENT_STREAM).generate_state(1, np.uint32)[0])
 
 
 @dataclass(frozen=True)
@@ -93,6 +105,19 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
     def observe(self, which: Indices) -> Batch:
         """Return the observations of some episodes, each key (len(which), ...)."""
         return as_batch([self.observation(i) for i in which], self.observation_space)
+
+    def action_masks(self, which: Indices) -> npt.NDArray[np.bool_]:
+        """Return which actions are valid in some episodes, as their `action_masks()` say."""
+        return np.stack([self.running[i].action_mask() for i in which])
+
+    def agent_seed(self, i: int) -> int:
+        """Return what all random choices of the agent in episode i follow from, below 2**32."""
+        return self.starts[i].agent_seed
+
+    def agent_seeds(self, which: Indices) -> npt.NDArray[np.uint32]:
+        """Return what the agent's random choices at this step follow from, (len(which),)."""
+        episodes = np.array([self.starts[i].agent_seed for i in which], np.uint64)
+        return (episodes + self.steps[which].astype(np.uint64) * _GOLDEN).astype(np.uint32)
 
     def render(self, which: Indices) -> Bytes:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
@@ -151,6 +176,15 @@ class RunningEpisode:
             self.ended = True
             episode = self._recorder.episode(terminated=bool(terminated), truncated=bool(truncated))
             self.score, self.clipped = self._spec.score(episode)
+
+    def action_mask(self) -> npt.NDArray[np.bool_]:
+        """Return which actions are valid now, (k,)."""
+        name = self._spec.factory.name
+        with explained(f"Expected valid actions from action_masks() of {name}", "Mend it."):
+            mask = np.asarray(self.env.get_wrapper_attr("action_masks")(), np.bool_).ravel()
+        if not mask.any():
+            raise UserError(f"Expected a valid action in {name}, got action_masks() with none.")
+        return mask
 
     def render(self) -> Bytes:
         """Draw a frame.

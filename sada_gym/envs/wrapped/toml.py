@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from sada_gym.agents.agent_files import SUFFIXES
 from sada_gym.envs.wrapped import bindings, disturbances
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import UserError, UserTypeError, check_known
@@ -49,6 +51,7 @@ _WORDS: Mapping[type, str] = {
 _TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum] or "success"',
+    "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
 }
 _NAMES = {"VecNormalize": object}
@@ -60,7 +63,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
 
     Its keys are the arguments of `GymnasiumApplication`. A parameter is an array `[low, high]`, or
     a table with a `kind` of `KINDS` and that binding's fields. Paths in it are relative to its
-    folder. An agent that is no `.zip` is `module:object`, which is imported.
+    folder. An agent `module:object` is imported.
 
     Args:
         path: The TOML file.
@@ -82,8 +85,8 @@ def read_application(path: str | Path) -> GymnasiumApplication:
     arguments["parameters"] = {
         name: binding_of(name, value, path) for name, value in table["parameters"].items()
     }
-    if "vec_normalize" in table:
-        arguments["vec_normalize"] = path.parent / table["vec_normalize"]
+    if isinstance(table.get("vec_normalize"), str):
+        arguments["vec_normalize"] = path.parent / os.path.expanduser(table["vec_normalize"])
     return GymnasiumApplication(arguments.pop("environment"), **arguments)
 
 
@@ -128,6 +131,8 @@ def binding_of(name: str, value: Any, path: Path) -> Any:
 
 def _toml_types(hint: Any) -> list[type]:
     origin = get_origin(hint) or hint
+    if origin is Literal:
+        return [*dict.fromkeys(type(value) for value in get_args(hint))]
     if origin is Union or origin is UnionType:
         types = [kind for part in get_args(hint) for kind in _toml_types(part)]
         return [*dict.fromkeys(types)]
@@ -153,13 +158,14 @@ def _check_types(
 
 def _agent(text: str, path: Path) -> Any:
     module, colon, name = text.rpartition(":")
-    if text.endswith(".zip") or not colon:
-        return path.parent / text
+    file = path.parent / os.path.expanduser(text)
+    if file.suffix.lower() in SUFFIXES or not colon:
+        return file
     try:
         return getattr(importlib.import_module(module), name)
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
         raise UserError(
-            f"Expected 'agent' in {path} to be an SB3 zip or module:object, got {text!r} "
+            f"Expected 'agent' in {path} to be an agent's file or module:object, got {text!r} "
             f"({type(error).__name__}: {error}). Set PYTHONPATH to the folder that holds the "
             "module."
         ) from error

@@ -1,0 +1,87 @@
+"""Files of agents: SB3's zips, ONNX, TorchScript."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gymnasium import spaces
+
+from sada_gym.errors import FileError, UserError
+from sada_gym.lazy import load
+
+ONNX = (".onnx",)
+TORCHSCRIPT = (".pt", ".pth", ".ts", ".torchscript", ".jit")
+SUFFIXES = (".zip", *ONNX, *TORCHSCRIPT)
+"""How the names of agents' files end, in small letters."""
+
+_READ_FIRST = 4_096
+
+
+def find_agent_file(given: str | Path) -> Path:
+    """Return an agent's file: `~` is the home folder, and SB3's `.zip` may be left out.
+
+    Raises:
+        FileError: If there is no such file.
+    """
+    path = Path(os.path.expanduser(given))
+    zipped = path.with_name(f"{path.name}.zip") if path.name else path
+    for found in (path, zipped):
+        if os.path.isfile(found):
+            return found
+    raise FileError(f"Expected an SB3 zip as the agent, got {path}: no such file. Check its path.")
+
+
+def load_agent_file(
+    path: Path,
+    observation_space: spaces.Space[Any],
+    action_space: spaces.Space[Any],
+    *,
+    allow_pickle: bool,
+    has_statistics: bool,
+) -> Any:
+    """Load the agent in a file for an environment of these spaces.
+
+    Args:
+        path: The file; its ending says what it is.
+        observation_space: The environment's observations.
+        action_space: The environment's actions.
+        allow_pickle: Whether an SB3 zip may be unpickled.
+        has_statistics: Whether it is known by which statistics observations are normalised.
+
+    Raises:
+        UserError: If it is no such file, for other spaces, or statistics lie beside a zip.
+    """
+    suffix = path.suffix.lower()
+    kind = "onnx" if suffix in ONNX else "torchscript" if suffix in TORCHSCRIPT else None
+    if kind:
+        reader: Callable[..., Any] = load(f"sada_gym.agents.{kind}:load_{kind}")
+        return reader(path, observation_space, action_space)
+    if not has_statistics:
+        _check_statistics(path)
+    load_sb3 = load("sada_gym.agents.sb3_zip:load_sb3")
+    return load_sb3(path, observation_space, action_space, allow_pickle=allow_pickle)
+
+
+def _check_statistics(path: Path) -> None:
+    """Raise `UserError` if the statistics of a `VecNormalize` lie where training leaves them."""
+    beside = [*path.parent.glob("*.p*k*l*"), *path.parent.glob("*/vecnormalize.pkl")]
+    for file in sorted(beside):
+        if file.suffix in (".pkl", ".pickle") and _holds_statistics(file):
+            raise UserError(
+                f"Expected to know whether the agent in {path} was trained under the VecNormalize "
+                f"in {file}: without its statistics another agent would be attacked. Pass "
+                f"vec_normalize={str(file)!r} and allow_pickle=True, for the file is a pickle, or "
+                "vec_normalize=False if the agent needs none."
+            )
+
+
+def _holds_statistics(file: Path) -> bool:
+    try:
+        with file.open("rb") as opened:
+            begins = opened.read(_READ_FIRST)
+    except OSError:
+        return False
+    return "normalize" in file.name.lower() or b"VecNormalize" in begins

@@ -1,0 +1,137 @@
+"""Networks that another framework exported: what goes in, and which actions their output means."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from sada_gym.agents.tile import ALONE, Batch, keyed, tiled
+from sada_gym.errors import UserError, explained
+
+Array = npt.NDArray[Any]
+
+
+class ExportedNetwork(ABC):
+    """An agent whose `predict` asks an exported network for batches.
+
+    Its first output holds the actions; of choices it may hold a number for each (logits or Q
+    values), of which the highest counts.
+
+    Attributes:
+        observation_space: The environment's observations.
+        action_space: The environment's actions.
+        fixed: The rows that the network always takes; None if it takes any number.
+    """
+
+    fixed: int | None = None
+
+    def __init__(
+        self,
+        path: Path,
+        content: bytes,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Space[Any],
+    ) -> None:
+        self.path, self._content = path, content
+        self.observation_space, self.action_space = observation_space, action_space
+        self._open()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Read the network from `_content`."""
+
+    @abstractmethod
+    def _outputs(self, inputs: Batch) -> Array:
+        """Return the first output for a batch, (n, ...)."""
+
+    @property
+    def weights_hash(self) -> str:
+        """SHA-256 over the file, which says all that the network does."""
+        return hashlib.sha256(self._content).hexdigest()
+
+    def predict(self, observation: Any, *, deterministic: bool) -> tuple[Array, None]:
+        """Return the actions for a batch of observations, (n, ...)."""
+        if not deterministic:
+            raise UserError(
+                f"Expected deterministic=True with {self.path.name}: an exported network draws no "
+                "actions."
+            )
+        plain = not isinstance(self.observation_space, spaces.Dict)
+        batch: Mapping[str, Array] = {ALONE: observation} if plain else observation
+        with explained(
+            f"Expected actions for observations {self.observation_space} from {self.path}",
+            "Export the network so that it takes these observations, a batch at a time.",
+        ):
+            if self.fixed is None:
+                outputs = self._outputs(dict(batch))
+            else:
+                outputs = np.concatenate(tiled(self._outputs, batch, self.fixed))
+        count = len(next(iter(batch.values())))
+        return self._actions(np.asarray(outputs), count), None
+
+    def _actions(self, outputs: Array, count: int) -> Array:
+        space, shape = self.action_space, self.action_space.shape or ()
+        flat = outputs.reshape(count, -1) if outputs.size and outputs.ndim else outputs
+        width = flat.shape[1] if flat.ndim == 2 else 0
+        size = int(np.prod(shape))
+        if isinstance(space, spaces.Box) and width == size:
+            return flat.reshape(count, *shape)
+        if isinstance(space, spaces.Discrete):
+            if width == 1 and (space.n > 1 or flat.dtype.kind in "iu"):
+                return np.asarray(flat[:, 0])
+            if width == space.n:
+                return np.asarray(space.start + flat.argmax(axis=1))
+        if isinstance(space, spaces.MultiDiscrete):
+            whole = flat.dtype.kind in "iu" or (flat == np.floor(flat)).all()
+            if width == size and (whole or width != np.sum(space.nvec)):
+                return flat.reshape(count, *shape)
+            if width == np.sum(space.nvec):
+                parts = np.split(flat, np.cumsum(space.nvec.ravel())[:-1], axis=1)
+                best = np.stack([part.argmax(axis=1) for part in parts], axis=1)
+                return best.reshape(count, *shape) + space.start
+        if isinstance(space, spaces.MultiBinary) and width == size:
+            return flat.reshape(count, *shape)
+        raise UserError(
+            f"Expected actions {space} as the first output of {self.path}, {size} for each of "
+            f"{count} observations, or a number for each choice, got shape {outputs.shape}. "
+            "Export the network with its actions as the first output."
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep the file's content instead of the network."""
+        kept = ("path", "_content", "observation_space", "action_space")
+        return {key: value for key, value in self.__dict__.items() if key in kept}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Read the network again."""
+        self.__dict__.update(state)
+        self._open()
+
+
+def channels_first(value: Array, shape: tuple[Any, ...]) -> Array:
+    """Return pictures with the channels in front, where a network's shape (n, ...) asks for it."""
+    own, last = shape[1:], value.shape[1:]
+    if value.ndim == 4 and len(own) == 3 and own != last and own == (last[2], *last[:2]):
+        return np.ascontiguousarray(np.moveaxis(value, 3, 1))
+    return value
+
+
+def input_names(space: spaces.Space[Any], names: list[str], path: Path) -> dict[str, str]:
+    """Return which part of the observations each input takes; raise `UserError` if one is left."""
+    parts = [*keyed(space)]
+    if len(names) == len(parts) == 1:
+        return {names[0]: parts[0]}
+    if set(names) == set(parts):
+        return {name: name for name in names}
+    raise UserError(
+        f"Expected the inputs {', '.join(parts).replace(ALONE, 'one input')} in {path}, got "
+        f"{', '.join(names) or 'none'}. Export the network with an input for each part of the "
+        "observations."
+    )
