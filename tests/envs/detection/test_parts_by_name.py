@@ -91,7 +91,10 @@ def test_whoever_makes_a_renderer_closes_it(toy_rows, monkeypatch):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"renderer": "rasterizer"}, r"renderer to be one of rasteriser; .*mean rasteriser\?"),
+        (
+            {"renderer": "rasterizer"},
+            r"renderer to be one of rasteriser, blender; .*mean rasteriser\?",
+        ),
         ({"renderer": "no_module:Flat"}, r"Expected a renderer's name or module:Class.*no_module"),
         ({"renderer": "toy_parts:Missing"}, r"Expected a renderer's name or module:Class"),
         ({"renderer": "toy_parts:first_two"}, r"'toy_parts:first_two' to be a subclass of Render"),

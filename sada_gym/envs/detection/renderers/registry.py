@@ -11,6 +11,7 @@ from sada_gym.parts import find_part
 
 RENDERERS: dict[str, str] = {
     "rasteriser": "sada_gym.envs.detection.renderers.rasteriser:Rasteriser",
+    "blender": "sada_gym.envs.detection.renderers.blender:Blender",
 }
 """Each renderer's `module:Class`. The class takes no argument and is loaded on first use."""
 
