@@ -105,7 +105,9 @@ def ranking_sheets(
     name = f"{slug(card.page)}.{comparison.name}.{tier}"
     over = f", mean over {len(tracks)} tracks" if len(tracks) > 1 else " on the only track"
     overall = tuple(line.line(line.cells) for line in lines if line.cells)
-    afr, coverage = (_by_track(name, card, tracks, lines, figure) for figure in _BY_TRACK)
+    afr, coverage = (
+        _by_track(f"{name}.{figure}", card, tracks, lines, figure) for figure in _BY_TRACK
+    )
     return Sheet(f"{name}.all", f"All figures{over}", _COLUMNS, overall), afr, coverage
 
 
@@ -115,8 +117,7 @@ def paper_sheet(card: ApplicationCard) -> Sheet | None:
     if not lines:
         return None
     lines += _uniform(_default_agent(card), card.board_tracks)
-    sheet = _by_track(card.page, card, card.board_tracks, lines, "afr")
-    return replace(sheet, name=f"{card.page}.paper")
+    return _by_track(f"{card.page}.paper", card, card.board_tracks, lines, "afr")
 
 
 def _default_agent(card: ApplicationCard) -> str:
@@ -136,7 +137,7 @@ def _by_track(
         for line in lines
         if (rates := line.rates.get(figure))
     )
-    return Sheet(f"{name}.{figure}", _BY_TRACK[figure], columns, shown)
+    return Sheet(name, _BY_TRACK[figure], columns, shown)
 
 
 def _rates(entry: str, by_track: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, float]]:

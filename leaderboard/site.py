@@ -71,7 +71,8 @@ def build_site(entries: Path, out: Path, *, pictures: bool = True) -> Board:
 def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
     """Return the site's files: each one's place and content."""
     render = partial(_render, _environment(), board)
-    sheets = [board.strongest, entries_sheet(board)]
+    listed = entries_sheet(board)
+    sheets = [board.strongest, listed]
     for group in board.groups:
         yield from render(f"{group.card.page}.html", "group.html", group=group)
         sheets += _sheets_of(group)
@@ -81,7 +82,7 @@ def site_files(board: Board, pictures: Pictures) -> Iterator[tuple[str, bytes]]:
         sheets += [section.sheet for section in page.sections]
         sheets += [page.outdated] if page.outdated else []
     yield from render("agents.html", "agents.html", sheet=board.strongest)
-    yield from render("index.html", "index.html", sheet=entries_sheet(board))
+    yield from render("index.html", "index.html", sheet=listed)
     for sheet in sheets:
         yield f"data/{sheet.name}.csv", sheet.csv()
         yield f"data/{sheet.name}.json", sheet.json()

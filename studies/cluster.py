@@ -155,9 +155,9 @@ def sizes() -> None:
     task = PortableScorer.of(Registered(DETECTION, {}))
     for size in CHUNKS:
         seeds = [2**30] * size
-        there = pickle.dumps((task, np.zeros((size, DIMENSION), np.float32), seeds))
+        task_bytes = pickle.dumps((task, np.zeros((size, DIMENSION), np.float32), seeds))
         back = pickle.dumps(np.zeros(size))
-        print(f"| {size} | {(len(there) + len(back)) / size:,.0f} |")
+        print(f"| {size} | {(len(task_bytes) + len(back)) / size:,.0f} |")
     print()
 
 
@@ -170,8 +170,8 @@ def overheads() -> None:
     pool.close()
     with dask_commands(2) as (address, pid), open_executor(address) as cluster:
         assert cluster.executor is not None
-        found = overhead(cluster.executor, psutil.Process(pid))
-        print("| Dask, 2 | {:.2f} | {:.2f} | {:.2f} |".format(*found))
+        overheads = overhead(cluster.executor, psutil.Process(pid))
+        print("| Dask, 2 | {:.2f} | {:.2f} | {:.2f} |".format(*overheads))
 
 
 def overhead(

@@ -60,7 +60,7 @@ def power() -> None:
         count, inside = application.sample_size, reference.fooling_set
         unit, cells = spacing(reference.mu), []
         for jitter in (*JITTERS, None):
-            found = 0
+            flagged = 0
             for repeat in range(REPEATS):
                 rng = np.random.default_rng(repeat)
                 mu = shaken(inside, count, (jitter or 0.0) * unit, rng)
@@ -71,14 +71,14 @@ def power() -> None:
                             shaken(inside, count // 2, 2.0 * unit, rng),
                         ]
                     )
-                found += is_near(nearness(mu, reference.mu, seed=repeat))
-            cells.append(f"{100 * found / REPEATS:.0f}")
+                flagged += is_near(nearness(mu, reference.mu, seed=repeat))
+            cells.append(f"{100 * flagged / REPEATS:.0f}")
         dimension = reference.mu.shape[1]
         print(f"| {track} | {dimension} | {count} | {unit:.3f} | {' | '.join(cells)} |", flush=True)
 
 
 def of_entries(folder: Path) -> None:
-    found = defaultdict(list)
+    results = defaultdict(list)
     for entry in read_entries(folder):
         for result in entry.results.values():
             experiment = result.claimed.experiment
@@ -91,12 +91,12 @@ def of_entries(folder: Path) -> None:
             for samples in result.samples.values():
                 mu = samples.mu
                 points = reference_mu(mu.shape[1], card.reference_points, card.sobol_seed)
-                found[application, entry.metadata.name].append(nearness(mu, points))
-    report(found)
+                results[application, entry.metadata.name].append(nearness(mu, points))
+    report(results)
 
 
 def of_adversaries(tracks: list[str], budget: int) -> None:
-    found = defaultdict(list)
+    results = defaultdict(list)
     for track in tracks:
         with closing(Evaluator(track)) as evaluator:
             assert evaluator.application is not None
@@ -109,22 +109,22 @@ def of_adversaries(tracks: list[str], budget: int) -> None:
                 solver = adversaries.make(name, evaluator.dimension, seed=0, **options)
                 solver.train(Oracle(evaluator, budget=budget, seed=0))
                 mu = np.asarray(solver.sample(evaluator.application.sample_size), np.float32)
-                found[track, f"{name} {preset}"].append(nearness(mu, points))
-                print("  ", track, name, preset, found[track, f"{name} {preset}"][-1], flush=True)
-    report(found)
+                results[track, f"{name} {preset}"].append(nearness(mu, points))
+                print("  ", track, name, preset, results[track, f"{name} {preset}"][-1], flush=True)
+    report(results)
 
 
-def report(found: dict) -> None:
+def report(results: dict) -> None:
     print("| where | adversary | runs | flagged | with 10 points | least mean rank | least p |")
     print("| --- " * 7 + "|")
-    for (where, name), runs in found.items():
-        enough = [one for one in runs if one.points >= 10]
-        least = f"{min(one.mean_rank for one in enough):.2f}" if enough else "-"
-        p = f"{min(one.p for one in enough):.0e}" if enough else "-"
+    for (where, name), runs in results.items():
+        enough = [run for run in runs if run.points >= 10]
+        least = f"{min(run.mean_rank for run in enough):.2f}" if enough else "-"
+        p = f"{min(run.p for run in enough):.0e}" if enough else "-"
         flagged = sum(map(is_near, runs))
         cells = (where, name, len(runs), flagged, len(enough), least, p)
         print(f"| {' | '.join(map(str, cells))} |")
-    every = [one for runs in found.values() for one in runs]
+    every = [run for runs in results.values() for run in runs]
     print(f"{sum(map(is_near, every))} of {len(every)} are flagged")
 
 

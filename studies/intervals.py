@@ -22,13 +22,13 @@ def share_held(tracks: int, seeds: int, simulations: int = SIMULATIONS) -> float
     """Return in which share of the simulations the interval holds the true mean."""
     rng = np.random.default_rng((tracks, seeds))
     means = np.linspace(0.55, 0.85, tracks)
-    held = 0
+    hits = 0
     for i in range(simulations):
         figures = rng.normal(means[:, None], ERROR, (tracks, seeds))
         interval = estimate(figures, seed=i, resamples=1_000).interval
         assert interval is not None
-        held += interval[0] <= means.mean() <= interval[1]
-    return held / simulations
+        hits += interval[0] <= means.mean() <= interval[1]
+    return hits / simulations
 
 
 def main() -> None:

@@ -50,8 +50,8 @@ class Result:
 
 def chosen_images(of_each_digit: int) -> list[int]:
     """The first test images of each digit that the classifier gets right."""
-    found = [DigitsApplication(digit).indices[:of_each_digit] for digit in range(10)]
-    return sorted(np.concatenate(found).tolist())
+    images = [DigitsApplication(digit).indices[:of_each_digit] for digit in range(10)]
+    return sorted(np.concatenate(images).tolist())
 
 
 def with_library(name: str, application: PixelApplication, seed: int) -> Result:
@@ -109,11 +109,11 @@ def with_adversary(name: str, application: PixelApplication, seed: int) -> Resul
 
 
 def row(name: str, radius: float, results: list[Result]) -> str:
-    found = sum(result.found for result in results)
+    successes = sum(result.found for result in results)
     rates = [result.afr for result in results if result.afr is not None]
     knows = "its gradient" if name in WHITE_BOX else f"Q, {BUDGET:,} queries"
     afr = f"{100 * np.mean(rates):.1f} %" if rates else "-"
-    return f"| {radius:g} | `{name}` | {knows} | {found} of {len(results)} | {afr} |"
+    return f"| {radius:g} | `{name}` | {knows} | {successes} of {len(results)} | {afr} |"
 
 
 def main() -> None:

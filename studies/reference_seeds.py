@@ -54,8 +54,8 @@ def binomial(seeds: int) -> Numbers:
     """P(c of k seeds fool) for each rate of the grid, (grid, k + 1)."""
     from scipy.stats import binom
 
-    found: Numbers = binom.pmf(np.arange(seeds + 1)[None], seeds, GRID[:, None])
-    return found
+    likelihood: Numbers = binom.pmf(np.arange(seeds + 1)[None], seeds, GRID[:, None])
+    return likelihood
 
 
 def rates_from(counts: Counts, seeds: int) -> Numbers:
@@ -71,10 +71,10 @@ def rates_from(counts: Counts, seeds: int) -> Numbers:
 def luck_of(weights: Numbers, seeds: int) -> tuple[float, float, float]:
     """What k seeds give: the share of the set by luck, of truly fooling missed, the set's rate."""
     inside = binomial(seeds)[:, -(-seeds // 2) :].sum(axis=1)
-    held, truly = weights * inside, GRID > 0.5
-    by_luck = held[~truly].sum() / held.sum()
-    missed = 1.0 - held[truly].sum() / weights[truly].sum()
-    return float(by_luck), float(missed), float((held * GRID).sum() / held.sum())
+    inner, truly = weights * inside, GRID > 0.5
+    by_luck = inner[~truly].sum() / inner.sum()
+    missed = 1.0 - inner[truly].sum() / weights[truly].sum()
+    return float(by_luck), float(missed), float((inner * GRID).sum() / inner.sum())
 
 
 def luck() -> None:
@@ -121,8 +121,8 @@ def fixed_samples(
     track: str, agent: str, samples: int | None
 ) -> dict[str, tuple[Mu, npt.NDArray[np.bool_]]]:
     """Draw the samples that are measured, M of each kind: mu and which of them fool."""
-    one = application(track, agent)
-    size, dimension = samples or one.sample_size, len(one.parameters)
+    opened = application(track, agent)
+    size, dimension = samples or opened.sample_size, len(opened.parameters)
     box = np.random.default_rng(1).uniform(-1, 1, (SEARCHED, dimension)).astype(np.float32)
     known: list[npt.NDArray[np.bool_]] = []
     in_half = box[:, 0] > 0.0
@@ -132,8 +132,8 @@ def fixed_samples(
         fooled = np.concatenate(known)
         if (fooled & in_half[: len(fooled)]).sum() >= size:
             break
-    found, half = (box[: len(fooled)][rows] for rows in (fooled, fooled & in_half[: len(fooled)]))
-    chosen = {"uniform": box[-size:], "found": found[:size], "found, half": half[:size]}
+    fooling, half = (box[: len(fooled)][rows] for rows in (fooled, fooled & in_half[: len(fooled)]))
+    chosen = {"uniform": box[-size:], "found": fooling[:size], "found, half": half[:size]}
     for name in BOARD:
         for result in read_entry(ENTRIES / name).results.values():
             target = result.claimed.experiment.target
@@ -164,7 +164,7 @@ def coverages(
     ideal = rng.choice(drawn, min(size, len(drawn)), replace=False)
     fools = rng.random(len(ideal)) < others[ideal] / seeds
     best = fooling_coverage(mu[ideal], fools, measured).coverage
-    return [best, *(fooling_coverage(*one, measured).coverage for one in fixed.values())]
+    return [best, *(fooling_coverage(*pair, measured).coverage for pair in fixed.values())]
 
 
 def spread(
@@ -192,9 +192,9 @@ def spread(
                 for pair, to_cover in (((first, second), half), ((second, first), ~half))
             ]
         )
-    found = np.array(pairs)  # (repetitions, 2, figures)
-    variance = ((found[:, 0] - found[:, 1]) ** 2).mean(axis=0) / 2
-    return found.mean(axis=(0, 1)), np.sqrt(variance)
+    figures = np.array(pairs)  # (repetitions, 2, figures)
+    variance = ((figures[:, 0] - figures[:, 1]) ** 2).mean(axis=0) / 2
+    return figures.mean(axis=(0, 1)), np.sqrt(variance)
 
 
 def check_by_others(counts: Counts, total: int) -> None:

@@ -84,8 +84,8 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
         chunk = pairs[start : start + CHUNK]
         batch = mu[[row for row, _ in chunk]]
         shared_renderer().forget()
-        for of_agent, one in zip(scores, applications, strict=True):
-            of_agent.append(one.evaluate(batch, [seed for _, seed in chunk]).score)
+        for of_agent, attacked in zip(scores, applications, strict=True):
+            of_agent.append(attacked.evaluate(batch, [seed for _, seed in chunk]).score)
     buffer = io.BytesIO()
     np.save(buffer, np.array([np.concatenate(s).reshape(len(rows), seeds) for s in scores]))
     write_file(path, buffer.getvalue())

@@ -69,8 +69,8 @@ class Judge:
         self.ideal = 1.0
         rows = [np.random.default_rng(i).choice(len(draws), SAMPLES, replace=False) for i in (0, 1)]
         figures = [self(draws[chosen], seed) for seed, chosen in enumerate(rows)]
-        self.afr = float(np.mean([one["afr"] for one in figures]))
-        self.ideal = float(np.mean([one["coverage"] for one in figures]))
+        self.afr = float(np.mean([figure["afr"] for figure in figures]))
+        self.ideal = float(np.mean([figure["coverage"] for figure in figures]))
 
     def __call__(self, mu: Mu, seed: int) -> dict[str, float]:
         test = Oracle(self.application, budget=len(mu), seed=seed, stream="test")
@@ -100,8 +100,8 @@ def train(name: str, scale: Scale, seed: int, judge: Judge) -> dict[str, Any]:
 
 def keeps(figures: list[dict[str, Any]]) -> bool:
     """Return whether one seed's figures on all scales keep the contract."""
-    coverages = [one["coverage"] for one in figures]
-    overlap = max(one["low"] for one in figures) <= min(one["high"] for one in figures)
+    coverages = [figure["coverage"] for figure in figures]
+    overlap = max(figure["low"] for figure in figures) <= min(figure["high"] for figure in figures)
     return overlap and max(coverages) - min(coverages) <= FARTHEST
 
 
@@ -150,12 +150,14 @@ def table_row(
     by_seed = [[known[name, scale.name, seed] for scale in every] for seed in range(seeds)]
     cells = []
     for of_scale in zip(*by_seed, strict=True):
-        afr, coverage = (np.mean([one[what] for one in of_scale]) for what in ("afr", "coverage"))
+        afr, coverage = (
+            np.mean([figure[what] for figure in of_scale]) for what in ("afr", "coverage")
+        )
         cells.append(f"{100 * afr:.0f} / {coverage:.2f}")
-    if all(len({one["sample"] for one in figures}) == 1 for figures in by_seed):
+    if all(len({figure["sample"] for figure in figures}) == 1 for figures in by_seed):
         cells[1:] = ["=" for _ in cells[1:]]
     kept = sum(map(keeps, by_seed))
-    seconds = np.mean([one["seconds"] for figures in by_seed for one in figures])
+    seconds = np.mean([figure["seconds"] for figures in by_seed for figure in figures])
     return f"| `{name}` | {' | '.join(cells)} | {kept} of {seeds} | {seconds:.1f} |"
 
 

@@ -48,13 +48,13 @@ def indices(application: Application, rows: int, seed: int) -> np.ndarray:
         swapped[:, i] = b[:, i]
         mixed.append(score(swapped)[None])
     values = {"f_A": score(a)[None], "f_B": score(b)[None], "f_AB": np.array(mixed)}
-    found = sobol_indices(func=values, n=rows)
+    sobol = sobol_indices(func=values, n=rows)
     with warnings.catch_warnings():
         # The planted one's index is zero in every resample, so that it has no interval.
         warnings.filterwarnings("ignore", message="The BCa confidence interval cannot be")
         warnings.filterwarnings("ignore", category=RuntimeWarning)
-        spread = found.bootstrap()
-    pairs = (found.first_order, spread.first_order), (found.total_order, spread.total_order)
+        spread = sobol.bootstrap()
+    pairs = (sobol.first_order, spread.first_order), (sobol.total_order, spread.total_order)
     return np.array(
         [
             [
@@ -75,20 +75,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     keywords = {} if arguments.agent is None else {"agent": arguments.agent}
-    found = []
+    results = []
     for track in arguments.tracks:
         application = make_application(track, **keywords)
-        found.append(indices(application, arguments.rows, arguments.seed))
+        results.append(indices(application, arguments.rows, arguments.seed))
         names = (*application.parameters.names, "planted, read by nothing")
         print(f"\n| {track} | first order | total |\n| --- | --- | --- |")
         for i, name in enumerate(names):
             cells = [
                 f"{value:.3f}" + ("" if np.isnan(low) else f" ({low:.3f} to {high:.3f})")
-                for value, low, high in found[-1][..., i]
+                for value, low, high in results[-1][..., i]
             ]
             print(f"| {name} | {cells[0]} | {cells[1]} |", flush=True)
-    mean = np.mean(found, axis=0)
-    totals = np.array(found)[:, 1, 0]
+    mean = np.mean(results, axis=0)
+    totals = np.array(results)[:, 1, 0]
     print(
         "\n| parameter, mean of tracks | first order | total | least total of a track | greatest |"
     )

@@ -283,11 +283,11 @@ def test_pictures_leave_the_callers_generators_as_they_were() -> None:
     env = AdversaryEnv(of(reseeding), render_mode="rgb_array")
     envs = AdversaryVectorEnv(of(reseeding), num_envs=2, render_mode="rgb_array")
     before = global_states()
-    for one in (env, envs):
-        one.reset(seed=0)
-        one.step(np.zeros(one.action_space.shape))
-        one.render()
-        one.replay(np.zeros(6), 0)
+    for each in (env, envs):
+        each.reset(seed=0)
+        each.step(np.zeros(each.action_space.shape))
+        each.render()
+        each.replay(np.zeros(6), 0)
         assert global_states() == before
 
 

@@ -85,8 +85,8 @@ def test_the_digest_covers_what_a_module_imports_and_no_more(package, changed, m
 def test_all_ways_to_import_are_seen(package):
     file = package / "all.py"
     file.write_text("import own.numbers.pi\nfrom .numbers import pi as p\nfrom own import parts\n")
-    found = {path.relative_to(package).as_posix() for path in compiled.imported_sources(file)}
-    assert found == {"numbers/__init__.py", "numbers/pi.py", "parts.py"}
+    sources = {path.relative_to(package).as_posix() for path in compiled.imported_sources(file)}
+    assert sources == {"numbers/__init__.py", "numbers/pi.py", "parts.py"}
 
 
 def test_a_circle_of_imports_has_an_end(package):
@@ -97,11 +97,11 @@ def test_a_circle_of_imports_has_an_end(package):
 
 def test_the_cameras_kernels_know_their_parts():
     parts = {"casting", "rain", "scenery", "sky", "surface", "uprights"}
-    found = names(compiled.imported_sources(DRAWING))
+    sources = names(compiled.imported_sources(DRAWING))
     assert {f"envs/driving/camera/{part}.py" for part in parts} | {
         "compiled.py",
         "envs/pixels.py",
-    } <= found
+    } <= sources
 
 
 def test_no_module_compiles_on_its_own():
@@ -197,6 +197,6 @@ def test_what_nothing_has_used_for_long_is_removed_and_the_rest_is_left(package,
 
 
 def test_a_users_folder_is_heeded(tmp_path):
-    told = "from sada_gym.envs.uav.world.referee import orders; print(orders.stats.cache_path)"
-    answer = run(told, tmp_path, NUMBA_CACHE_DIR=str(tmp_path), PYTHONPATH=":".join(sys.path))
+    code = "from sada_gym.envs.uav.world.referee import orders; print(orders.stats.cache_path)"
+    answer = run(code, tmp_path, NUMBA_CACHE_DIR=str(tmp_path), PYTHONPATH=":".join(sys.path))
     assert answer.startswith(str(tmp_path))

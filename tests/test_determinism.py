@@ -78,18 +78,18 @@ def test_an_error_inside_restores_the_threads(three_threads):
 
 
 def test_who_leaves_last_restores_nothing_of_another(three_threads):
-    both, one = Barrier(2, timeout=30), Barrier(2, timeout=30)
+    both, first = Barrier(2, timeout=30), Barrier(2, timeout=30)
 
     def leave_first():
         with single_threaded():
             both.wait()
-        one.wait()
+        first.wait()
 
     with ThreadPoolExecutor(1) as executor:
         left = executor.submit(leave_first)
         with single_threaded():
             both.wait()
-            one.wait()
+            first.wait()
         left.result()
     assert threads() == three_threads
 

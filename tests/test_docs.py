@@ -98,10 +98,10 @@ def smaller(script: str) -> str:
 def blocks(page: Path, language: str) -> Iterator[str]:
     """Return a page's code blocks of a language, less those marked as not run."""
     text = page.read_text(encoding="utf-8")
-    for found in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
-        before = text[: found.start()].rstrip().rpartition("\n")[2]
+    for block in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        before = text[: block.start()].rstrip().rpartition("\n")[2]
         if not (language == "python" and before.startswith(NOT_RUN)):
-            yield found.group(1)
+            yield block.group(1)
 
 
 def commands(page: Path) -> Iterator[list[str]]:

@@ -110,7 +110,7 @@ def claims_of(name: str, place: str) -> Result:
 
 
 def afr_of(claims: Result, seed: int) -> float:
-    (measures,) = (one.measures for one in claims.seeds if one.seed == seed)
+    (measures,) = (of_seed.measures for of_seed in claims.seeds if of_seed.seed == seed)
     assert measures is not None
     return measures.afr
 

@@ -185,8 +185,8 @@ for write in (
 @NEEDS_POSIX
 def test_too_little_room_is_a_sentence_and_keeps_what_was_there(tmp_path):
     (tmp_path / "result").write_text("old")
-    found = subprocess.check_output([sys.executable, "-c", FULL_DISK, str(tmp_path)], text=True)
-    assert found.count("it would be larger than the system allows") == 2
+    output = subprocess.check_output([sys.executable, "-c", FULL_DISK, str(tmp_path)], text=True)
+    assert output.count("it would be larger than the system allows") == 2
     assert (tmp_path / "result").read_text() == "old"
 
 
@@ -241,9 +241,9 @@ def with_header(shape):
     with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr("mu.npy", array.getvalue())
         for name in ("score", "seed"):
-            one = io.BytesIO()
-            np.save(one, GOOD[name])
-            archive.writestr(f"{name}.npy", one.getvalue())
+            stream = io.BytesIO()
+            np.save(stream, GOOD[name])
+            archive.writestr(f"{name}.npy", stream.getvalue())
     return buffer.getvalue()
 
 

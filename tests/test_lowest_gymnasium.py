@@ -17,9 +17,9 @@ SUBJECTS = ("envs/test_adversary_env.py", "envs/test_analytic.py", "envs/test_re
 @pytest.mark.slow
 def test_the_environments_work_with_the_oldest_gymnasium(tmp_path: Path) -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    found = re.search(r'"gymnasium>=([\d.]+)"', text)
-    assert found is not None
-    lowest = found[1] if found[1].count(".") == 2 else f"{found[1]}.0"
+    minimum = re.search(r'"gymnasium>=([\d.]+)"', text)
+    assert minimum is not None
+    lowest = minimum[1] if minimum[1].count(".") == 2 else f"{minimum[1]}.0"
     install = ["install", "--quiet", "--no-deps", "--target", str(tmp_path), f"gymnasium=={lowest}"]
     pip = subprocess.run(
         [sys.executable, "-m", "pip", *install], capture_output=True, text=True, check=False

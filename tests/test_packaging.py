@@ -95,8 +95,8 @@ def wheel(sdist: Path, folder: Path) -> Path:
     """The wheel, built from the sdist."""
     options = ("--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", folder)
     run(sys.executable, "-m", "pip", "wheel", *options, sdist, folder=folder)
-    (found,) = folder.glob("*.whl")
-    return found
+    (wheel,) = folder.glob("*.whl")
+    return wheel
 
 
 @pytest.fixture(scope="module")
@@ -114,8 +114,8 @@ def installed(wheel: Path, folder: Path) -> Path:
 @functools.cache
 def dependencies() -> list[str]:
     """Where the dependencies are installed."""
-    found = [*site.getsitepackages(), site.getusersitepackages()]
-    return [path for path in found if Path(path).is_dir()]
+    folders = [*site.getsitepackages(), site.getusersitepackages()]
+    return [path for path in folders if Path(path).is_dir()]
 
 
 def python(installed: Path, *arguments: str | Path) -> str:

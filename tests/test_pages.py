@@ -45,7 +45,7 @@ def test_a_page_leaves_out_no_part_of_its_docstring(folder: str) -> None:
     headings = re.findall(r"^ *## (.+)", load(documented).__doc__, re.MULTILINE)
     assert len(shown) == len(set(shown))
     assert set(headings) - set(shown) <= IN_THE_TABLE
-    assert [one for one in headings if one in shown] == shown
+    assert [heading for heading in headings if heading in shown] == shown
 
 
 @everywhere
@@ -54,7 +54,7 @@ def test_the_gallery_shows_it(folder: str) -> None:
     assert f"(../images/gallery-{folder}.png)]({folder}.md)" in gallery
     card = card_of(folder)
     named = re.findall(r"`([\w-]+-v\d)`", gallery)
-    full = {one if one.startswith("SADA") else card.name + one for one in named}
+    full = {track if track.startswith("SADA") else card.name + track for track in named}
     assert card.id in full
     assert len(card.tracks) > 3 or full >= set(card.track_ids)
 

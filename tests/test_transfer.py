@@ -34,15 +34,15 @@ def test_the_figures_are_those_of_the_samples_in_the_other_world(analytic):
     samples = read_samples(analytic / "samples.npz")
     (row,) = transfer(analytic, ANALYTIC, env_kwargs={"volume": 0.4}).comparisons
     application = make_application(ANALYTIC, volume=0.4)
-    there = application.evaluate(samples.mu, samples.seed.tolist())
+    outcomes = application.evaluate(samples.mu, samples.seed.tolist())
     fooled = samples.fooled(0.3)
     assert row.afr_here.rate == fooled.mean()
-    assert row.afr_there.rate == there.fooled.mean() > row.afr_here.rate
-    rate = attack_fooling_rate(there.score, 0.3)
+    assert row.afr_there.rate == outcomes.fooled.mean() > row.afr_here.rate
+    rate = attack_fooling_rate(outcomes.score, 0.3)
     assert row.afr_there.interval_95 == (rate.low, rate.high)
-    assert row.both.fooled == (fooled & there.fooled).sum()
+    assert row.both.fooled == (fooled & outcomes.fooled).sum()
     assert row.both.samples == fooled.sum()
-    assert row.new.fooled == (~fooled & there.fooled).sum()
+    assert row.new.fooled == (~fooled & outcomes.fooled).sum()
     assert row.new.samples == (~fooled).sum()
     assert row.rank_correlation > 0.95  # the boxes stand where they stood
     assert row.there.application.settings["volume"] == 0.4
@@ -106,14 +106,14 @@ def test_physical_values_stay_and_what_lies_outside_is_moved_and_counted():
     here = ParameterSpace(
         Parameter("pitch_deg", 0.0, 50.0, "deg"), Parameter("distance", 8.0, 14.5, "m")
     )
-    there = ParameterSpace(
+    other_space = ParameterSpace(
         Parameter("distance", 8.0, 14.5, "m"), Parameter("pitch_deg", 5.0, 30.0, "deg")
     )
     mu = np.array([[-0.2, 0.1], [0.2, 0.3], [-0.9, -1.0]], np.float32)  # 20, 30, 2.5 degrees
-    moved, clipped = map_samples(mu, here, there, "a run", "a track")
+    moved, clipped = map_samples(mu, here, other_space, "a run", "a track")
     assert np.array_equal(moved[:, 0], mu[:, 1])  # to the bit
-    np.testing.assert_allclose(there.physical(moved)[:2, 1], [20.0, 30.0], atol=1e-5)
-    assert there.physical(moved)[2, 1] == 5.0
+    np.testing.assert_allclose(other_space.physical(moved)[:2, 1], [20.0, 30.0], atol=1e-5)
+    assert other_space.physical(moved)[2, 1] == 5.0
     assert np.abs(moved).max() <= 1.0
     assert clipped == {"pitch_deg": 1}
 
@@ -135,15 +135,15 @@ def test_other_parameters_are_refused(other, message):
 def test_a_run_is_confirmed_and_the_scores_lie_in_its_folder(tmp_path):
     folder = run(tmp_path / "run", env_kwargs={"volume": 0.4})
     confirmation = confirm(folder, {"volume": 0.2})
-    found, samples = confirmation.comparison, read_samples(folder / "samples.npz")
-    assert read_model(folder / "confirmed.json", Comparison) == found
+    comparison, samples = confirmation.comparison, read_samples(folder / "samples.npz")
+    assert read_model(folder / "confirmed.json", Comparison) == comparison
     scores = read_samples(folder / "confirmed.npz")
     assert np.array_equal(scores.mu, samples.mu)
     assert np.array_equal(scores.seed, samples.seed)
     expected = make_application(ANALYTIC, volume=0.2).evaluate(samples.mu, samples.seed.tolist())
     assert np.array_equal(scores.score, expected.score)
-    assert found.new.fooled == 0  # smaller boxes in the same places
-    assert 0 < found.both.fooled < found.both.samples
+    assert comparison.new.fooled == 0  # smaller boxes in the same places
+    assert 0 < comparison.both.fooled < comparison.both.samples
     before = (folder / "confirmed.json").read_bytes()
     with pytest.raises(FileError, match=r"got one with {'volume': 0.2}. Name another file"):
         confirm(folder, {"volume": 0.3})
@@ -180,18 +180,18 @@ def test_a_stopped_call_goes_on_where_it_was(tmp_path, call):
         again(stop)
     assert not (folder / "confirmed.json").exists()
     seen = []
-    found = again(lambda *counts: seen.append(counts))
+    report = again(lambda *counts: seen.append(counts))
     assert 0 < seen[-1][2] < 80  # those of the first call came from the store
     assert seen[-1][:2] == (80, 80)
-    assert found == again(lambda *_: None)
+    assert report == again(lambda *_: None)
 
 
 def test_workers_change_nothing(analytic):
-    one, two = (
+    first, two = (
         transfer(analytic, ANALYTIC, seed=seed, workers=workers)
         for seed, workers in ((3, 1), (3, 2))
     )
-    assert one == two
+    assert first == two
 
 
 def test_a_run_of_a_toml_file_is_tried_in_another_one(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,15 +47,16 @@ def find_missing(entries: Path, plan: Plan) -> Missing:
         FileError: If a file of an entry that the plan names cannot be read.
         UserError: If an entry that the plan names is of another adversary.
     """
+    claims: dict[GroupFiles, tuple[Result, ...]] = {}
     for label, metadata in plan.metadata.items():
-        _check_same_entry(entries / metadata.name, plan.suite.adversaries[label])
+        claims |= _read_claims(entries / metadata.name, plan.suite.adversaries[label])
     files_read: dict[GroupFiles, dict[str, EntryResult]] = {}
     runs: list[RunSettings] = []
     lacking, outdated = set[tuple[Path, str]](), set[tuple[Path, str]]()
     for run in plan.runs:
         files = GroupFiles(entries / plan.metadata[run.label].name, run.experiment.group)
         if files not in files_read:
-            files_read[files] = files.read()
+            files_read[files] = files.read(claims.get(files))
         place = run.experiment.place
         known = files_read[files].get(place)
         if known is None or known.claimed.experiment == run.experiment.at(None):
@@ -89,15 +91,17 @@ def add_run(entries: Path, metadata: EntryMetadata, done: RunDone) -> None:
     files.write((results | {result.place: result}).values())
 
 
-def _check_same_entry(folder: Path, adversary: AdversarySpec) -> None:
+def _read_claims(folder: Path, adversary: AdversarySpec) -> dict[GroupFiles, tuple[Result, ...]]:
+    """Read what an entry claims, if it is there, all of it of this adversary."""
     if not (folder / METADATA_FILE).exists():
-        return
-    for files in group_files(folder):
-        for result in files.read_claims():
-            known = result.experiment.adversary.name
-            if known != adversary.name:
-                raise UserError(
-                    f"Expected the entry in {folder} to be of the adversary {adversary.name}, got "
-                    f"one of {known}. Give the adversary another label, or name another folder for "
-                    "the entries."
-                )
+        return {}
+    claims = {files: files.read_claims() for files in group_files(folder)}
+    for result in itertools.chain.from_iterable(claims.values()):
+        known = result.experiment.adversary.name
+        if known != adversary.name:
+            raise UserError(
+                f"Expected the entry in {folder} to be of the adversary {adversary.name}, got one "
+                f"of {known}. Give the adversary another label, or name another folder for the "
+                "entries."
+            )
+    return claims

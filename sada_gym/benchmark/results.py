@@ -19,7 +19,7 @@ from sada_gym.results.models import DISQUALIFYING, SeedResult, Tier, entry_name
 from sada_gym.results.rows import Row, RunSummary, rows_of_runs
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Comparison:
     """The runs of a table against one agent."""
 
@@ -56,7 +56,7 @@ class Comparison:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Results:
     """The results of entries, put together in tables.
 

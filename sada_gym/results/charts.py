@@ -45,19 +45,6 @@ class Curve:
     coverage: npt.NDArray[np.float64] | None
 
 
-@dataclass(frozen=True)
-class NoveltyRatios:
-    """An adversary's novelty over that of ideal samples, one figure a run.
-
-    The ratios are those of median distances and fifth percentiles in mu, and of images' medians.
-    """
-
-    label: str
-    median: Sequence[float]
-    fifth: Sequence[float]
-    image: Sequence[float]
-
-
 def anytime_curves(curves: Sequence[Curve], title: str) -> Figure:
     """Draw what the queries found, and how much of the fooling set that covers.
 
@@ -167,33 +154,40 @@ def marginal_strips(
     return figure
 
 
-def novelty_ratios(adversaries: Sequence[NoveltyRatios], title: str) -> Figure:
+NOVELTY_PANELS = {
+    "novelty_ratio": "median distance in μ / ideal's",
+    "novelty_fifth_ratio": "fifth percentile in μ / ideal's",
+    "image_novelty_ratio": "median distance between images / ideal's",
+}
+"""What `novelty_ratios` draws, by the name of the measure."""
+
+
+def novelty_ratios(adversaries: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> Figure:
     """Draw each adversary's novelty over that of ideal samples: a dot a run, a bar the mean.
 
     Args:
-        adversaries: At least one.
+        adversaries: The ratios of each run by adversary, at least one, and by `NOVELTY_PANELS`.
         title: The line above the chart.
     """
-    panels = [
-        ("median distance in μ / ideal's", [ratios.median for ratios in adversaries]),
-        ("fifth percentile in μ / ideal's", [ratios.fifth for ratios in adversaries]),
-        ("median distance between images / ideal's", [ratios.image for ratios in adversaries]),
-    ]
-    panels = [(name, values) for name, values in panels if any(values)]
+    values_of = {
+        name: [ratios[key] for ratios in adversaries.values()]
+        for key, name in NOVELTY_PANELS.items()
+    }
+    panels = [(name, values) for name, values in values_of.items() if any(values)]
     figure = new_figure(2.0 + 3.2 * len(panels), 0.27 * len(adversaries) + 1.3)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for axes, (name, values) in zip(grid, panels, strict=True):
-        for row, (adversary, ratios) in enumerate(zip(adversaries, values, strict=True)):
+        for row, (label, ratios) in enumerate(zip(adversaries, values, strict=True)):
             if not ratios:  # nothing drawn unclipped would spoil the layout
                 continue
-            colour, rows = _colour(adversary.label), [row] * len(ratios)
+            colour, rows = _colour(label), [row] * len(ratios)
             axes.plot(ratios, rows, "o", color=(colour, 0.35), markersize=5, clip_on=False)
             mean = float(np.mean(ratios))
             axes.plot(mean, row, "|", color=colour, markersize=11, mew=2.2, clip_on=False)
         axes.axvline(1.0, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)))
         axes.set_xlim(0, max(1.1, 1.05 * max(ratio for ratios in values for ratio in ratios)))
         axes.set_xlabel(name)
-        axes.set_yticks(range(len(adversaries)), [adversary.label for adversary in adversaries])
+        axes.set_yticks(range(len(adversaries)), list(adversaries))
         axes.set_ylim(len(adversaries) - 0.4, -0.6)
         tidy(axes, grid="y")
         axes.spines["left"].set_visible(False)

@@ -29,10 +29,6 @@ def _rate(key: str) -> RowCell:
     return lambda row, places: rate_cell(getattr(row, key), places)
 
 
-def _number(key: str, places: int = 0) -> RowCell:
-    return lambda row, _: number_cell(getattr(row, key), places)
-
-
 def _mean(name: str, decimals: int | None) -> RowCell:
     if decimals is None:
         return lambda row, places: rate_cell(row.means[name], places)
@@ -82,14 +78,11 @@ _COLUMNS: tuple[tuple[Column, RowCell], ...] = (
     ),
     (
         Column("queries", "queries", "Training queries a run; this is the submitter's word."),
-        _number("queries"),
+        lambda row, _: number_cell(row.queries),
     ),
     (Column("runs", "runs", "Tracks times seeds."), _runs),
     *(
-        (
-            Column(name, measure.title, measure.hint),
-            _mean(name, measure.places),
-        )
+        (Column(name, measure.title, measure.hint), _mean(name, measure.places))
         for name, measure in MEANS.items()
         if measure.title
     ),

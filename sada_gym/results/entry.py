@@ -108,18 +108,20 @@ class GroupFiles:
         """What the verifier found."""
         return self.folder / f"{self.group}{VERIFIED}"
 
-    def read(self) -> dict[str, EntryResult]:
+    def read(self, claims: Iterable[Result] | None = None) -> dict[str, EntryResult]:
         """Read the results, by place, without seeds that lack claims or samples.
 
         There are none where the files are missing. A file that cannot be read is a FileError.
+        `claims` are those of `read_claims`, where they were read before.
         """
         if not self.claims.exists():
             return {}
-        claimed = {result.experiment.place: result for result in self.read_claims()}
+        claims = self.read_claims() if claims is None else claims
         samples, findings = read_samples(self.samples), self.read_verified()
+        places = {result.experiment.place: result for result in claims}
         return {
             place: _join(result, samples.get(place, {}), findings.get(place))
-            for place, result in claimed.items()
+            for place, result in places.items()
         }
 
     def read_claims(self) -> tuple[Result, ...]:

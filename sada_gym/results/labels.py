@@ -20,6 +20,7 @@ _RADII = (9, 16, 25, 36, 50, 66, 86, 108, 133, 160, 195)
 _ALL_ROUND = np.pi / 8 * np.array([2, 6, 14, 10, 1, 7, 15, 9, 3, 5, 13, 11, 0, 8, 4, 12])
 _DOT = 6.0  # half the side of the square that a point takes
 _MARGIN = 2.0
+_SIZE = 8.5  # of the names of lines, in points
 
 
 def place_labels(
@@ -75,12 +76,7 @@ def _draw_leader(axes: Axes, start: Values, end: Values, colour: str) -> None:
 
 
 def label_ends(
-    axes: Axes,
-    ends: Values,
-    names: Sequence[str],
-    colours: Sequence[str],
-    *,
-    size: float = 8.5,
+    axes: Axes, ends: Values, names: Sequence[str], colours: Sequence[str]
 ) -> list[Text]:
     """Write the names of lines in a column to the right of the axes, each joined to its line's end.
 
@@ -91,21 +87,20 @@ def label_ends(
         ends: (n, 2) in data coordinates.
         names: The n names.
         colours: The names' n colours.
-        size: The font's size in points.
 
     Returns:
         The names, in the order of the lines.
     """
     pixel = _freeze(axes)
     anchors, frame = axes.transData.transform(ends), axes.get_window_extent()
-    heights = _spread(anchors[:, 1], 1.35 * size * pixel, frame.y0, frame.y1)
+    heights = _spread(anchors[:, 1], 1.35 * _SIZE * pixel, frame.y0, frame.y1)
     to_data = axes.transData.inverted()
     texts = []
     for anchor, height, name, colour in zip(anchors, heights, names, colours, strict=True):
         place = np.array([frame.x1 + 16 * pixel, height])
         _draw_leader(axes, anchor, place - [3 * pixel, 0], colour)
         x, y = to_data.transform(place)
-        texts.append(axes.text(x, y, name, fontsize=size, color=colour, va="center"))
+        texts.append(axes.text(x, y, name, fontsize=_SIZE, color=colour, va="center"))
     return texts
 
 

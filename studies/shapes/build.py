@@ -21,10 +21,10 @@ from studies.shapes.catalogue import BENCHMARK_COUNT, generate
 
 def arrays() -> dict[str, npt.NDArray[Any]]:
     """Return all arrays of the file by name, as `sada_gym.envs.detection.shapes.catalogue` says."""
-    found: dict[str, npt.NDArray[Any]] = {}
+    arrays: dict[str, npt.NDArray[Any]] = {}
     for name in CLASSES:
         shapes = [generate(name, seed) for seed in range(BENCHMARK_COUNT[name])]
-        found |= {
+        arrays |= {
             f"{name}.names": np.array([shape.name for shape in shapes]),
             f"{name}.sizes": np.array([(len(s.vertices), len(s.faces)) for s in shapes], "<i4"),
             f"{name}.vertices": np.concatenate([shape.vertices for shape in shapes]),
@@ -33,7 +33,7 @@ def arrays() -> dict[str, npt.NDArray[Any]]:
             f"{name}.faces": np.concatenate([shape.faces for shape in shapes]).astype("<u2"),
             f"{name}.materials": np.concatenate([shape.materials for shape in shapes]),
         }
-    return found
+    return arrays
 
 
 def write(path: Path) -> str:

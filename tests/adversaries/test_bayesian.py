@@ -27,8 +27,8 @@ class TestBatchedBayesian(AdversaryContract):
         return Bayesian(dimension, seed=seed, batch=16, initial=30, **QUICK)
 
 
-@pytest.mark.parametrize(("dimension", "found", "afr"), [(2, 0.7, 0.9), (8, 0.17, 0.5)])
-def test_beats_uniform_on_boxes(dimension, found, afr):
+@pytest.mark.parametrize(("dimension", "share", "afr"), [(2, 0.7, 0.9), (8, 0.17, 0.5)])
+def test_beats_uniform_on_boxes(dimension, share, afr):
     """A uniform search finds fooling points, and fools, 10 % of the time."""
     application = AnalyticApplication(dimension=dimension)
     oracle = RecordingOracle(application, budget=500)
@@ -36,7 +36,7 @@ def test_beats_uniform_on_boxes(dimension, found, afr):
     adversary.train(oracle)
     assert oracle.remaining == 0
     region = application.fooling_region(oracle.queries)
-    assert (region >= 0).mean() > found
+    assert (region >= 0).mean() > share
     if dimension == 2:
         assert np.bincount(region[region >= 0], minlength=4).min() > 20
     assert (application.fooling_region(adversary.sample(1000)) >= 0).mean() > afr
@@ -196,11 +196,11 @@ def test_a_batch_spreads():
 
 
 def test_does_not_depend_on_the_number_of_blas_threads():
-    found = []
+    batches = []
     for threads in (1, 2):
         with threadpool_limits(threads):
-            found.append(search(bowl, 80, dimension=8)[0].mu)
-    assert_array_equal(*found)
+            batches.append(search(bowl, 80, dimension=8)[0].mu)
+    assert_array_equal(*batches)
 
 
 def test_threads_are_as_before_while_the_oracle_works():

@@ -61,11 +61,11 @@ def broken(module, value=np.nan):
 
 
 def test_shipped_agents_are_known_by_what_published_scores_are_kept_under():
-    found = {
+    prints = {
         (track, name): gym.make(track, agent=name).unwrapped.application.fingerprint[:16]
         for track, name in PUBLISHED
     }
-    assert found == PUBLISHED
+    assert prints == PUBLISHED
     index = Path(sada_gym.__file__).parent / "references" / "index.json"
     for row in json.loads(index.read_text())["references"]:
         known = PUBLISHED.get((row["track"], row["agent"]), row["fingerprint"][:16])
@@ -73,12 +73,12 @@ def test_shipped_agents_are_known_by_what_published_scores_are_kept_under():
 
 
 def test_equal_weights_under_another_activation_are_another_agent():
-    one, same, other = own_ppo(), own_ppo(), own_ppo(nn.ReLU)
-    other.policy.load_state_dict(one.policy.state_dict())
-    prints = [as_pilot(model).fingerprint for model in (one, same, other)]
+    first, same, other = own_ppo(), own_ppo(), own_ppo(nn.ReLU)
+    other.policy.load_state_dict(first.policy.state_dict())
+    prints = [as_pilot(model).fingerprint for model in (first, same, other)]
     assert prints[0] == prints[1] != prints[2]
-    one.predict(OBSERVATION_SPACE.sample())
-    assert as_pilot(one).fingerprint == prints[0]
+    first.predict(OBSERVATION_SPACE.sample())
+    assert as_pilot(first).fingerprint == prints[0]
 
 
 def test_equal_weights_in_another_class_are_another_agent():
@@ -91,9 +91,9 @@ def test_equal_weights_in_another_class_are_another_agent():
 
 
 def test_a_detectors_settings_are_part_of_what_it_is():
-    one, other = Detector(CLASSES), Detector(CLASSES, floor=0.3)
-    other.load_state_dict(one.state_dict())
-    assert agents.fingerprint(one) != agents.fingerprint(other)
+    first, other = Detector(CLASSES), Detector(CLASSES, floor=0.3)
+    other.load_state_dict(first.state_dict())
+    assert agents.fingerprint(first) != agents.fingerprint(other)
 
 
 def test_a_name_stands_for_kind_weights_and_use_as_well():
@@ -109,7 +109,7 @@ def test_a_name_stands_for_kind_weights_and_use_as_well():
         UAVApplication(3, agent=network).fingerprint,
     ]
     assert len(set(prints)) == len(prints)
-    assert all(len(one) == 64 for one in prints)
+    assert all(len(digest) == 64 for digest in prints)
     assert named(copy.deepcopy(network)) == prints[0]
 
 

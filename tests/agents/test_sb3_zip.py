@@ -79,7 +79,7 @@ def samples(space, count=20):
     space.seed(0)
     drawn = [space.sample() for _ in range(count)]
     if isinstance(space, spaces.Dict):
-        return {key: np.stack([one[key] for one in drawn]) for key in space}
+        return {key: np.stack([sample[key] for sample in drawn]) for key in space}
     return np.stack(drawn)
 
 
@@ -99,9 +99,9 @@ def assert_alike(loaded, path, kind):
     reference = kind.load(path, device="cpu")
     seen = samples(reference.observation_space)
     expected, _ = reference.predict(seen, deterministic=True)
-    found, _ = loaded.predict(seen, deterministic=True)
-    np.testing.assert_array_equal(found, expected)
-    assert found.dtype == expected.dtype
+    action, _ = loaded.predict(seen, deterministic=True)
+    np.testing.assert_array_equal(action, expected)
+    assert action.dtype == expected.dtype
     answers = outputs(reference.policy, seen)
     assert len(np.unique(answers, axis=0)) > 10  # one that ignores what it sees proves nothing
     np.testing.assert_array_equal(outputs(loaded.policy, seen), answers)
@@ -343,7 +343,7 @@ def test_another_algorithm_is_refused(path):
 
 
 @pytest.mark.parametrize(
-    ("observation_space", "action_space", "found"),
+    ("observation_space", "action_space", "message"),
     [
         (spaces.Box(-1.0, 1.0, (3,), np.float32), DISCRETE, r"got one for \(4,\) of float32"),
         (BOTH, DISCRETE, r"got one for \(4,\) of float32"),
@@ -353,8 +353,8 @@ def test_another_algorithm_is_refused(path):
         (VECTOR, TORQUES, "actions Box.*Discrete'> with {'n': '3'"),
     ],
 )
-def test_agents_of_other_spaces_are_refused(observation_space, action_space, found, path):
-    with pytest.raises(UserError, match=rf"Expected an agent for .*{found}"):
+def test_agents_of_other_spaces_are_refused(observation_space, action_space, message, path):
+    with pytest.raises(UserError, match=rf"Expected an agent for .*{message}"):
         load_sb3(path, observation_space, action_space)
 
 

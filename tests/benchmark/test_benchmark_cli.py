@@ -31,9 +31,9 @@ def run(*args):
 
 @pytest.fixture(scope="module")
 def references(tmp_path_factory):
-    there = tmp_path_factory.mktemp("references")
-    make_reference(there, ANALYTIC)
-    return there
+    folder = tmp_path_factory.mktemp("references")
+    make_reference(folder, ANALYTIC)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_report_alone_runs_nothing(done, references):
     [
         (
             ["--suite", "papers"],
-            f"Expected the suite to be one of {', '.join(one.name for one in SUITES)}; "
+            f"Expected the suite to be one of {', '.join(suite.name for suite in SUITES)}; "
             "got 'papers'",
         ),
         (["--table", "paper-budgets"], "Expected the table to be one of equal-queries"),
@@ -128,7 +128,7 @@ def test_bad_input_gets_a_sentence(args, message, tmp_path, monkeypatch):
 
 def test_help_names_every_suite():
     listed = run("--help").stdout.replace(",", " ").replace(".", " ").split()
-    assert {found.name for found in SUITES} <= set(listed)
+    assert {suite.name for suite in SUITES} <= set(listed)
 
 
 def test_outdated_results_are_counted_and_made_anew(tmp_path, references):

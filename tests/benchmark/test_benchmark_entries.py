@@ -26,9 +26,9 @@ PLACE, GROUP = f"{ANALYTIC}.n60", "SADA-Analytic"
 
 @pytest.fixture(scope="module")
 def references(tmp_path_factory):
-    there = tmp_path_factory.mktemp("references")
-    make_reference(there, ANALYTIC)
-    return there
+    folder = tmp_path_factory.mktemp("references")
+    make_reference(folder, ANALYTIC)
+    return folder
 
 
 def work(out, chosen, references):
@@ -100,7 +100,7 @@ def test_an_outdated_result_is_replaced(copied, whole, references, tmp_path):
     assert (missing.lacking, missing.outdated) == (1, 1)
     result, _, samples = run_in(copied / "entries", "random", "n60")
     assert result.experiment.protocol.samples == len(samples.mu) == 20
-    assert [one.seed for one in result.seeds] == [0]  # the other one was of the old result
+    assert [claims.seed for claims in result.seeds] == [0]  # the other one was of the old result
     others = {name for name in contents(whole) if not name.startswith("random/")}
     assert {name: contents(copied / "entries")[name] for name in others} == {
         name: contents(whole)[name] for name in others
@@ -132,8 +132,8 @@ def test_what_a_benchmark_writes_passes_the_checks(whole):
 
 def test_a_new_seed_takes_back_what_was_verified(copied, references):
     folder = copied / "entries" / "random"
-    held = read_entry(folder).results[PLACE]
-    verified = Verified.make(held.claimed, held.samples, ("random", "0" * 64), "x")
+    before = read_entry(folder).results[PLACE]
+    verified = Verified.make(before.claimed, before.samples, ("random", "0" * 64), "x")
     GroupFiles(folder, GROUP).add_verified(PLACE, verified)
     work(copied, WHOLE, references)
     assert read_entry(folder).results[PLACE].verified == verified
@@ -241,7 +241,7 @@ def test_a_torn_line_of_costs_is_left_out(tmp_path, references):
     file.write_bytes(file.read_bytes() + b'{"table": "n60", "tra')
     work(tmp_path, suite("random", "ideal", budgets=(60,)), references)
     costs = read_costs(tmp_path)
-    assert [one.label for one in costs] == ["random", "ideal"]
+    assert [cost.label for cost in costs] == ["random", "ideal"]
     assert set(Timing.model_fields) < set(type(costs[0]).model_fields)
 
 

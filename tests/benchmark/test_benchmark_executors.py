@@ -21,10 +21,10 @@ SMALL = suite("ideal", "memorise", "bench_toys:Picky", budgets=(120, 60), seeds=
 
 @pytest.fixture(scope="module")
 def references(tmp_path_factory):
-    there = tmp_path_factory.mktemp("references")
+    folder = tmp_path_factory.mktemp("references")
     for track in (ANALYTIC, LOGGED):
-        make_reference(there, track)
-    return there
+        make_reference(folder, track)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_workers_that_do_not_see_the_folder_give_the_same(ours, tmp_path, refere
     assert contents(tmp_path) == contents(ours)
     assert stored(tmp_path) == stored(ours)
     assert evaluated(tmp_path) == evaluated(ours)  # each run knows what those before it evaluated
-    assert {one.stage for _, one in recorder.progress} == {"train"}
+    assert {progress.stage for _, progress in recorder.progress} == {"train"}
     assert len(recorder.finished) == 12
 
 

@@ -42,12 +42,14 @@ def result(
     experiment = made_experiment(target, adversary, rule=rule, budget=2_000, samples=100)
     samples, seeds = {}, []
     for seed, count in enumerate(fooled):
-        found = None
+        measured = None
         if count is not None:
-            samples[seed], found = measures(count)
+            samples[seed], measured = measures(count)
         error = "It cannot." if count is None else None
         seeds.append(
-            SeedResult(seed=seed, queries=7, error=error, measures=found, packages={"numpy": numpy})
+            SeedResult(
+                seed=seed, queries=7, error=error, measures=measured, packages={"numpy": numpy}
+            )
         )
     claimed = Result.make(experiment, seeds)
     if verified is not None:
@@ -86,16 +88,19 @@ def test_tables_take_the_results_of_their_rule_and_agents():
         result([40], agent="ppo"),
         result([50], rule="paper-budgets", agent="ppo"),
     )
-    found = results_of([entry("gp", *results)], tuple(TABLES.values()))
-    assert {names(one): one.runs[0].measures.fooled for one in found.comparisons} == {
+    everything = results_of([entry("gp", *results)], tuple(TABLES.values()))
+    assert {
+        names(comparison): comparison.runs[0].measures.fooled
+        for comparison in everything.comparisons
+    } == {
         ("paper-budgets", "cil"): 10,
         ("other-agents", "ppo"): 20,
         ("equal-queries", "cil"): 30,
         ("equal-queries", "ppo"): 40,
         ("paper-budgets", "ppo"): 50,
     }
-    assert len(found.runs) == 5
-    assert names(found.comparisons[0]) == ("paper-budgets", "cil")
+    assert len(everything.runs) == 5
+    assert names(everything.comparisons[0]) == ("paper-budgets", "cil")
     default = EQUAL.model_copy(update={"agents": "default"})
     (shown,) = results_of([entry("gp", *results)], [default]).comparisons
     assert names(shown) == ("equal-queries", "cil")
@@ -147,8 +152,8 @@ def test_what_shows_that_figures_mean_nothing_takes_the_rank(flag):
         entry("thief", EntryResult(thief.claimed, thief.samples, flagged)),
         entry("good", result([50, 50], verified=[50, 50])),
     ]
-    found = rows(results_of(entries, [EQUAL], tier="verified"))
-    ranks = {name: row.rank for name, row in found.items()}
+    verified = rows(results_of(entries, [EQUAL], tier="verified"))
+    ranks = {name: row.rank for name, row in verified.items()}
     if flag == "duplicates":
         assert ranks == {"thief": "1", "good": "2"}
     else:
@@ -160,9 +165,9 @@ def test_failed_seeds_are_counted_in_both_tiers():
     entries = [entry("gp", result([None, 50]))]
     [row] = results_of(entries, [EQUAL]).rows_of("equal-queries", "cil", None)
     assert (row.runs, row.failed, row.complete, row.queries) == (1, 1, False, 7)
-    one = result([None])
-    held = EntryResult(one.claimed, one.samples, result([1], verified=[1]).verified)
-    [row] = results_of([entry("gp", held)], [EQUAL], tier="verified").rows_of(
+    failed = result([None])
+    checked = EntryResult(failed.claimed, failed.samples, result([1], verified=[1]).verified)
+    [row] = results_of([entry("gp", checked)], [EQUAL], tier="verified").rows_of(
         "equal-queries", "cil", None
     )
     assert (row.runs, row.failed, row.afr) == (0, 1, None)
@@ -174,14 +179,14 @@ def test_controls_are_known_by_their_adversary_and_have_no_rank():
         entry("theirs", result([90]), title="ideal"),
         entry("weak", result([20])),
     ]
-    found = rows(results_of(entries, [EQUAL]))
-    assert {name: (row.control, row.rank) for name, row in found.items()} == {
+    by_entry = rows(results_of(entries, [EQUAL]))
+    assert {name: (row.control, row.rank) for name, row in by_entry.items()} == {
         "ideal": (True, None),
         "theirs": (False, "1"),
         "weak": (False, "2"),
     }
     # the title of another entry does not make two rows one
-    assert {name: row.label for name, row in found.items()} == {
+    assert {name: row.label for name, row in by_entry.items()} == {
         "ideal": "ideal",
         "theirs": "ideal [theirs]",
         "weak": "weak",
@@ -218,5 +223,5 @@ def test_versions_of_a_track_may_not_differ():
 
 
 def test_no_entries_make_empty_results():
-    found = results_of([], tuple(TABLES.values()))
-    assert (found.runs, found.comparisons, found.targets, found.packages) == ((), (), (), {})
+    empty = results_of([], tuple(TABLES.values()))
+    assert (empty.runs, empty.comparisons, empty.targets, empty.packages) == ((), (), (), {})

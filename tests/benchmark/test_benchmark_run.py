@@ -20,10 +20,10 @@ KILLED = suite("ideal", "memorise", "bench_toys:Picky", track=LOGGED, budgets=(1
 
 @pytest.fixture(scope="module")
 def references(tmp_path_factory):
-    there = tmp_path_factory.mktemp("references")
+    folder = tmp_path_factory.mktemp("references")
     for track in (ANALYTIC, LOGGED):
-        make_reference(there, track)
-    return there
+        make_reference(folder, track)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_it_ends_with_results_tables_and_pictures(done):
     assert results.targets[0].reference.points == 600
     costs = read_costs(done.folder)
     assert len(costs) == 12
-    assert all(one.wall_s >= 0 for one in costs)
+    assert all(cost.wall_s >= 0 for cost in costs)
     pictures = {path.name for path in (done.folder / "pictures" / "n90").iterdir()}
     assert pictures == {"afr-coverage.svg", "anytime.png", "marginals-Analytic.png", "novelty.png"}
 

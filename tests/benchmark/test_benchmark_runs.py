@@ -62,8 +62,8 @@ def done(tmp_path_factory, references):
 
 def run_of(done, label, table="n120", seed=0):
     """Return what the entry says of a run, and its samples."""
-    _, found, samples = run_in(done[0] / "entries", label, table, seed)
-    return found, samples
+    _, claims, samples = run_in(done[0] / "entries", label, table, seed)
+    return claims, samples
 
 
 def test_each_run_is_in_its_entry(done):
@@ -225,11 +225,11 @@ def test_progress_within_a_run_is_reported(tmp_path, references, monkeypatch):
     recorder = Recorder()
     with ThreadPoolExecutor(1) as executor:
         do_runs(plan, list(plan.runs), tmp_path, tmp_path / "entries", 1, executor, recorder)
-    stages = [one.stage for _, one in recorder.progress]
+    stages = [progress.stage for _, progress in recorder.progress]
     assert stages[0] == "train"
     assert "test" in stages
     assert {run for run, _ in recorder.progress} == set(map(str, plan.runs))
-    evaluated = [one.evaluated for _, one in recorder.progress]
+    evaluated = [progress.evaluated for _, progress in recorder.progress]
     assert evaluated == sorted(evaluated)
     assert evaluated[-1] > 60
     assert not (tmp_path / ".progress").exists()

@@ -29,8 +29,8 @@ def queries(budget, label, dimension):
 
 
 def test_the_suites_name_what_there_is():
-    for one in SUITES:
-        assert set(one.tracks) <= set(tracks())
+    for each in SUITES:
+        assert set(each.tracks) <= set(tracks())
     assert {spec.name for spec in ADVERSARIES.values()} == {IDEAL, *adversaries.names()}
     assert all(spec.label == label for label, spec in ADVERSARIES.items())
     assert {"ideal", "memorise"} == CONTROLS
@@ -50,20 +50,20 @@ SEEDS_OF_DETECTION = {f"SADA-Detection-{name}-v0": 3 for name in ("Bicycle", "Mo
     ],
 )
 def test_an_application_s_suite(name, application, table, seeds, seeds_of):
-    one = find_suite(name)
-    assert set(one.tracks) == {track for track in tracks() if f"-{application}-" in track}
-    assert [(each.name, each.agents) for each in one.tables] == [(table, "default")]
-    assert one.adversaries == ADVERSARIES
-    for track in one.tracks:
-        assert one.seeds_on(track) == range(seeds_of.get(track, seeds)), track
+    chosen = find_suite(name)
+    assert set(chosen.tracks) == {track for track in tracks() if f"-{application}-" in track}
+    assert [(each.name, each.agents) for each in chosen.tables] == [(table, "default")]
+    assert chosen.adversaries == ADVERSARIES
+    for track in chosen.tracks:
+        assert chosen.seeds_on(track) == range(seeds_of.get(track, seeds)), track
 
 
 def test_the_quick_suite():
-    one = find_suite("quick")
-    assert set(one.tracks) == set(SEEDS_OF_DETECTION)
-    assert [(table.name, table.agents) for table in one.tables] == [("equal-queries", "default")]
-    assert one.adversaries == ADVERSARIES
-    assert [len(one.seeds_on(track)) for track in one.tracks] == [1, 1, 1]
+    quick = find_suite("quick")
+    assert set(quick.tracks) == set(SEEDS_OF_DETECTION)
+    assert [(table.name, table.agents) for table in quick.tables] == [("equal-queries", "default")]
+    assert quick.adversaries == ADVERSARIES
+    assert [len(quick.seeds_on(track)) for track in quick.tracks] == [1, 1, 1]
 
 
 def test_the_budgets_of_the_tables():
@@ -91,21 +91,21 @@ def test_the_suites_of_table_1_share_their_rule_with_those_of_the_applications()
     assert set(rows.adversaries) == {IDEAL, *paper.ROWS} - {paper.FULL_SET}
     assert columns.adversaries == ADVERSARIES
     # one folder of entries serves them all, because the rule is the same
-    for one in (rows, columns, find_suite("driving"), find_suite("racing")):
-        assert [table.name for table in one.tables] == ["paper-budgets"]
-        assert one.tables[0].agents == "default"
+    for each in (rows, columns, find_suite("driving"), find_suite("racing")):
+        assert [table.name for table in each.tables] == ["paper-budgets"]
+        assert each.tables[0].agents == "default"
 
 
 def test_the_suite_of_agents_attacks_the_others_of_every_application_that_has_any():
-    one = find_suite("agents")
-    [table] = one.tables
+    agents = find_suite("agents")
+    [table] = agents.tables
     assert (table.name, table.agents) == ("other-agents", "others")
-    assert set(one.tracks) == {
+    assert set(agents.tracks) == {
         track
         for track in tracks()
         if track.split("-")[1] in {"Detection", "Driving", "UAV", "Robot"}
     }
-    taking_part = {label for label in one.adversaries if table.includes(label)}
+    taking_part = {label for label in agents.adversaries if table.includes(label)}
     assert taking_part == set(table.adversaries)  # each is a row that there is
 
 
@@ -146,17 +146,17 @@ def test_boosting_comes_on_top(label, count):
     ],
 )
 def test_adversaries_by_what_people_write(text, label, adversary, preset):
-    found, spec = find_adversary(text)
-    assert (found, spec.name, spec.preset) == (label, adversary, preset)
+    known_label, spec = find_adversary(text)
+    assert (known_label, spec.name, spec.preset) == (label, adversary, preset)
 
 
 def test_a_choice_changes_what_is_given_and_nothing_else():
-    one = find_suite("detection").model_copy(
+    original = find_suite("detection").model_copy(
         update={"tables": tuple(suites.TABLES[name] for name in ("paper-budgets", "equal-queries"))}
     )
-    assert choose(one) == one
+    assert choose(original) == original
     changed = choose(
-        one,
+        original,
         tracks=["x"],
         chosen=["level-set", "bbgan:paper"],
         agents=["surveyor"],
@@ -170,7 +170,7 @@ def test_a_choice_changes_what_is_given_and_nothing_else():
     assert [table.budget.queries for table in changed.tables] == [9, 9]
     assert [table.budget.boosting_on_top for table in changed.tables] == [True, False]
     assert all(table.budget_of == {} for table in changed.tables)
-    assert [table.name for table in choose(one, tables=["equal-queries"]).tables] == [
+    assert [table.name for table in choose(original, tables=["equal-queries"]).tables] == [
         "equal-queries"
     ]
 

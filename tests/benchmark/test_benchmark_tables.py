@@ -96,8 +96,8 @@ def whole(tmp_path):
 
 def line(text, section, label):
     rest = text.partition(section)[2].partition("\n#")[0]
-    [found] = [row for row in rest.splitlines() if row.startswith(f"| {label} |")]
-    return [part.strip() for part in found.strip("|").split("|")]
+    [match] = [row for row in rest.splitlines() if row.startswith(f"| {label} |")]
+    return [part.strip() for part in match.strip("|").split("|")]
 
 
 def test_it_is_laid_out_like_the_papers_table(whole):
@@ -230,8 +230,8 @@ def test_the_front_counts_tracks_where_nobody_is_better_in_both(tmp_path):
     ]
     text, _ = report(tmp_path, runs)
     at = line(text, "### All measures", "adversary").index("front")
-    found = {label: line(text, "### All measures", label)[at] for label in figures}
-    assert found == {"ideal": "", "level-set": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
+    fronts = {label: line(text, "### All measures", label)[at] for label in figures}
+    assert fronts == {"ideal": "", "level-set": "1 of 2", "gp": "2 of 2", "random": "1 of 2"}
 
 
 def test_errors_flags_and_notes_are_told(tmp_path):

@@ -42,11 +42,11 @@ def test_transfer_prints_a_table_and_writes_the_figures(analytic, tmp_path):
 def test_confirm_prints_what_was_confirmed(analytic):
     result = run("confirm", analytic, "--env-kwargs", "volume=0.05")
     assert result.exit_code == 0, result.output
-    found = json.loads((analytic / "confirmed.json").read_text())
-    assert f"of the {found['both']['samples']} samples that fool in the run" in result.stdout
+    content = json.loads((analytic / "confirmed.json").read_text())
+    assert f"of the {content['both']['samples']} samples that fool in the run" in result.stdout
     assert f"{analytic / 'confirmed.json'}, confirmed.npz" in result.stdout
     printed = run("confirm", analytic, "--env-kwargs", "volume=0.05", "--json")
-    assert json.loads(printed.stdout) == found
+    assert json.loads(printed.stdout) == content
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_rendering_and_failing_leave_the_seeds_alone() -> None:
     def seeds(disturb: bool) -> list[int]:
         env = AdversaryEnv(Counting(), horizon=4, render_mode="rgb_array")
         env.reset(seed=0)
-        found = []
+        drawn = []
         for mu in actions(4):
             if disturb:
                 env.render()
@@ -107,8 +107,8 @@ def test_rendering_and_failing_leave_the_seeds_alone() -> None:
                 with pytest.raises(OSError, match="gone"):
                     env.step(mu)
                 env.application.failing = False
-            found.append(env.step(mu)[4]["seed"])
-        return found
+            drawn.append(env.step(mu)[4]["seed"])
+        return drawn
 
     assert seeds(disturb=True) == seeds(disturb=False)
 

@@ -108,16 +108,16 @@ def task(request):
     return request.param
 
 
-def same(one, other):
+def same(first, other):
     """Whether two nests of dictionaries and arrays are equal to the last bit."""
-    if isinstance(one, dict):
-        return set(one) == set(other) and all(same(one[key], other[key]) for key in one)
-    if one is None or other is None:
-        return one is other
-    one, other = np.asarray(one), np.asarray(other)
-    if one.dtype == object:
-        return len(one) == len(other) and all(map(same, one, other))
-    return np.array_equal(one, other)
+    if isinstance(first, dict):
+        return set(first) == set(other) and all(same(first[key], other[key]) for key in first)
+    if first is None or other is None:
+        return first is other
+    first, other = np.asarray(first), np.asarray(other)
+    if first.dtype == object:
+        return len(first) == len(other) and all(map(same, first, other))
+    return np.array_equal(first, other)
 
 
 def row(batch, i):
@@ -148,10 +148,10 @@ def test_the_batch_equals_single_environments(task):
 
 
 def test_each_has_spaces_of_its_own(task):
-    one, other = task.env(), task.env()
-    one.action_space.seed(0)
+    first, other = task.env(), task.env()
+    first.action_space.seed(0)
     other.action_space.seed(0)
-    assert same(one.action_space.sample(), other.action_space.sample())
+    assert same(first.action_space.sample(), other.action_space.sample())
     batch = task.vector_env(num_envs=2)
     assert batch.single_action_space is not task.vector_env(num_envs=2).single_action_space
 

@@ -188,14 +188,14 @@ def test_the_native_batch_equals_the_scalar_environments(env_id: str) -> None:
 def test_a_pickled_environment_goes_on_alike(env: AdversaryEnv, env_id: str) -> None:
     first, second = proposals(env_id, 2)
     fresh = pickle.loads(pickle.dumps(env))
-    for one in (env, fresh):
-        one.reset(seed=1)
+    for each in (env, fresh):
+        each.reset(seed=1)
     twin = pickle.loads(pickle.dumps(env))  # its seed is given, and the generator stands behind it
     outcome = env.step(first)
     assert data_equivalence(outcome, fresh.step(first), exact=True)
     assert data_equivalence(outcome, twin.step(first), exact=True)
-    for one in (env, twin):
-        one.reset()
+    for each in (env, twin):
+        each.reset()
     assert data_equivalence(env.step(second), twin.step(second), exact=True)
     fresh.close()
     twin.close()
@@ -241,8 +241,8 @@ def test_another_process_gives_the_same_outcomes() -> None:
         application = sada_gym.make_application(env_id)
         worlds.append((application, *draw_worlds(application, 2, brief_seed(env_id))))
     elsewhere = in_fresh_process(evaluated, worlds, home=ApplicationCard)
-    for (application, _, _), here, there in zip(worlds, evaluated(worlds), elsewhere, strict=True):
-        compare_outcomes(here, there, f"of {application.name} in another process")
+    for (application, _, _), here, child in zip(worlds, evaluated(worlds), elsewhere, strict=True):
+        compare_outcomes(here, child, f"of {application.name} in another process")
         application.close()
 
 
@@ -278,12 +278,12 @@ def test_the_docstring_has_gymnasiums_headings(card: ApplicationCard) -> None:
         "Arguments",
         "Version History",
     ]
-    found = [
+    lines = [
         line.strip()[3:]
         for line in (load(card.application).__doc__ or "").splitlines()
         if "## " in line
     ]
-    assert found == headings
+    assert lines == headings
 
 
 @pytest.mark.parametrize(("general", "track"), SAME_WORLDS.items())
@@ -293,11 +293,11 @@ def test_a_general_id_is_its_default_track(general: str, track: str) -> None:
     assert specs[0].entry_point == specs[1].entry_point
     assert specs[0].vector_entry_point == specs[1].vector_entry_point
     envs = [gym.make(env_id).unwrapped for env_id in ids]
-    one, other = (env.application for env in envs)
-    assert type(one) is type(other)
+    first, other = (env.application for env in envs)
+    assert type(first) is type(other)
     for what in ("name", "version", "settings", "fingerprint", "fooling_threshold", "sample_size"):
-        assert getattr(one, what) == getattr(other, what), what
-    assert repr(one.parameters) == repr(other.parameters)
+        assert getattr(first, what) == getattr(other, what), what
+    assert repr(first.parameters) == repr(other.parameters)
     (mu,) = proposals(track, 1)
     for env in envs:
         env.reset(seed=11)
@@ -305,8 +305,8 @@ def test_a_general_id_is_its_default_track(general: str, track: str) -> None:
     for env_id in ids:
         vector = gym.make_vec(env_id, num_envs=2)
         assert isinstance(vector, AdversaryVectorEnv)
-        assert vector.application.settings == one.settings
-        assert vector.application.fingerprint == one.fingerprint
+        assert vector.application.settings == first.settings
+        assert vector.application.fingerprint == first.fingerprint
         vector.close()
     for env in envs:
         env.close()

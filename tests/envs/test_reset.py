@@ -71,10 +71,10 @@ def test_a_batch_takes_large_seeds_as_the_scalar_environments_do(seed: Any) -> N
     given = seed if isinstance(seed, list) else [seed + i for i in range(3)]
     for step in range(4):
         mu = np.full((3, 2), step / 10, np.float32)
-        found = native.step(mu)
-        assert data_equivalence(found, sync.step(mu), exact=True)
+        returned = native.step(mu)
+        assert data_equivalence(returned, sync.step(mu), exact=True)
         if step == 0:
-            assert found[4]["seed"].tolist() == [fold_seed(one) for one in given]
+            assert returned[4]["seed"].tolist() == [fold_seed(number) for number in given]
 
 
 @pytest.mark.parametrize(

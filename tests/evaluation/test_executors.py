@@ -51,22 +51,22 @@ def client_of(opened):
 
 def test_dask_gives_the_same(cluster, expected):
     assert cluster.workers == count_workers(cluster.executor) == 2
-    found = scores("SADA-Analytic-v0", **ANALYTIC, executor=cluster.executor, chunk_size=7)
-    np.testing.assert_array_equal(found, expected)
+    result = scores("SADA-Analytic-v0", **ANALYTIC, executor=cluster.executor, chunk_size=7)
+    np.testing.assert_array_equal(result, expected)
 
 
 @pytest.mark.slow  # each worker loads torch and compiles
 def test_dask_gives_the_same_detections(cluster):
     expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
-    found = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=cluster.executor, chunk_size=5)
-    np.testing.assert_array_equal(found, expected)
+    result = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=cluster.executor, chunk_size=5)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_threads_give_the_same_detections():
     expected = scores("SADA-Detection-Car-v0", DETECTION_MU)
     with ThreadPoolExecutor(2) as threads:
-        found = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=threads, chunk_size=4)
-    np.testing.assert_array_equal(found, expected)
+        result = scores("SADA-Detection-Car-v0", DETECTION_MU, executor=threads, chunk_size=4)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_a_local_cluster_leaves_the_environment_as_it_was():
@@ -80,8 +80,8 @@ def test_a_local_cluster_leaves_the_environment_as_it_was():
 def test_one_dask_process_gives_the_same(expected):
     pytest.importorskip("distributed")
     with open_executor("dask", workers=1) as opened:
-        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
-    np.testing.assert_array_equal(found, expected)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_dasks_threads_give_the_same(expected):
@@ -90,15 +90,15 @@ def test_dasks_threads_give_the_same(expected):
     with distributed.Client(n_workers=1, set_as_default=False, **settings) as client:
         executor = client.get_executor()
         assert count_workers(executor) == 2
-        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
-    np.testing.assert_array_equal(found, expected)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_threads_give_the_same(expected):
     with ThreadPoolExecutor(3) as threads:
         assert count_workers(threads) == 3
-        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=threads, chunk_size=4)
-    np.testing.assert_array_equal(found, expected)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=threads, chunk_size=4)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_loky_gives_the_same(expected):
@@ -106,19 +106,19 @@ def test_loky_gives_the_same(expected):
     executor = loky.ProcessPoolExecutor(2)
     try:
         assert count_workers(executor) == 2
-        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=executor)
     finally:
         executor.shutdown(kill_workers=True)
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(result, expected)
 
 
 def test_our_own_processes_are_an_executor_by_name(expected):
     with open_executor("processes", 2) as opened:
         assert (opened.executor, opened.workers) == (None, 2)
-        found = scores(
+        result = scores(
             "SADA-Analytic-v0", **ANALYTIC, executor=opened.executor, workers=opened.workers
         )
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(result, expected)
 
 
 # a worker that dies
@@ -148,9 +148,9 @@ def test_a_killed_worker_changes_nothing(kind, tmp_path, request):
     if kind == "dask":
         settings["executor"] = request.getfixturevalue("cluster").executor
     killer = Killer(lambda: one_process_at_work(log))
-    found = scores(Toy(log=str(log), pause_s=0.005), progress=killer, **settings)
+    result = scores(Toy(log=str(log), pause_s=0.005), progress=killer, **settings)
     assert killer.left <= 0
-    np.testing.assert_array_equal(found, scores(Toy()))
+    np.testing.assert_array_equal(result, scores(Toy()))
     # the chunks that were under way are done again, and no other
     done = len(log.read_text().splitlines())
     assert len(MU) <= done <= len(MU) + 5 * 2 * dispatch._AHEAD
@@ -204,9 +204,9 @@ def test_a_script_without_its_guard_is_told_of_once(tmp_path):
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     # a process that dies late may print its own traceback behind the parent's
-    told = [line for line in done.stderr.splitlines() if "WorkerError:" in line]
-    assert len(told) == 1
-    assert "lacks its `if __name__" in told[0]
+    errors = [line for line in done.stderr.splitlines() if "WorkerError:" in line]
+    assert len(errors) == 1
+    assert "lacks its `if __name__" in errors[0]
 
 
 # a cluster elsewhere
@@ -263,8 +263,8 @@ def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
     store = tmp_path / "run.sqlite"
     with open_executor(address) as opened:
         assert opened.workers == 1
-        found = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
-        np.testing.assert_array_equal(found, expected)
+        result = scores("SADA-Analytic-v0", **ANALYTIC, executor=opened.executor)
+        np.testing.assert_array_equal(result, expected)
 
         toy, done = Toy(pause_s=0.02), []
 
@@ -277,8 +277,8 @@ def test_a_running_cluster_is_used_and_one_that_is_lost_ends_with_a_sentence(
         with pytest.raises(WorkerError, match=r"connection to its scheduler.*resume the run"):
             scores(toy, progress=lose_scheduler, **settings)
     known = []
-    found = scores(toy, store=store, progress=lambda d, t, k: known.append(k))
-    np.testing.assert_array_equal(found, scores(Toy()))
+    result = scores(toy, store=store, progress=lambda d, t, k: known.append(k))
+    np.testing.assert_array_equal(result, scores(Toy()))
     assert known[0] >= 15
 
 
@@ -420,8 +420,8 @@ class Recording(ThreadPoolExecutor):
 def test_a_large_model_is_sent_once_for_each_worker_not_with_every_chunk():
     problem = Large()
     with Recording(2) as executor:
-        found = scores(problem, dimension=3, threshold=0.3, executor=executor, chunk_size=1)
-    np.testing.assert_array_equal(found, problem(MU))
+        result = scores(problem, dimension=3, threshold=0.3, executor=executor, chunk_size=1)
+    np.testing.assert_array_equal(result, problem(MU))
     assert sum(size > 1_000_000 for size in executor.sizes) == 2
     assert executor.sizes.count(0) == len(MU) - 2
 
@@ -431,8 +431,8 @@ def test_a_large_model_reaches_dasks_workers_even_one_that_is_new(cluster):
     settings = {"dimension": 3, "threshold": 0.3, "chunk_size": 5}
     pids = client_of(cluster).run(os.getpid)
     killer = Killer(lambda: next(iter(pids.values())), after=4)
-    found = scores(problem, executor=cluster.executor, progress=killer, **settings)
-    np.testing.assert_array_equal(found, problem(MU))
+    result = scores(problem, executor=cluster.executor, progress=killer, **settings)
+    np.testing.assert_array_equal(result, problem(MU))
 
 
 def test_a_process_that_lacks_the_payload_asks_for_it():

@@ -80,8 +80,8 @@ def test_chunks_do_not_matter(chunk_size):
 
 def test_workers_do_not_matter_and_both_work(tmp_path):
     log = tmp_path / "log"
-    found = scores(Toy(log=str(log), pause_s=0.01), workers=2)
-    np.testing.assert_array_equal(found, REFERENCE)
+    result = scores(Toy(log=str(log), pause_s=0.01), workers=2)
+    np.testing.assert_array_equal(result, REFERENCE)
     processes = {line.split()[0] for line in log.read_text().splitlines()}
     assert len(processes) == 2
     assert str(os.getpid()) not in processes
@@ -95,8 +95,8 @@ def test_an_environment_id_works_in_processes_too():
 @pytest.mark.parametrize("kind", [ThreadPoolExecutor, ProcessPoolExecutor])
 def test_any_executor_does_and_is_left_open(kind):
     with kind(2) as executor:
-        found = scores(executor=executor, workers=2)
-        np.testing.assert_array_equal(found, REFERENCE)
+        result = scores(executor=executor, workers=2)
+        np.testing.assert_array_equal(result, REFERENCE)
         assert executor.submit(abs, -1).result() == 1
 
 
@@ -108,8 +108,8 @@ def threads_of_blas(mu):
 def test_workers_have_one_thread_each_and_the_parent_keeps_its_own(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     before = dict(os.environ)
-    found = scores(threads_of_blas, dimension=3, threshold=0.3, workers=2)
-    assert set(found) == {1.0}
+    result = scores(threads_of_blas, dimension=3, threshold=0.3, workers=2)
+    assert set(result) == {1.0}
     assert dict(os.environ) == before
 
 
@@ -122,9 +122,9 @@ def warning_all_the_time(mu):
 
 def test_workers_that_warn_all_the_time_go_on_and_are_heard():
     with pytest.warns(RuntimeWarning) as heard:
-        found = scores(warning_all_the_time, dimension=3, threshold=0.3, workers=2, chunk_size=150)
-    assert set(found) == {0.0}
-    assert [str(one.message)[:2] for one in heard] == [f"{number} " for number in range(10)]
+        result = scores(warning_all_the_time, dimension=3, threshold=0.3, workers=2, chunk_size=150)
+    assert set(result) == {0.0}
+    assert [str(warning.message)[:2] for warning in heard] == [f"{number} " for number in range(10)]
 
 
 def test_a_function_is_a_problem():
@@ -153,24 +153,24 @@ def test_chunks_keep_all_workers_busy(count, workers):
 
 def test_a_store_answers_what_it_knows(tmp_path):
     store, log = tmp_path / "run.sqlite", tmp_path / "log"
-    told = []
+    reports = []
     first = scores(Toy(log=str(log)), MU[:100], store=store)
     np.testing.assert_array_equal(first, REFERENCE[:100])
     with Oracle(
-        Toy(log=str(log)), budget=200, store=store, progress=lambda *counts: told.append(counts)
+        Toy(log=str(log)), budget=200, store=store, progress=lambda *counts: reports.append(counts)
     ) as oracle:
         np.testing.assert_array_equal(oracle(MU), REFERENCE)
         assert oracle.remaining == 50
-    assert told == [(100, 200, 100), (150, 200, 100)]
+    assert reports == [(100, 200, 100), (150, 200, 100)]
     assert len(log.read_text().splitlines()) == 150
 
 
 def test_progress_comes_after_each_chunk():
-    told = []
-    scores(workers=2, chunk_size=40, progress=lambda *counts: told.append(counts))
-    assert len(told) == 4
-    assert told[-1] == (150, 150, 0)
-    assert [done for done, _, _ in told] == sorted(done for done, _, _ in told)
+    reports = []
+    scores(workers=2, chunk_size=40, progress=lambda *counts: reports.append(counts))
+    assert len(reports) == 4
+    assert reports[-1] == (150, 150, 0)
+    assert [done for done, _, _ in reports] == sorted(done for done, _, _ in reports)
 
 
 def test_oracles_on_one_evaluator_share_its_store(tmp_path):
@@ -222,8 +222,8 @@ def test_an_interrupt_keeps_what_was_evaluated(tmp_path, workers):
     with pytest.raises(KeyboardInterrupt):
         scores(problem, progress=Interrupting(3), **settings)
     known = []
-    found = scores(problem, progress=lambda d, t, k: known.append(k), **settings)
-    np.testing.assert_array_equal(found, REFERENCE)
+    result = scores(problem, progress=lambda d, t, k: known.append(k), **settings)
+    np.testing.assert_array_equal(result, REFERENCE)
     assert 30 <= known[0] < 150
 
 

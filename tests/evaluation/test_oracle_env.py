@@ -134,8 +134,8 @@ def test_the_vector_environment_equals_scalar_ones():
         env.reset()
         for i in range(3):
             observation, reward, terminated, _, info = env.step(MU[4 * i + k])
-            found, rewards, ends, _, infos = steps[i]
-            last = infos["final_obs"][k] if terminated else found[k]
+            state, rewards, ends, _, infos = steps[i]
+            last = infos["final_obs"][k] if terminated else state[k]
             np.testing.assert_array_equal(last, observation)
             assert (rewards[k], ends[k]) == (reward, terminated)
             inner = infos["final_info"] if terminated else infos
@@ -210,13 +210,13 @@ def test_bad_actions_and_counts_are_refused():
         vector.step(np.ma.zeros((2, 2)))
     with pytest.raises(UserError, match="Expected mu to be an array of real numbers, got: "):
         env.step([[1], [1, 2]])
-    for one in (env, vector):
+    for each in (env, vector):
         with pytest.raises(
             UserError, match="Expected the options of a reset in a dictionary, got 5"
         ):
-            one.reset(options=5)
+            each.reset(options=5)
         with pytest.raises(UserError, match=r"Expected .*reset options.*, got 'mask'"):
-            one.reset(options={"mask": 1})
+            each.reset(options={"mask": 1})
     with pytest.raises(UserError, match="Expected seeds to be ints from 0 up, got 'x'"):
         vector.reset(seed="x")
     with pytest.raises(UserError, match="Expected horizon of at most 2,147,483,647"):

@@ -44,8 +44,8 @@ def test_scores_come_back_to_the_last_bit(path):
         assert len(store) == 60
         key = store.context(ApplicationKey.of(Toy()))
         order = RNG.permutation(100)
-        found = store.lookup(key, MU[order], [SEEDS[i] for i in order])
-        np.testing.assert_array_equal(found, np.where(order < 60, SCORES[order], np.nan))
+        stored = store.lookup(key, MU[order], [SEEDS[i] for i in order])
+        np.testing.assert_array_equal(stored, np.where(order < 60, SCORES[order], np.nan))
 
 
 def test_mu_seed_and_context_all_matter(path):
@@ -142,10 +142,10 @@ def test_a_second_writer_is_kept_out(path):
     with EvaluationStore(path) as store:
         with pytest.raises(StoreError, match=ONLY_USER):
             EvaluationStore(path)
-        there = subprocess.run(
+        child = subprocess.run(
             [sys.executable, "-c", OPEN, str(path)], capture_output=True, text=True, check=False
         )
-        assert IN_USE in there.stderr
+        assert IN_USE in child.stderr
         store.context(ApplicationKey.of(Toy()))
     EvaluationStore(path).close()
 

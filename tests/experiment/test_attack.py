@@ -29,12 +29,12 @@ def test_an_attack_writes_its_folder(tmp_path):
         "samples.npz",
         "scores.png",
     ]
-    stages = [stage for stage, _ in itertools.groupby(one.stage for one in reported)]
+    stages = [stage for stage, _ in itertools.groupby(progress.stage for progress in reported)]
     assert stages == ["train", "learn", "train", "learn", "sample", "test", "measure", "pictures"]
     assert reported[0] == RunProgress("train", 0, 100, 0)
     assert RunProgress("train", 100, 100, 0, evaluated=100) in reported
     assert RunProgress("test", 30, 30, 0, evaluated=130) in reported
-    assert [one.evaluated for one in reported if one.stage == "measure"][-1] == 130
+    assert [progress.evaluated for progress in reported if progress.stage == "measure"][-1] == 130
     report = read_model(result.folder / "result.json", RunReport)
     assert report == result.report
     samples = read_samples(result.folder / "samples.npz")

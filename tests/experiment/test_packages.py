@@ -21,9 +21,9 @@ from sada_gym.experiment.packages import in_order, packages
 
 def test_only_what_the_run_loads_counts():
     application = make_application("SADA-Analytic-v0")
-    found = packages(application, Random)
-    assert list(found) == ["python", "sada_gym", "gymnasium", "numpy", "scipy"]
-    assert found["numpy"] == np.__version__
+    versions = packages(application, Random)
+    assert list(versions) == ["python", "sada_gym", "gymnasium", "numpy", "scipy"]
+    assert versions["numpy"] == np.__version__
     assert packages(application, type(adversaries.make("svm", 2)))["scikit-learn"]
 
 
@@ -55,8 +55,8 @@ def test_a_class_of_ones_own_may_name_its_packages():
     class OwnGreedy(Greedy):
         packages = ()
 
-    found = packages(Own(), OwnGreedy)
-    assert list(found) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "rich"]
+    versions = packages(Own(), OwnGreedy)
+    assert list(versions) == ["python", "sada_gym", "gymnasium", "numpy", "scipy", "rich"]
     assert "torch" in packages(Toy(), OwnGreedy)  # nothing is known of it: all may count
 
 
@@ -69,15 +69,15 @@ def test_a_class_of_ones_own_does_not_inherit_the_packages_of_ours():
 
     application = make_application("SADA-Analytic-v0")
     assert "pybullet" in packages(application, Deeper)
-    found = packages(application, type("Heir", (Declared,), {"__module__": Declared.__module__}))
-    assert {"torch", "rich"} <= set(found)
-    assert "pybullet" not in found
+    versions = packages(application, type("Heir", (Declared,), {"__module__": Declared.__module__}))
+    assert {"torch", "rich"} <= set(versions)
+    assert "pybullet" not in versions
 
 
 def test_versions_have_one_order():
-    found = {"b": "1", "pillow": "2", "a": "3", "python": "4", "numpy": "5"}
-    assert list(in_order(found)) == ["python", "numpy", "pillow", "a", "b"]
-    assert in_order(found) == found
+    versions = {"b": "1", "pillow": "2", "a": "3", "python": "4", "numpy": "5"}
+    assert list(in_order(versions)) == ["python", "numpy", "pillow", "a", "b"]
+    assert in_order(versions) == versions
 
 
 LOADED = """
@@ -120,11 +120,11 @@ def test_what_a_run_loads_is_declared(what):
         text=True,
         check=True,
     )
-    found = {name.lower() for name in json.loads(loaded.stdout.splitlines()[-1])}
+    modules = {name.lower() for name in json.loads(loaded.stdout.splitlines()[-1])}
     if what.startswith("SADA"):
         application = make_application(what)
         declared = find_card(application.name).packages
     else:
         declared = adversaries.find(what).packages
     counted = {*module._EVERY_RUN, *declared}
-    assert {name for name in module._ORDER if name in found} <= counted
+    assert {name for name in module._ORDER if name in modules} <= counted

@@ -14,9 +14,9 @@ def test_samples_are_read_as_written(tmp_path):
     mu = np.arange(6, dtype=np.float32).reshape(3, 2)
     samples = Evaluations(mu, np.array([0.1, 0.2, 0.3]), np.array([7, 8, 9]))
     write_samples(tmp_path / "samples.npz", samples)
-    found = read_samples(tmp_path / "samples.npz")
+    restored = read_samples(tmp_path / "samples.npz")
     for name in ("mu", "score", "seed"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(samples, name))
+        np.testing.assert_array_equal(getattr(restored, name), getattr(samples, name))
 
 
 def npz(**arrays):

@@ -88,10 +88,10 @@ def test_a_finished_run_is_read_and_not_done_again(tmp_path):
     assert (first.was_finished, again.was_finished) == (False, True)
     assert reported == []
     assert again.report == first.report
-    for one, other in ((first.samples, again.samples), (first.queries, again.queries)):
-        np.testing.assert_array_equal(one.mu, other.mu)
-        np.testing.assert_array_equal(one.score, other.score)
-        np.testing.assert_array_equal(one.seed, other.seed)
+    for rows, other in ((first.samples, again.samples), (first.queries, again.queries)):
+        np.testing.assert_array_equal(rows.mu, other.mu)
+        np.testing.assert_array_equal(rows.score, other.score)
+        np.testing.assert_array_equal(rows.seed, other.seed)
     assert again.pictures == tuple(sorted(first.pictures))
     assert contents(tmp_path) == before
 
@@ -108,7 +108,7 @@ def test_only_the_pictures_are_made_where_only_they_are_missing(tmp_path):
     reported = []
     done = run(tmp_path, resume=True, pictures=True, on_progress=reported.append)
     assert done.was_finished
-    assert {one.stage for one in reported} == {"pictures"}
+    assert {progress.stage for progress in reported} == {"pictures"}
     assert (tmp_path / "fooled.png") in done.pictures
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 

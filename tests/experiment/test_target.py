@@ -102,7 +102,9 @@ def test_attack_on_a_track_with_a_reference_set_measures_by_it(tmp_path, adversa
     assert report.density > 0
     assert report.novelty.ratio > 0
     assert report.search.curve[-1].coverage > 0
-    assert [one.done for one in asked if one.stage == "measure" and one.total] == [20]
+    assert [
+        progress.done for progress in asked if progress.stage == "measure" and progress.total
+    ] == [20]
     assert read_model(tmp_path / "result.json", RunReport) == report
 
 

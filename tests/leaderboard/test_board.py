@@ -27,7 +27,7 @@ def board(entries):
 
 
 def group(board, name):
-    return next(one for one in board.groups if one.card.page == name)
+    return next(page for page in board.groups if page.card.page == name)
 
 
 def rankings(board, name):
@@ -65,10 +65,10 @@ def test_a_tier_ranks_its_own_figures_alone(board):
 
 def test_figures_are_those_of_the_benchmark(board, entries):
     sheet = rankings(board, "digits")["verified"].whole
-    plain = [one for one in entries if one.metadata.name in ("middle", "weak")]
+    plain = [entry for entry in entries if entry.metadata.name in ("middle", "weak")]
     results = results_of(plain, tables_of({"paper-budgets"}), tier="verified")
     for row in results.rows_of("paper-budgets", "cnn", None):
-        cells = next(one.cells for one in sheet.lines if one.cells["entry"].text == row.label)
+        cells = next(line.cells for line in sheet.lines if line.cells["entry"].text == row.label)
         assert cells["afr"].value == row.afr.value
         assert cells["afr"].interval == row.afr.interval_95
         assert cells["coverage"].value == row.coverage.value
@@ -102,7 +102,7 @@ def test_the_papers_numbers_stand_beside_ours(board):
 
 def test_the_papers_numbers_wait_for_the_first_entry():
     board = make_board([], [find_card("SADA-UAV"), find_card("SADA-Digits")])
-    sheets = {one.card.page: one.paper_sheet for one in board.groups}
+    sheets = {page.card.page: page.paper_sheet for page in board.groups}
     assert sheets["digits"] is None  # the paper has no digits
     assert [line.kind for line in sheets["racing"].lines] == ["paper"] * 9 + ["reference"]
     assert sheets["racing"].lines[0].cells[RACING[0]].text == "17.0"
@@ -115,8 +115,8 @@ def test_uniform_worlds_have_the_rate_of_the_reference_set(board):
 
 
 def test_outdated_results_stand_apart(board):
-    (one,) = {one.entry.metadata.name for one in board.outdated}
-    assert one == "old"
+    (late,) = {late.entry.metadata.name for late in board.outdated}
+    assert late == "old"
     assert "old" not in column(rankings(board, "digits")["claimed"].whole, "afr")
     lines = group(board, "digits").outdated_sheet.lines
     assert [line.cells["track"].text for line in lines] == list(DIGITS)
@@ -147,7 +147,7 @@ def test_a_flagged_attack_is_not_the_strongest(tmp_path):
 
 
 def test_an_application_without_results_has_no_page_unless_a_suite_has_it(board):
-    assert [one.card.page for one in board.groups] == ["racing", "digits"]
+    assert [page.card.page for page in board.groups] == ["racing", "digits"]
 
 
 def test_the_front_is_what_no_other_ranked_entry_beats_twice(board):
@@ -207,5 +207,5 @@ def test_a_sheet_without_rows_has_its_columns():
     sheet = Sheet("empty", "Empty", (Column("a", "A"), Column("b", "B")), ())
     assert sheet.csv() == b"kind,a,b\r\n"
     assert json.loads(sheet.json()) == []
-    one = Sheet("one", "One", sheet.columns, (Line("ranked", {"a": text_cell("x")}),))
-    assert json.loads(one.json()) == [{"kind": "ranked", "a": "x", "b": None}]
+    single = Sheet("one", "One", sheet.columns, (Line("ranked", {"a": text_cell("x")}),))
+    assert json.loads(single.json()) == [{"kind": "ranked", "a": "x", "b": None}]

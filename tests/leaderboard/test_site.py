@@ -299,11 +299,11 @@ def view(browser, address):
 
     yield opened
     assert browser.get_log("browser") == []
-    messages = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     asked = [
-        one["params"]["request"]["url"]
-        for one in messages
-        if one["method"] == "Network.requestWillBeSent"
+        message["params"]["request"]["url"]
+        for message in messages
+        if message["method"] == "Network.requestWillBeSent"
     ]
     assert asked
     assert all(url.startswith((f"{address}/", "data:")) for url in asked), asked
@@ -346,16 +346,16 @@ def test_a_column_sorts_by_click_and_by_key(view):
     head(driver, "Runs").click()
     head(driver, "AFR, %").click()
     order = functools.partial(names, driver)
-    eventually(order, lambda found: found[0] == HOSTILE)
+    eventually(order, lambda names: names[0] == HOSTILE)
     highest = order()
     find_order = "return arguments[0].getAttribute('aria-sort')"
     assert driver.execute_script(find_order, head(driver, "AFR, %")) == "descending"
     button = head(driver, "AFR, %").find_element("css selector", "[role=button]")
     driver.execute_script("arguments[0].focus()", button)
     driver.switch_to.active_element.send_keys("\ue007")  # Enter
-    eventually(order, lambda found: found == highest[::-1])
+    eventually(order, lambda names: names == highest[::-1])
     head(driver, "Rank").click()
-    eventually(order, lambda found: set(found[:2]) == {HOSTILE, "=level"})
+    eventually(order, lambda names: set(names[:2]) == {HOSTILE, "=level"})
     assert {name.split()[0] for name in order()[-2:]} == {"uniform", "ideal"}  # no rank
 
 
@@ -365,20 +365,20 @@ def test_filters_leave_what_was_asked_for(view):
     search = find(driver, "details.verified input[type=search]")
     search.send_keys("midd")
     shown = functools.partial(names, driver)
-    eventually(shown, lambda found: found == ["middle"])
+    eventually(shown, lambda names: names == ["middle"])
     search.send_keys("x")
     body = find(driver, "details.verified table.board tbody")
     eventually(lambda: body.text, lambda text: text == "No row has this.")
     search.clear()
     search.send_keys(" ")
-    eventually(shown, lambda found: found == everything)
+    eventually(shown, lambda names: names == everything)
     find(driver, "details.verified input[type=checkbox]").click()
     rows = functools.partial(driver.execute_script, ROWS)
-    eventually(rows, lambda found: {kind for kind, _ in found} == {"ranked"})
+    eventually(rows, lambda pairs: {kind for kind, _ in pairs} == {"ranked"})
     choose = "details.claimed select"
     find(driver, f"{choose} option[value=claimed]").click()
     claimed = functools.partial(driver.execute_script, ROWS.replace("verified", "claimed"))
-    eventually(claimed, lambda found: [name for _, name in found] == ["newcomer"])
+    eventually(claimed, lambda pairs: [name for _, name in pairs] == ["newcomer"])
 
 
 def test_the_pages_lead_to_each_other(view):
@@ -386,7 +386,7 @@ def test_the_pages_lead_to_each_other(view):
     find(driver, ".cards a[href='digits.html']").click()
     assert find(driver, "h1").text == "Handwritten digits"
     link = next(
-        one for one in driver.find_elements("css selector", ".name a") if one.text == HOSTILE
+        link for link in driver.find_elements("css selector", ".name a") if link.text == HOSTILE
     )
     link.click()
     assert find(driver, "h1").text == HOSTILE
@@ -426,7 +426,7 @@ def test_a_dark_scheme_is_dark(view):
         driver = view("digits.html", scheme=scheme)
         script = """const style = getComputedStyle(document.body);
         return [style.backgroundColor, style.color].map(one => one.match(/\\d+/g).map(Number))"""
-        return [sum(one) for one in driver.execute_script(script)]
+        return [sum(numbers) for numbers in driver.execute_script(script)]
 
     light_paper, light_ink = colours("light")
     dark_paper, dark_ink = colours("dark")

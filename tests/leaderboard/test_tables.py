@@ -78,18 +78,18 @@ def sentences(text):
 
 def settings(entries):
     """The numbers that say what was measured: budgets, samples, seeds, tracks; and the level."""
-    found = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
-    found |= {
+    figures = {"0", "1", "3", "4", "5", "9", "95", "100", "250"}
+    figures |= {
         f"{result.claimed.experiment.protocol.budget:,}"
-        for one in entries
-        for result in one.results.values()
+        for entry in entries
+        for result in entry.results.values()
     }
     for suite in SUITES_OF_ALL:
-        found |= {f"{len(suite.tracks)}"}
+        figures |= {f"{len(suite.tracks)}"}
         for table in suite.tables:
             for rule in (table.budget, *table.budget_of.values()):
-                found |= {f"{one:,}" for one in (rule.queries, *rule.of_adversary.values())}
-    return found
+                figures |= {f"{number:,}" for number in (rule.queries, *rule.of_adversary.values())}
+    return figures
 
 
 @pytest.mark.parametrize("name", ["index", "adversaries", "paper", "rl", "agents"])
@@ -97,12 +97,12 @@ def test_every_figure_of_a_sentence_stands_in_a_row_that_it_names(entries, name)
     page = DOCS / "results" / f"{name}.md"
     text = page.read_text(encoding="utf-8")
     included = re.findall(r"{include} (\S+)", text)
-    known = rows(text + "".join((page.parent / one).read_text("utf-8") for one in included))
+    known = rows(text + "".join((page.parent / file).read_text("utf-8") for file in included))
     set_up = settings(entries)
     for sentence in sentences(text):
         named = [label for label in re.findall(r"`([^`]+)`", sentence) if label in known] or [""]
-        there = set_up.union(*(known.get(label, set()) for label in named))
-        assert numbers(re.sub(r"`[^`]*`", "", sentence)) <= there, sentence
+        allowed = set_up.union(*(known.get(label, set()) for label in named))
+        assert numbers(re.sub(r"`[^`]*`", "", sentence)) <= allowed, sentence
 
 
 def test_a_figure_of_another_row_is_noticed():

@@ -113,8 +113,8 @@ def test_the_truth_covers_the_fooling_set_as_ideal_samples_do(rng):
 
 def test_collapsed_samples_cover_next_to_nothing(rng):
     application, reference = analytic(rng)
-    one = application.sample_fooling_set(1, rng)
-    collapsed = one + 0.01 * rng.normal(size=(250, 8))
+    point = application.sample_fooling_set(1, rng)
+    collapsed = point + 0.01 * rng.normal(size=(250, 8))
     assert fooling_coverage(collapsed, np.ones(250, bool), reference).coverage < 0.1
 
 

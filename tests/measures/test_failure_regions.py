@@ -52,10 +52,10 @@ def worlds(n=200, seed=0, **within):
     ],
 )
 def test_one_range_is_named_in_physical_units(within, text):
-    found = failure_regions(SPACE, worlds(**within))
-    assert [one.text for one in found.conditions] == [text]
-    assert found.share == 1.0
-    assert found.sentence.startswith(
+    regions = failure_regions(SPACE, worlds(**within))
+    assert [condition.text for condition in regions.conditions] == [text]
+    assert regions.share == 1.0
+    assert regions.sentence.startswith(
         f"Fails always where {text}: 100 % of the 200 failures, against "
     )
 
@@ -73,13 +73,16 @@ def test_both_sides_of_a_ring_and_both_ends_of_a_range_are_found():
 
 def test_conditions_are_joined_with_their_shares_counted():
     inside = worlds(300, camera_pitch_deg=(35, 51.6), camera_azimuth_deg=(135, 225))
-    found = failure_regions(SPACE, np.concatenate([inside, worlds(60, seed=1)]))
-    assert {one.parameter for one in found.conditions} == {"camera_pitch_deg", "camera_azimuth_deg"}
+    regions = failure_regions(SPACE, np.concatenate([inside, worlds(60, seed=1)]))
+    assert {condition.parameter for condition in regions.conditions} == {
+        "camera_pitch_deg",
+        "camera_azimuth_deg",
+    }
     values = SPACE.physical(np.concatenate([inside, worlds(60, seed=1)]))
     share = np.mean((values[:, 1] >= 35) & (np.abs(values[:, 0]) >= 135))
-    assert found.share == pytest.approx(share)
-    assert found.uniform == pytest.approx(16.6 / 51.6 / 4)
-    assert found.sentence == (
+    assert regions.share == pytest.approx(share)
+    assert regions.uniform == pytest.approx(16.6 / 51.6 / 4)
+    assert regions.sentence == (
         "Fails mostly where camera is behind and camera pitch is above 35°: "
         f"{100 * share:.0f} % of the 360 failures, against 8 % of uniform worlds."
     )
@@ -90,9 +93,9 @@ def test_a_range_is_named_only_if_it_holds_more_by_a_clear_margin():
     assert failure_regions(SPACE, weak).conditions == ()
     assert "Nowhere in particular" in failure_regions(SPACE, weak).sentence
     stronger = np.concatenate([worlds(300), worlds(200, seed=1, payload_kg=(0, 1.5))])
-    found = failure_regions(SPACE, stronger)
-    assert found.sentence.startswith("Fails more often where payload is below 1.5 kg: 5")
-    assert found.uniform == pytest.approx(0.3)
+    regions = failure_regions(SPACE, stronger)
+    assert regions.sentence.startswith("Fails more often where payload is below 1.5 kg: 5")
+    assert regions.uniform == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("n", [MIN_FAILURES, 15, 40, 250, 2_000])
@@ -120,30 +123,30 @@ def test_few_failures_are_enough_where_they_crowd_and_too_few_else():
 
 
 def test_repeated_worlds_count_once():
-    found = failure_regions(SPACE, np.repeat(worlds(3), 80, axis=0))
-    assert found.sentence == (
+    regions = failure_regions(SPACE, np.repeat(worlds(3), 80, axis=0))
+    assert regions.sentence == (
         "The 240 failures are 3 different worlds, too few to say where the agent fails."
     )
-    assert found.conditions == ()
+    assert regions.conditions == ()
     assert "are one world" in failure_regions(SPACE, np.repeat(worlds(1), 50, axis=0)).sentence
 
 
 def test_samples_on_the_border_count():
     border = worlds(camera_pitch_deg=(51.6, 51.6), camera_azimuth_deg=(180, 180))
-    found = failure_regions(SPACE, border)
-    assert [one.text for one in found.conditions[:2]] == [
+    regions = failure_regions(SPACE, border)
+    assert [condition.text for condition in regions.conditions[:2]] == [
         "camera pitch is above 50°",
         "camera is behind",
     ]
-    assert found.share == 1.0
+    assert regions.share == 1.0
 
 
 def test_a_small_share_of_uniform_worlds_is_not_zero():
-    found = failure_regions(
+    regions = failure_regions(
         SPACE, worlds(camera_pitch_deg=(50, 51.6), payload_kg=(0, 0.5), friction=(0.05, 0.07))
     )
-    assert found.sentence.endswith("against under 0.1 % of uniform worlds.")
-    assert 0 < found.uniform < 0.001
+    assert regions.sentence.endswith("against under 0.1 % of uniform worlds.")
+    assert 0 < regions.uniform < 0.001
 
 
 def test_units_and_signs_are_written_as_people_write_them():
@@ -156,10 +159,10 @@ def test_units_and_signs_are_written_as_people_write_them():
 def test_any_range_has_round_ends(low_high):
     space = ParameterSpace(Parameter("x", *low_high))
     rng = np.random.default_rng(0)
-    found = failure_regions(space, rng.uniform(-1, -0.5, (50, 1)))
-    assert found.share == 1.0
-    assert 0.2 < found.uniform < 0.4
-    digits = found.conditions[0].text.split("below ")[1].lstrip("\N{MINUS SIGN}")
+    regions = failure_regions(space, rng.uniform(-1, -0.5, (50, 1)))
+    assert regions.share == 1.0
+    assert 0.2 < regions.uniform < 0.4
+    digits = regions.conditions[0].text.split("below ")[1].lstrip("\N{MINUS SIGN}")
     assert len(digits.partition("e")[0].replace(".", "").strip("0")) <= 4
 
 
@@ -172,7 +175,7 @@ def test_a_narrow_range_far_from_zero_keeps_its_digits():
 def test_a_single_choice_is_no_condition():
     space = ParameterSpace(Parameter("only", 0.0, 1.0, choices=("this",)), Parameter("x", 0.0, 1.0))
     mu = np.random.default_rng(0).uniform(-1, [1, -0.5], (50, 2))
-    assert [one.parameter for one in failure_regions(space, mu).conditions] == ["x"]
+    assert [condition.parameter for condition in failure_regions(space, mu).conditions] == ["x"]
 
 
 def test_a_thousand_choices_in_order_are_ranges():
@@ -195,7 +198,7 @@ def test_the_order_of_failures_does_not_matter():
 
 def test_detection_says_where_camera_and_light_are():
     parameters = make_application("SADA-Detection-Car-v0").parameters.parameters
-    around = [one.name for one in parameters if one.directions]
+    around = [parameter.name for parameter in parameters if parameter.directions]
     assert around == ["camera_azimuth_deg", "light_azimuth_deg"]
 
 

@@ -142,8 +142,8 @@ def test_the_view_is_what_the_detector_sees():
 
 
 def test_the_sheet_has_three_images_a_sample_and_both_sides_in_a_row(rng):
-    found = image_neighbours(Toy(2), rng.uniform(-1, 1, (4, 2)), range(4), np.ones((3, 2)))
-    sheet = novelty_sheet(found[:2], found[2:])
+    neighbours = image_neighbours(Toy(2), rng.uniform(-1, 1, (4, 2)), range(4), np.ones((3, 2)))
+    sheet = novelty_sheet(neighbours[:2], neighbours[2:])
     titles = [axes.get_title() for axes in sheet.axes]
     assert [title.split(" (")[0] for title in titles[:6]] == [
         "adversary's sample",
@@ -153,14 +153,14 @@ def test_the_sheet_has_three_images_a_sample_and_both_sides_in_a_row(rng):
         "nearest in μ",
         "nearest image",
     ]
-    assert f"({found[0].in_mu.mu_distance:.2f}, " in titles[1]
+    assert f"({neighbours[0].in_mu.mu_distance:.2f}, " in titles[1]
     assert len(titles) == 12
-    alone = novelty_sheet(found[:1])
+    alone = novelty_sheet(neighbours[:1])
     assert [axes.get_title()[:9] for axes in alone.axes] == ["adversary", "nearest i", "nearest i"]
 
 
 @pytest.mark.parametrize(("ours", "ideal"), [(0, 0), (2, 1)])
 def test_uneven_sheets_are_refused(ours, ideal):
-    (one,) = image_neighbours(Toy(2), np.zeros((1, 2)), [0], np.ones((3, 2)))
+    (neighbours,) = image_neighbours(Toy(2), np.zeros((1, 2)), [0], np.ones((3, 2)))
     with pytest.raises(ValueError, match=f"got {ours} and {ideal}"):
-        novelty_sheet([one] * ours, [one] * ideal)
+        novelty_sheet([neighbours] * ours, [neighbours] * ideal)

@@ -67,10 +67,10 @@ def test_what_was_written_is_read(analytic, tmp_path):
 def test_halves_share_no_point_and_leave_none_out(analytic, tmp_path):
     write_reference(tmp_path, TRACK, analytic, evaluate(analytic), sobol_seed=0)
     reference = load_reference(TRACK, analytic, tmp_path)
-    one, other = ({row.tobytes() for row in half} for half in reference.split())
-    assert not one & other
-    assert one | other == {row.tobytes() for row in reference.fooling_set}
-    assert abs(len(one) - len(other)) <= 1
+    first, other = ({row.tobytes() for row in half} for half in reference.split())
+    assert not first & other
+    assert first | other == {row.tobytes() for row in reference.fooling_set}
+    assert abs(len(first) - len(other)) <= 1
 
 
 def test_a_second_set_joins_the_index_and_a_new_one_replaces_its_like(analytic, tmp_path):

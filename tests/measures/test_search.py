@@ -20,10 +20,10 @@ def test_the_curve_is_what_each_stage_gives_by_itself():
     queries, scores, fooling_set = searched()
     points = anytime(queries, scores, THRESHOLD, fooling_set, [1, 100, 3_000])
     for point, n in zip(points, (1, 100, 3_000), strict=True):
-        found = queries[:n][scores[:n] <= THRESHOLD]
-        assert (point.queries, point.found) == (n, len(found))
-        assert point.share == len(found) / n
-        assert point.coverage == density_and_coverage(fooling_set, found).coverage
+        fooling = queries[:n][scores[:n] <= THRESHOLD]
+        assert (point.queries, point.found) == (n, len(fooling))
+        assert point.share == len(fooling) / n
+        assert point.coverage == density_and_coverage(fooling_set, fooling).coverage
     assert points[0].coverage == 0.0
     assert 0.02 < points[1].coverage < points[2].coverage
     expected = expected_coverage(800, points[2].found)
@@ -33,8 +33,8 @@ def test_the_curve_is_what_each_stage_gives_by_itself():
 def test_a_search_in_one_place_covers_little_however_often_it_fools():
     queries, scores, fooling_set = searched()
     wide = anytime(queries, scores, THRESHOLD, fooling_set, [3_000])[0]
-    one = fooling_set[0] + 0.005 * np.random.default_rng(1).normal(size=(3_000, 3))
-    narrow = anytime(one, np.zeros(3_000), THRESHOLD, fooling_set, [3_000])[0]
+    cluster = fooling_set[0] + 0.005 * np.random.default_rng(1).normal(size=(3_000, 3))
+    narrow = anytime(cluster, np.zeros(3_000), THRESHOLD, fooling_set, [3_000])[0]
     assert narrow.share == 1.0 > wide.share
     assert narrow.found == 3_000 > wide.found
     assert narrow.coverage < 0.1 < 0.5 < wide.coverage

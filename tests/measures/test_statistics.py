@@ -22,14 +22,14 @@ def test_interquartile_mean_is_scipys_trimmed_mean():
 
 def repeat(draw, statistic="mean", samples=None):
     """Tell how often the interval holds the true mean, and its mean width."""
-    held, widths = 0, []
+    hits, widths = 0, []
     for i in range(REPETITIONS):
         low, high = estimate(
             draw(), statistic=statistic, samples=samples, seed=i, resamples=400
         ).interval
-        held += low <= LEVELS.mean() <= high
+        hits += low <= LEVELS.mean() <= high
         widths.append(high - low)
-    return held / REPETITIONS, float(np.mean(widths))
+    return hits / REPETITIONS, float(np.mean(widths))
 
 
 @pytest.mark.parametrize("statistic", ["mean", "iqm"])

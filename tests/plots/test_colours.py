@@ -54,8 +54,8 @@ def seen(colour, matrix):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def difference(one, other, matrix):
-    return np.linalg.norm(seen(one, matrix) - seen(other, matrix))
+def difference(first, other, matrix):
+    return np.linalg.norm(seen(first, matrix) - seen(other, matrix))
 
 
 @pytest.mark.parametrize("matrix", MATRICES.values(), ids=MATRICES)

@@ -92,7 +92,7 @@ def test_marks_of_one_colour_differ_by_their_shape():
         picture = Image.new("RGB", (48, 26), "white")
         swatch(ImageDraw.Draw(picture), LegendEntry("", "#0072b2", mark), (2, 2, 45, 23))
         pictures.append(np.asarray(picture).astype(int))
-    for i, one in enumerate(pictures):
-        assert (one != 255).any()
+    for i, drawn in enumerate(pictures):
+        assert (drawn != 255).any()
         for other in pictures[:i]:
-            assert (np.abs(one - other).max(axis=-1) > 60).sum() > 20
+            assert (np.abs(drawn - other).max(axis=-1) > 60).sum() > 20

@@ -35,15 +35,15 @@ def decoded(content: bytes) -> tuple[list[np.ndarray], list[int], Image.Image]:
 
 def test_a_gif_keeps_colours_times_and_loops():
     frames = moving()
-    found, times, video = decoded(gif(frames, [0.1] * 11 + [1.5], 10**6))
-    assert len(found) == 12
+    pictures, times, video = decoded(gif(frames, [0.1] * 11 + [1.5], 10**6))
+    assert len(pictures) == 12
     assert times == [100] * 11 + [1500]
     assert video.info["loop"] == 0
-    for before, after in zip(frames, found, strict=True):
+    for before, after in zip(frames, pictures, strict=True):
         off = np.abs(before.astype(int) - after)
         assert off.mean() < 2.5
         assert off.max() <= 24
-    square = found[5][11, 16]
+    square = pictures[5][11, 16]
     assert np.abs(square.astype(int) - (220, 20, 30)).max() <= 8
 
 
@@ -54,8 +54,8 @@ def test_what_does_not_change_costs_nothing():
 
 
 def test_equal_frames_become_one_longer_frame():
-    found, times, _ = decoded(gif([moving()[0]] * 5, [0.1] * 5, 10**6))
-    assert (len(found), times) == (1, [500])
+    pictures, times, _ = decoded(gif([moving()[0]] * 5, [0.1] * 5, 10**6))
+    assert (len(pictures), times) == (1, [500])
 
 
 def test_a_small_limit_makes_it_smaller_and_keeps_the_ending():

@@ -68,9 +68,9 @@ class Counting(Application):
 def test_the_worst_samples_follow_one_another(analytic):
     samples = read_samples(analytic / "samples.npz")
     video = replay(analytic, worst=3, seconds=2)
-    scores = [one.score for one in video.samples]
+    scores = [sample.score for sample in video.samples]
     assert scores == sorted(samples.score.tolist())[:3]
-    assert [one.sample for one in video.samples] == np.argsort(samples.score)[:3].tolist()
+    assert [sample.sample for sample in video.samples] == np.argsort(samples.score)[:3].tolist()
     assert video.times_s.count(HOLD_S) == 3
     assert {frame.shape for frame in video.frames} == {(400 + BAR, WIDTH, 3)}
     assert replay(analytic, seconds=2).samples == video.samples[:1]
@@ -159,8 +159,8 @@ def test_another_score_is_refused_and_a_rounding_is_told(tmp_path, analytic):
                 replay(folder, sample=row, out=tmp_path / "video.gif")
             assert not (tmp_path / "video.gif").exists()
         else:
-            (one,) = replay(folder, sample=row, seconds=1).samples
-            assert one.score != one.stored
+            (sample,) = replay(folder, sample=row, seconds=1).samples
+            assert sample.score != sample.stored
 
 
 def test_versions_that_differ_are_named_with_another_score(tmp_path, analytic):
@@ -374,17 +374,19 @@ def test_every_application_tells_its_endings(tmp_path, track):
     video = replay(folder, worst=2, seconds=5, out=tmp_path / "video.gif")
     samples = read_samples(folder / "samples.npz")
     application = make_application(track)
-    for one in video.samples:
-        assert one.score == samples.score[one.sample]
-        colour = FAILED if one.fooled else DONE
-        assert all(one.endings)
+    for sample in video.samples:
+        assert sample.score == samples.score[sample.sample]
+        colour = FAILED if sample.fooled else DONE
+        assert all(sample.endings)
         if track.startswith(("SADA-Digits", "SADA-Pixel", "SADA-Detection")):
-            held = [f for f, t in zip(video.frames, video.times_s, strict=True) if t == HOLD_S]
-            assert tuple(held[video.samples.index(one)][-1, -1]) == colour
-        (info,) = application.evaluate(samples.mu[[one.sample]], [one.seed]).infos
+            last_frames = [
+                f for f, t in zip(video.frames, video.times_s, strict=True) if t == HOLD_S
+            ]
+            assert tuple(last_frames[video.samples.index(sample)][-1, -1]) == colour
+        (info,) = application.evaluate(samples.mu[[sample.sample]], [sample.seed]).infos
         said = {"left_lane": "left its lane on the ", "hit": "hit the", "collided": "hit "}
         for ending in info.get("endings", [])[:1]:
-            assert said.get(ending, "") in one.endings[0]
+            assert said.get(ending, "") in sample.endings[0]
     assert video.size <= 2_000_000 * max(1, video.seconds / 10)
     assert video.path is not None
     assert Image.open(video.path).is_animated

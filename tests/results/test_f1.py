@@ -58,34 +58,34 @@ def test_f1_is_the_harmonic_mean_of_afr_over_the_ideal_s_and_coverage():
 
 
 def test_a_collapsed_adversary_comes_last_though_it_always_fools():
-    found = rows(
+    by_entry = rows(
         runs_of("ideal", [(80, 1.0), (80, 1.0), (80, 1.0)]),
         runs_of("collapsed", [(100, 0.04), (100, 0.05), (100, 0.03)]),
         runs_of("good", [(75, 0.9), (78, 0.92), (80, 0.91)]),
         runs_of("random", [(30, 0.6), (28, 0.62), (31, 0.58)]),
     )
-    ranks = {entry: row.rank for entry, row in found.items()}
+    ranks = {entry: row.rank for entry, row in by_entry.items()}
     assert ranks == {"ideal": None, "collapsed": "3", "good": "1", "random": "2"}
-    assert found["collapsed"].afr.value == 1.0
+    assert by_entry["collapsed"].afr.value == 1.0
     expected = np.mean([f1(n / M, c, 0.8) for n, c in [(75, 0.9), (78, 0.92), (80, 0.91)]])
-    assert found["good"].f1.value == pytest.approx(float(expected))
-    low, high = found["good"].f1.interval_95
-    assert low < found["good"].f1.value < high
-    assert found["good"].deciding == found["good"].f1
+    assert by_entry["good"].f1.value == pytest.approx(float(expected))
+    low, high = by_entry["good"].f1.interval_95
+    assert low < by_entry["good"].f1.value < high
+    assert by_entry["good"].deciding == by_entry["good"].f1
 
 
 def test_without_the_ideal_its_afr_counts_as_100_percent():
-    found = rows(runs_of("good", [(75, 0.9), (78, 0.9)]))
-    assert found["good"].f1.value == pytest.approx(float(np.mean(f1([0.75, 0.78], [0.9, 0.9]))))
+    by_entry = rows(runs_of("good", [(75, 0.9), (78, 0.9)]))
+    assert by_entry["good"].f1.value == pytest.approx(float(np.mean(f1([0.75, 0.78], [0.9, 0.9]))))
 
 
 def test_without_coverage_the_rank_is_by_afr():
-    found = rows(runs_of("good", [(75, None)]), runs_of("random", [(20, None)]))
-    assert {entry: (row.f1, row.rank) for entry, row in found.items()} == {
+    by_entry = rows(runs_of("good", [(75, None)]), runs_of("random", [(20, None)]))
+    assert {entry: (row.f1, row.rank) for entry, row in by_entry.items()} == {
         "good": (None, "1"),
         "random": (None, "2"),
     }
-    assert found["good"].deciding == found["good"].afr
+    assert by_entry["good"].deciding == by_entry["good"].afr
 
 
 def test_a_comparison_with_a_track_without_coverage_is_ranked_by_afr():
@@ -104,18 +104,18 @@ def test_a_comparison_with_a_track_without_coverage_is_ranked_by_afr():
 
 
 def test_a_run_without_coverage_where_others_have_it_takes_the_rank():
-    found = rows(runs_of("good", [(75, 0.9)]), runs_of("odd", [(90, None)]))
-    assert {entry: row.rank for entry, row in found.items()} == {"good": "1", "odd": None}
+    by_entry = rows(runs_of("good", [(75, 0.9)]), runs_of("odd", [(90, None)]))
+    assert {entry: row.rank for entry, row in by_entry.items()} == {"good": "1", "odd": None}
 
 
 @pytest.mark.parametrize("seeds", [1, 2, 3])
 def test_the_interval_holds_other_test_samples_even_of_one_seed(seeds):
-    one = [measures(60, 0.8)] * seeds
-    figure = f1_figure({"a": one}, {"a": M}, {"a": 0.75})
+    runs = [measures(60, 0.8)] * seeds
+    figure = f1_figure({"a": runs}, {"a": M}, {"a": 0.75})
     low, high = figure.interval_95
     assert figure.value == pytest.approx(0.8)
     assert 0.02 < high - low < 0.25
-    assert f1_figure({"a": one}, {"a": M}, {"a": 0.75}) == figure
+    assert f1_figure({"a": runs}, {"a": M}, {"a": 0.75}) == figure
 
 
 def test_more_seeds_and_tracks_make_it_narrower():
@@ -134,7 +134,7 @@ def test_seeds_that_differ_widen_it():
 
 
 def test_the_interval_holds_the_truth():
-    rng, held = np.random.default_rng(0), 0
+    rng, hits = np.random.default_rng(0), 0
     truth = float(f1(0.6, 0.8, 0.75))
     for _ in range(60):
         runs = {
@@ -145,8 +145,8 @@ def test_the_interval_holds_the_truth():
             for track in range(6)
         }
         figure = f1_figure(runs, dict.fromkeys(runs, M), dict.fromkeys(runs, 0.75))
-        held += figure.interval_95[0] <= truth <= figure.interval_95[1]
-    assert held >= 51
+        hits += figure.interval_95[0] <= truth <= figure.interval_95[1]
+    assert hits >= 51
 
 
 def test_nothing_measured_has_no_f1():
@@ -154,10 +154,10 @@ def test_nothing_measured_has_no_f1():
 
 
 def test_the_front_leaves_controls_and_what_is_incomplete_out():
-    found = rows(
+    by_entry = rows(
         runs_of("ideal", [(100, 1.0)]),
         runs_of("often", [(90, 0.3)]),
         runs_of("wide", [(50, 0.9)]),
         runs_of("beaten", [(40, 0.2)]),
     )
-    assert front_of(found.values()) == {"often": True, "wide": True, "beaten": False}
+    assert front_of(by_entry.values()) == {"often": True, "wide": True, "beaten": False}

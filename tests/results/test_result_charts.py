@@ -5,8 +5,8 @@ from matplotlib.figure import Figure
 from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.plots.style import png
 from sada_gym.results.charts import (
+    NOVELTY_PANELS,
     Curve,
-    NoveltyRatios,
     anytime_curves,
     marginal_strips,
     novelty_ratios,
@@ -31,11 +31,11 @@ def boxes(labels):
     return np.array([label.get_window_extent().extents for label in labels])
 
 
-def overlapping(found):
-    low = np.maximum(found[:, None, :2], found[None, :, :2])
-    high = np.minimum(found[:, None, 2:], found[None, :, 2:])
+def overlapping(frames):
+    low = np.maximum(frames[:, None, :2], frames[None, :, :2])
+    high = np.minimum(frames[:, None, 2:], frames[None, :, 2:])
     area = np.prod(np.maximum(high - low, 0), axis=2)
-    return int((area[np.triu_indices(len(found), 1)] > 0).sum())
+    return int((area[np.triu_indices(len(frames), 1)] > 0).sum())
 
 
 FRAME = (50.0, 30.0, 850.0, 630.0)
@@ -46,13 +46,13 @@ def test_no_name_lies_over_another_or_over_a_point(spread):
     points = crowd(17, spread) * [800, 600] + [50, 30]
     sizes = np.full((17, 2), [105.0, 15.0])
     middles = place_labels(points, sizes, FRAME)
-    found = np.concatenate([middles - sizes / 2, middles + sizes / 2], axis=1)
-    assert overlapping(found) == 0
-    for box in found:
+    frames = np.concatenate([middles - sizes / 2, middles + sizes / 2], axis=1)
+    assert overlapping(frames) == 0
+    for box in frames:
         inside = ((points > box[:2]) & (points < box[2:])).all(axis=1)
         assert not inside.any()
-    assert (found[:, :2] >= np.array(FRAME[:2]) - 1).all()
-    assert (found[:, 2:] <= np.array(FRAME[2:]) + 1).all()
+    assert (frames[:, :2] >= np.array(FRAME[:2]) - 1).all()
+    assert (frames[:, 2:] <= np.array(FRAME[2:]) + 1).all()
 
 
 def test_a_lone_name_stands_close_by():
@@ -66,12 +66,12 @@ def test_names_of_lines_keep_their_order_and_apart(spread):
     _, axes = canvas()
     ends = crowd(9, spread)
     labels = label_ends(axes, ends, list("abcdefghi"), ["black"] * 9)
-    found = boxes(labels)
-    assert overlapping(found) == 0
-    heights = found[:, [1, 3]].mean(axis=1)
+    frames = boxes(labels)
+    assert overlapping(frames) == 0
+    heights = frames[:, [1, 3]].mean(axis=1)
     order = np.argsort(ends[:, 1], kind="stable")
     assert (np.diff(heights[order]) > 0).all()
-    assert (found[:, 0] > axes.get_window_extent().x1).all()
+    assert (frames[:, 0] > axes.get_window_extent().x1).all()
 
 
 def test_heights_move_no_farther_than_need_be():
@@ -92,7 +92,11 @@ def test_the_charts_draw_without_a_warning(recwarn):
         ),
         marginal_strips(space, {"random": mu}, None, "many"),
         novelty_ratios(
-            [NoveltyRatios("a", [1.0, 0.5], [0.9], []), NoveltyRatios("b", [0.0], [], [1.0])], "n"
+            {
+                "a": dict(zip(NOVELTY_PANELS, ([1.0, 0.5], [0.9], []), strict=True)),
+                "b": dict(zip(NOVELTY_PANELS, ([0.0], [], [1.0]), strict=True)),
+            },
+            "n",
         ),
     ]
     for figure in figures:

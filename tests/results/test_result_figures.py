@@ -14,9 +14,9 @@ def test_equal_seeds_are_bootstrapped():
 
 def test_a_track_counts_once_however_many_seeds_it_has():
     for samples in (None, [10, 10]):
-        found = figure([[0.0, 0.2, 0.4], [0.8]], samples)
-        assert found.value == pytest.approx(0.5)
-        assert found.interval_95[0] < 0.5 < found.interval_95[1]
+        mean = figure([[0.0, 0.2, 0.4], [0.8]], samples)
+        assert mean.value == pytest.approx(0.5)
+        assert mean.interval_95[0] < 0.5 < mean.interval_95[1]
 
 
 def test_a_rate_of_all_or_nothing_stays_within_its_range():
@@ -28,16 +28,16 @@ def test_a_rate_of_all_or_nothing_stays_within_its_range():
 
 @pytest.mark.parametrize("is_rate", [True, False])
 def test_the_intervals_of_unequal_seeds_hold_the_truth(is_rate):
-    rng, truth, held = np.random.default_rng(0), np.array([0.2, 0.5, 0.7, 0.9]), 0
+    rng, truth, hits = np.random.default_rng(0), np.array([0.2, 0.5, 0.7, 0.9]), 0
     for _ in range(60):
         if is_rate:
             runs = [rng.binomial(50, p, 3 if i < 2 else 1) / 50 for i, p in enumerate(truth)]
-            found = figure([list(r) for r in runs], [50] * 4)
+            mean = figure([list(r) for r in runs], [50] * 4)
         else:
             runs = [rng.normal(p, 0.05, 3 if i < 2 else 1) for i, p in enumerate(truth)]
-            found = figure([list(r) for r in runs])
-        held += found.interval_95[0] <= truth.mean() <= found.interval_95[1]
-    assert held >= 52
+            mean = figure([list(r) for r in runs])
+        hits += mean.interval_95[0] <= truth.mean() <= mean.interval_95[1]
+    assert hits >= 52
 
 
 def test_ranks_are_shared_and_controls_have_none():

@@ -20,8 +20,8 @@ def test_training_repeats_and_learns():
     data, validation = training_images(validation=True)
     networks = [train(recipe, data, seed=0) for _ in range(2)]
     assert agents.fingerprint(networks[0]) == agents.fingerprint(networks[1])
-    right, held = accuracy(networks[0], validation)
-    assert right / held > 0.6
+    right, loss = accuracy(networks[0], validation)
+    assert right / loss > 0.6
     images, labels = next(batches(data, RECIPES["cnn"], np.random.default_rng(0)))
     assert images.shape == (64, 8, 8)
     assert labels.shape == (64,)

@@ -40,10 +40,10 @@ def known():
 @pytest.mark.parametrize("name", agents.names("SADA-Detection"))
 def test_the_shipped_detectors_know_the_prior(name, known):
     """A small part of the model card's measurement; the card has 240 frames a class."""
-    found = detect(agents.load(name, "SADA-Detection"), known.images)
-    precision = [average_precision(found, known, k + 1) for k in range(len(CLASSES))]
+    detections = detect(agents.load(name, "SADA-Detection"), known.images)
+    precision = [average_precision(detections, known, k + 1) for k in range(len(CLASSES))]
     assert np.mean(precision) > 0.9
-    assert calibration_error(found, known) < 0.25
+    assert calibration_error(detections, known) < 0.25
 
 
 def test_training_validation_and_benchmark_shapes_are_apart():

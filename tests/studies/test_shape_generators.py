@@ -39,8 +39,10 @@ def test_the_file_is_written_with_the_same_bytes_again(tmp_path: Path) -> None:
 def test_every_style_is_in_the_benchmark(object_class: str) -> None:
     names = styles(object_class)
     assert len(names) >= 4
-    found = {shape.name.split("/")[1].rsplit("-", 1)[0] for shape in benchmark_shapes(object_class)}
-    assert found == set(names)
+    families = {
+        shape.name.split("/")[1].rsplit("-", 1)[0] for shape in benchmark_shapes(object_class)
+    }
+    assert families == set(names)
 
 
 @pytest.mark.parametrize("object_class", CLASSES)

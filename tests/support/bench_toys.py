@@ -146,7 +146,7 @@ def run_in(entries: Path, label: str, rule: str, seed: int = 0, track: str = ANA
 def costs_of(out: Path, label: str, table: str, seed: int = 0):
     """Return the last costs of a run."""
     key = (label, table, seed)
-    return [one for one in read_costs(out) if (one.label, one.table, one.seed) == key][-1]
+    return [cost for cost in read_costs(out) if (cost.label, cost.table, cost.seed) == key][-1]
 
 
 def contents(out: Path) -> dict[str, bytes]:

@@ -25,6 +25,6 @@ def family(members: Iterable[Any], *fast: Any) -> list[Any]:
         fast: Those that `make test` takes as well.
     """
     everyone = list(members)
-    missing = [one for one in fast if one not in everyone]
+    missing = [name for name in fast if name not in everyone]
     assert not missing, f"Expected {missing} among {everyone}."
-    return [pytest.param(one, marks=() if one in fast else pytest.mark.slow) for one in everyone]
+    return [pytest.param(name, marks=() if name in fast else pytest.mark.slow) for name in everyone]

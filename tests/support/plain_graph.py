@@ -77,12 +77,12 @@ def _convolve(node, image, weights, bias=None):
     if _text(node["attr"]["padding"]["s"]) == "SAME":
         left_right = _around(image.shape[3], width, across)
         image = functional.pad(image, (*left_right, *_around(image.shape[2], height, down)))
-    found = functional.conv2d(
+    output = functional.conv2d(
         image, weights.permute(3, 2, 0, 1), stride=(down, across), groups=groups
     ).permute(0, 2, 3, 1)
     for fused in map(_text, node["attr"].get("fused_ops", {}).get("list", {}).get("s", [])):
-        found = found + bias if fused == "BiasAdd" else ACTIVATIONS[fused](found)
-    return found
+        output = output + bias if fused == "BiasAdd" else ACTIVATIONS[fused](output)
+    return output
 
 
 def _around(size: int, kernel: int, stride: int) -> tuple[int, int]:

@@ -12,10 +12,10 @@ def numbers(text: str) -> set[str]:
 
 def rows(text: str) -> dict[str, set[str]]:
     """The numbers of each row of the tables, by its first cell; of all rows under ''."""
-    found: dict[str, set[str]] = {"": set()}
+    figures: dict[str, set[str]] = {"": set()}
     for line in text.splitlines():
         if line.startswith("|"):
             label = line.split("|")[1].strip()
             for name in (label, ""):
-                found.setdefault(name, set()).update(numbers(line))
-    return found
+                figures.setdefault(name, set()).update(numbers(line))
+    return figures

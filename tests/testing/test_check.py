@@ -231,7 +231,7 @@ class NeighbourlyDetector(torch.nn.Module):
         score = torch.stack([image.mean() for image in images])
         score = (0.5 + score - score.mean()).clamp(0, 1)
         box, label = torch.tensor([[0.0, 0.0, 9.0, 9.0]]), torch.tensor([1])
-        return [{"boxes": box, "labels": label, "scores": one[None]} for one in score]
+        return [{"boxes": box, "labels": label, "scores": value[None]} for value in score]
 
 
 @pytest.mark.parametrize("tile", [1, 4])

@@ -18,8 +18,8 @@ from sada_gym.files import write_file
 from sada_gym.parameters import Mu
 from sada_gym.plots.style import png
 from sada_gym.results.charts import (
+    NOVELTY_PANELS,
     Curve,
-    NoveltyRatios,
     anytime_curves,
     marginal_strips,
     novelty_ratios,
@@ -96,16 +96,16 @@ def _curves(runs: Sequence[RunSummary]) -> list[Curve]:
     return list(curves.values())
 
 
-def _ratios(runs: Sequence[RunSummary]) -> list[NoveltyRatios]:
-    ratios_of = []
+def _ratios(runs: Sequence[RunSummary]) -> dict[str, dict[str, list[float]]]:
+    ratios_of = {}
     for label in dict.fromkeys(run.label for run in runs if run.label != IDEAL):
         measured = [run.measures for run in runs if run.label == label and run.measures]
-        median, fifth, image = (
-            [ratio for measures in measured if (ratio := MEANS[name].read(measures)) is not None]
-            for name in ("novelty_ratio", "novelty_fifth_ratio", "image_novelty_ratio")
-        )
-        if median:
-            ratios_of.append(NoveltyRatios(label, median, fifth, image))
+        ratios = {
+            name: [r for measures in measured if (r := MEANS[name].read(measures)) is not None]
+            for name in NOVELTY_PANELS
+        }
+        if ratios["novelty_ratio"]:
+            ratios_of[label] = ratios
     return ratios_of
 
 

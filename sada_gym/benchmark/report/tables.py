@@ -137,10 +137,10 @@ def _all_applications(results: Results, table: str) -> Iterator[str]:
     }
     if len({application_of[track] for track in comparison_of}) < 2:
         return
-    comparisons = [*dict.fromkeys(comparison_of.values())]
-    agents = ", ".join(comparison.agent for comparison in comparisons)
-    title = f"## {comparisons[0].table.title}: all applications"
-    yield from (title, "", f"Agents: {agents}.", "")
+    titles = dict.fromkeys(comparison.table.title for comparison in comparison_of.values())
+    agents = dict.fromkeys(comparison.agent for comparison in comparison_of.values())
+    yield from (f"## {next(iter(titles))}: all applications", "")
+    yield from (f"Agents: {', '.join(agents)}.", "")
     by_track, columns = _ByTrack(results, comparison_of), _paper_columns(comparison_of)
     yield from _like_the_paper(by_track, columns)
     # the paper itself has no coverage
@@ -152,8 +152,7 @@ class _ByTrack:
 
     def __init__(self, results: Results, comparison_of: Mapping[str, Comparison]) -> None:
         self.tracks = list(comparison_of)
-        comparisons = dict.fromkeys(comparison_of.values())
-        self.overall = {row.label: row for c in comparisons for row in c.rows}
+        self.overall = {row.label: row for c in comparison_of.values() for row in c.rows}
         self.rows = {
             (track, row.label): row
             for track, comparison in comparison_of.items()

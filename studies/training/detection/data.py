@@ -86,11 +86,11 @@ def validation_frames(
 def _requests(per_class: int, seeds: Sequence[int], empty: int) -> list[tuple[Shape | None, int]]:
     """Yield pairs (shape, label), shape by shape: a renderer loads each only once."""
     counts = np.bincount(np.arange(per_class) % len(seeds), minlength=len(seeds))
-    found: list[tuple[Shape | None, int]] = []
+    placed: list[tuple[Shape | None, int]] = []
     for label, name in enumerate(CLASSES, 1):
         for shape_seed, count in zip(seeds, counts.tolist(), strict=True):
-            found += [(generate(name, shape_seed), label)] * count if count else []
-    return found + [(None, 0)] * empty
+            placed += [(generate(name, shape_seed), label)] * count if count else []
+    return placed + [(None, 0)] * empty
 
 
 def _render(

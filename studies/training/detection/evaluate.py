@@ -64,21 +64,21 @@ def measure(
 
 def detect(model: Detector, images: npt.NDArray[np.uint8], tile: int = 16) -> Detections:
     """Run a detector over frames (n, size, size, 3)."""
-    found: Detections = []
+    detections: Detections = []
     for start in range(0, len(images), tile):
         batch = torch.from_numpy(images[start : start + tile]).permute(0, 3, 1, 2).float() / 255
         with torch.inference_mode():
-            found += model(list(batch))
-    return found
+            detections += model(list(batch))
+    return detections
 
 
 def average_precision(detections: Detections, frames: LabelledFrames, label: int) -> float:
     """Return one class's AP at IoU 0.5, the area under the interpolated precision-recall curve."""
     scores, hits = _matches(detections, frames, label)
     order = np.argsort(-scores, kind="stable")
-    found = np.cumsum(hits[order])
-    recall = found / max(1, int((frames.labels == label).sum()))
-    precision = found / np.arange(1, len(order) + 1)
+    hit_counts = np.cumsum(hits[order])
+    recall = hit_counts / max(1, int((frames.labels == label).sum()))
+    precision = hit_counts / np.arange(1, len(order) + 1)
     envelope = np.maximum.accumulate(precision[::-1])[::-1]
     return float((np.diff(recall, prepend=0.0) * envelope).sum())
 
@@ -102,11 +102,13 @@ def _matches(
     """Return the scores of a class's detections, and which are the first to hit the true box."""
     scores: list[float] = []
     hits: list[bool] = []
-    for i, found in enumerate(detections):
+    for i, detection in enumerate(detections):
         taken = frames.labels[i] != label
         truth = torch.from_numpy(frames.boxes[i])
-        of_class = found["labels"] == label
-        for box, score in zip(found["boxes"][of_class], found["scores"][of_class], strict=True):
+        of_class = detection["labels"] == label
+        for box, score in zip(
+            detection["boxes"][of_class], detection["scores"][of_class], strict=True
+        ):
             hit = not taken and float(iou(box, truth)) >= 0.5
             taken = taken or hit
             scores.append(float(score))
@@ -116,8 +118,8 @@ def _matches(
 
 def _confidence(detections: Detections, frames: LabelledFrames) -> tuple[float, ...]:
     best = np.zeros(len(detections))
-    for i, found in enumerate(detections):
-        scores = found["scores"][found["labels"] == int(frames.labels[i])]
+    for i, detection in enumerate(detections):
+        scores = detection["scores"][detection["labels"] == int(frames.labels[i])]
         best[i] = float(scores.max()) if len(scores) else 0.0
     return tuple(float(best[frames.labels == k + 1].mean()) for k in range(len(CLASSES)))
 

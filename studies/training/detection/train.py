@@ -73,7 +73,7 @@ def detection_loss(model: Detector, batch: LabelledFrames) -> Tensor:
     heat, centre = targets(batch, tuple(logits.shape[1:]))
     hard = heat >= 1
     score = logits.sigmoid()
-    found = functional.logsigmoid(logits) * (1 - score) ** 2 * hard
+    hits = functional.logsigmoid(logits) * (1 - score) ** 2 * hard
     spurious = functional.logsigmoid(-logits) * score**2 * (1 - heat) ** 4 * ~hard
     count = max(1, int((batch.labels > 0).sum()))
     frame, cell = (centre > 0.4).flatten(1).nonzero(as_tuple=True)
@@ -85,7 +85,7 @@ def detection_loss(model: Detector, batch: LabelledFrames) -> Tensor:
     boxes = boxes_at(reach, cells.clamp(min=0))[frame, slot]
     weight = centre.flatten(1)[frame, cell]
     loss = 1 - giou(boxes, torch.from_numpy(batch.boxes)[frame])
-    return -(found + spurious).sum() / count + 2 * (loss * weight).sum() / weight.sum()
+    return -(hits + spurious).sum() / count + 2 * (loss * weight).sum() / weight.sum()
 
 
 def targets(batch: LabelledFrames, shape: tuple[int, ...]) -> tuple[Tensor, Tensor]:

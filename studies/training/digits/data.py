@@ -20,10 +20,10 @@ def training_images(*, validation: bool = False) -> tuple[LabelledImages, Labell
             each digit. Without it the second part is that third, too, but the first part has it.
     """
     place = turns() % TEST_EVERY
-    held = place == TEST_EVERY - 2
-    train = (place != TEST_EVERY - 1) & ~(held & validation)
+    is_validation = place == TEST_EVERY - 2
+    train = (place != TEST_EVERY - 1) & ~(is_validation & validation)
     digits = all_digits()
-    return digits[np.flatnonzero(train)], digits[np.flatnonzero(held)]
+    return digits[np.flatnonzero(train)], digits[np.flatnonzero(is_validation)]
 
 
 def batches(

@@ -43,8 +43,8 @@ class Figures:
 
 def accuracy(network: DigitNetwork, data: LabelledImages) -> tuple[int, int]:
     """Count the images that a classifier gets right; give that count and how many there are."""
-    found = ClassifierAgent(network).act(data.images)
-    return int((found.argmax(axis=1) == data.labels).sum()), len(data)
+    answers = ClassifierAgent(network).act(data.images)
+    return int((answers.argmax(axis=1) == data.labels).sum()), len(data)
 
 
 def measure(network: DigitNetwork, *, seed: int, samples: int = SAMPLES) -> Figures:

@@ -88,11 +88,11 @@ def strayed(races: RacingEpisodes) -> npt.NDArray[np.bool_]:
     """Return which drones missed their gate: nothing ahead of them shows where it is."""
     gates = races.gates.shape[1]
     flying = np.flatnonzero(races.next_gate < gates)
-    found: npt.NDArray[np.bool_] = np.any(races.endings > GateOutcome.PASSED, axis=1)
+    missed: npt.NDArray[np.bool_] = np.any(races.endings > GateOutcome.PASSED, axis=1)
     x, y, _, turn = races.waypoints(flying).T
     ahead = x * np.cos(turn) + y * np.sin(turn)
-    found[flying] |= (ahead < -_BEHIND_M) | (np.hypot(x, y) > _ASTRAY_M)
-    return found
+    missed[flying] |= (ahead < -_BEHIND_M) | (np.hypot(x, y) > _ASTRAY_M)
+    return missed
 
 
 def fit(

@@ -70,9 +70,9 @@ def test_every_step_chooses_as_a_search_that_computes_everything_afresh(seed, di
         improvement[evaluated] = -1.0
         assert (pool[np.argmax(improvement)] == chosen).all()
         mu = np.concatenate([mu, chosen[None]])
-        found = score(chosen[None])
-        engine.observe(found)
-        scores = np.append(scores, found)
+        value = score(chosen[None])
+        engine.observe(value)
+        scores = np.append(scores, value)
 
 
 @pytest.mark.parametrize("count", [1, 7, 200, 300])

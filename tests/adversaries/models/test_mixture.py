@@ -135,9 +135,9 @@ def test_the_held_out_likelihood_chooses_the_size(rng):
     centres = np.array([[-0.7, -0.7], [0.7, 0.7], [-0.7, 0.7], [0.7, -0.7]])
     four = np.repeat(centres, 100, axis=0) + 0.05 * rng.normal(size=(400, 2))
     assert len(fit_best_mixture(four, (1, 2, 4, 64), rng).weights) == 4
-    one = 0.2 * rng.normal(size=(400, 2))
-    assert len(fit_best_mixture(one, (1, 8, 64), rng).weights) == 1
-    assert len(fit_best_mixture(one[:3], (2, 8), rng).weights) == 2
+    blob = 0.2 * rng.normal(size=(400, 2))
+    assert len(fit_best_mixture(blob, (1, 8, 64), rng).weights) == 1
+    assert len(fit_best_mixture(blob[:3], (2, 8), rng).weights) == 2
 
 
 def test_the_held_out_likelihood_is_weighted(rng):

@@ -39,12 +39,12 @@ def detector(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pictures():
     """A car, a bus and a bottle."""
-    found = []
+    observations = []
     for seed, name in enumerate(("car", "bus", "bottle")):
         application = DetectionApplication(name, image_size=256)
         mu = np.array([-0.5, -0.75, -0.7, 0, 0.2, 0.8, -0.8, -0.8])
-        found.append(application.observation(mu, seed + 1))
-    return found
+        observations.append(application.observation(mu, seed + 1))
+    return observations
 
 
 def as_tensor(picture):
@@ -83,24 +83,24 @@ def test_every_class_has_its_highest_score(detector, pictures):
         image = as_tensor(picture)
         with torch.inference_mode():
             scores = detector.maps(image)[0].double().sigmoid().float().flatten(0, 1)
-            (found,) = detector([image])
-        assert (found["scores"].diff() <= 0).all()
+            (detections,) = detector([image])
+        assert (detections["scores"].diff() <= 0).all()
         for label in range(1, 81):
-            own = found["scores"][found["labels"] == label]
+            own = detections["scores"][detections["labels"] == label]
             assert own.max() == scores[:, label - 1].max()
         height, width = image.shape[1:]
-        assert (found["boxes"] >= 0).all()
-        assert (found["boxes"][:, 2] <= width).all()
-        assert (found["boxes"][:, 3] <= height).all()
+        assert (detections["boxes"] >= 0).all()
+        assert (detections["boxes"][:, 2] <= width).all()
+        assert (detections["boxes"][:, 3] <= height).all()
 
 
 @pytest.mark.parametrize("size", [(32, 32), (33, 57), (700, 300), (512, 512)])
 def test_any_size_from_32_pixels(detector, pictures, size):
     image = torch.nn.functional.interpolate(as_tensor(pictures[0])[None], size, mode="bilinear")[0]
     with torch.inference_mode():
-        found, again = detector([image, image])
-    assert len(found["scores"]) >= 80
-    assert all(torch.equal(found[key], again[key]) for key in found)
+        detections, again = detector([image, image])
+    assert len(detections["scores"]) >= 80
+    assert all(torch.equal(detections[key], again[key]) for key in detections)
     with pytest.raises(UserError, match=r"at least 32 pixels .* got 31 x 40"):
         detector([torch.rand(3, 31, 40)])
 
@@ -111,8 +111,8 @@ def test_neighbours_and_the_tile_do_not_matter(detector, pictures):
     for tile in (1, 3):
         agent = DetectorAgent(detector, tile)
         for order in ([0, 1, 2, 3], [3, 2, 1, 0], [1]):
-            for i, found in zip(order, agent.act([pictures[i] for i in order]), strict=True):
-                assert all(np.array_equal(found[key], together[i][key]) for key in found)
+            for i, detections in zip(order, agent.act([pictures[i] for i in order]), strict=True):
+                assert all(np.array_equal(detections[key], together[i][key]) for key in detections)
 
 
 def test_it_finds_a_car_where_it_is(detector):
@@ -164,10 +164,10 @@ class Crowded(torch.nn.Module):
 
 def test_the_class_under_attack_is_not_crowded_out():
     image = np.zeros((32, 32, 3), np.uint8)
-    (found,) = DetectorAgent(Crowded().eval(), label=2).act([image])
-    assert found["labels"].tolist() == [1] * (TOP_DETECTIONS - 1) + [2]
-    assert found["scores"][-1] == np.float32(0.3)
-    assert found["boxes"][-1].tolist() == [30] * 4
+    (detections,) = DetectorAgent(Crowded().eval(), label=2).act([image])
+    assert detections["labels"].tolist() == [1] * (TOP_DETECTIONS - 1) + [2]
+    assert detections["scores"][-1] == np.float32(0.3)
+    assert detections["boxes"][-1].tolist() == [30] * 4
     for label, every_class in ((1, True), (3, True), (None, True), (2, False)):
         network = Crowded().eval()
         network.scores_every_class = every_class

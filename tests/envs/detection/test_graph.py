@@ -113,8 +113,8 @@ def test_the_converted_graph_equals_the_nodes(graph, tmp_path):
     for seed in range(3):
         image = 3 * torch.randn(1, 32, 48, 3, generator=torch.Generator().manual_seed(seed))
         before = image.clone()
-        found = converted(image.permute(0, 3, 1, 2).flip(2, 3))
-        for answer, expected in zip(found, plain(image, *outputs), strict=True):
+        output = converted(image.permute(0, 3, 1, 2).flip(2, 3))
+        for answer, expected in zip(output, plain(image, *outputs), strict=True):
             turned = answer.flip(2, 3).permute(0, 2, 3, 1)
             assert expected.std() > 0.1
             torch.testing.assert_close(turned, expected, atol=1e-4, rtol=1e-5)

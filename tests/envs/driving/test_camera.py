@@ -77,8 +77,8 @@ def test_height_and_pitch_change_the_picture(poses):
 def test_only_rain_is_random(poses):
     for name, weather in WEATHERS.items():
         index = weather_index(name)
-        one, other = (look(poses[:2], weather=index, keys=[k, k + 1]) for k in (3, 8))
-        assert np.array_equal(one, other) == (weather.rain == 0), name
+        first, other = (look(poses[:2], weather=index, keys=[k, k + 1]) for k in (3, 8))
+        assert np.array_equal(first, other) == (weather.rain == 0), name
 
 
 def test_what_is_near_stays_where_geometry_puts_it():

@@ -58,10 +58,10 @@ def test_an_info_says_how_each_route_ended(application):
 
 def test_the_weather_is_one_of_six_by_equal_parts_of_the_axis(application):
     places = np.linspace(-1, 1, 13, dtype=np.float32)[:-1] + 0.01
-    found = [
+    weathers = [
         application.camera_and_weather(np.array([0, 0, place], np.float32))[1] for place in places
     ]
-    assert found == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    assert weathers == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
     assert application.camera_and_weather(np.array([0, 0, 1], np.float32))[1] == 5
 
 

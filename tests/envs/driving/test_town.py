@@ -24,10 +24,10 @@ def test_lanes_join_without_a_gap_or_a_kink(name):
     place = town(name)
     for (before, corner, after), passage in place.passages.items():
         way = [place.streets[before, corner], *passage.lanes, place.streets[corner, after]]
-        for one, other in pairwise(way):
-            gap = one.position(one.length, 0) - other.position(0, 0)
+        for lane, other in pairwise(way):
+            gap = lane.position(lane.length, 0) - other.position(0, 0)
             assert np.hypot(*gap) < 1e-9
-            assert abs(wrap_to_pi(one.heading_at(one.length) - other.heading_at(0))) < 1e-9
+            assert abs(wrap_to_pi(lane.heading_at(lane.length) - other.heading_at(0))) < 1e-9
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -91,11 +91,11 @@ def test_a_route_follows_the_lanes_evenly():
 def test_a_command_is_given_before_and_in_a_junction(way, command):
     place = town("benchmark")
     route = make_route(place, tuple(way.split()), start=0.0)
-    told = [COMMANDS[c] for c in route.command]
-    assert told[0] == told[-1] == "follow"
-    first = told.index(command)
-    last = len(told) - told[::-1].index(command)
-    assert set(told[first:last]) == {command}
+    commands = [COMMANDS[c] for c in route.command]
+    assert commands[0] == commands[-1] == "follow"
+    first = commands.index(command)
+    last = len(commands) - commands[::-1].index(command)
+    assert set(commands[first:last]) == {command}
     entry = place.streets["A1", "B1"].length
     inside = sum(lane.length for lane in place.passages[tuple(way.split())].lanes)
     assert first * SPACING_M == pytest.approx(entry - 15, abs=SPACING_M)
@@ -130,8 +130,8 @@ def test_tasks_are_what_their_names_say():
         for task in ROUTES
     }
     assert turns["straight"] == [["follow", "straight"]] * 5
-    told = Counter(tuple(commands) for commands in turns["one_curve"])
-    assert told == {("follow", "left"): 2, ("follow", "right"): 2, ("follow",): 1}
+    counts = Counter(tuple(commands) for commands in turns["one_curve"])
+    assert counts == {("follow", "left"): 2, ("follow", "right"): 2, ("follow",): 1}
     ways = [route.command for route in benchmark_routes("navigation")]
     begun = Counter(
         COMMANDS[b] for way in ways for a, b in pairwise(way.tolist()) if b != a and b != 0

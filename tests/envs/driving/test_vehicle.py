@@ -52,9 +52,9 @@ def test_a_car_is_found_on_its_route_to_either_side():
 
 
 def test_a_car_stays_on_its_own_part_of_a_route_that_crosses_itself():
-    there = np.column_stack([np.arange(0, 20, 0.5), np.zeros(40)])
+    path = np.column_stack([np.arange(0, 20, 0.5), np.zeros(40)])
     back = np.column_stack([np.full(40, 10.0), np.arange(-10, 10, 0.5)])
-    points = np.concatenate([there, back])
+    points = np.concatenate([path, back])
     at = np.array([58])
     states = np.array([[10.0, 0.1, np.pi / 2, 0.0]])
     heading = np.repeat([0.0, np.pi / 2], 40)

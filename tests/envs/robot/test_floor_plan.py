@@ -75,8 +75,8 @@ def test_a_number_says_everything_about_a_plan():
     again, other = floor_plan(3), floor_plan(4)
     assert again is not first
     np.testing.assert_array_equal(again.barrels, first.barrels)
-    for one, two in zip(again.ways, first.ways, strict=True):
-        np.testing.assert_array_equal(one, two)
+    for way, two in zip(again.ways, first.ways, strict=True):
+        np.testing.assert_array_equal(way, two)
     assert not np.array_equal(other.barrels[:3], first.barrels[:3])
 
 

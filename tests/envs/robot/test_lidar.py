@@ -36,8 +36,8 @@ def test_ranges_are_those_of_pymunks_queries():
             end = (x + RANGE_M * dx, y + RANGE_M * dy)
             hit = space.segment_query_first((x, y), end, 0, pymunk.ShapeFilter())
             expected = RANGE_M if hit is None else hit.alpha * RANGE_M
-            found = distance(x, y, dx, dy, HALL, plan.racks, circles)
-            assert found == pytest.approx(expected, abs=1e-6)
+            ranges = distance(x, y, dx, dy, HALL, plan.racks, circles)
+            assert ranges == pytest.approx(expected, abs=1e-6)
 
 
 def scanned(pose, mount=(0.0, 0.0), circles=NO_CIRCLES, noise=0.0, lost=False):

@@ -65,8 +65,8 @@ GOLDEN = [("cacccccacc", 31.1989), ("caaaaaaaaa", 5.3237), ("ccccaaaaac", 19.911
 def test_golden_trips():
     mu = np.random.default_rng(0).uniform(-1, 1, (3, D)).round(1)
     infos = blind().evaluate(mu, [0, 1, 2]).infos
-    found = ["".join(ending[0] for ending in info["endings"]) for info in infos]
-    assert found == [endings for endings, _ in GOLDEN]
+    initials = ["".join(ending[0] for ending in info["endings"]) for info in infos]
+    assert initials == [endings for endings, _ in GOLDEN]
     left = [float(info["remaining_m"].sum()) for info in infos]
     np.testing.assert_allclose(left, [metres for _, metres in GOLDEN], atol=1e-3)
 

@@ -107,9 +107,9 @@ def test_a_trip_is_the_same_whatever_else_is_in_the_batch():
     starts = draw(7, StartDistribution(spread=1.0))
     together = record(Blind(), RobotEpisodes(starts))
     alone = [record(Blind(), RobotEpisodes([start]))[0] for start in starts[::-1]][::-1]
-    for one, two in zip(together, alone, strict=True):
-        for key in one.snapshots:
-            np.testing.assert_array_equal(one[key], two[key])
+    for batched, two in zip(together, alone, strict=True):
+        for key in batched.snapshots:
+            np.testing.assert_array_equal(batched[key], two[key])
 
 
 def test_a_place_is_used_again_as_if_it_were_new():
@@ -127,9 +127,9 @@ def test_a_place_is_used_again_as_if_it_were_new():
 
 def test_the_seed_fixes_the_lidars_noise_alone():
     start = RobotStart(conditions=replace(NOMINAL, lidar_noise_m=0.1))
-    one, two = RobotEpisodes([start]), RobotEpisodes([replace(start, seed=1)])
-    np.testing.assert_array_equal(one.poses, two.poses)
-    assert not np.array_equal(one.observe(FIRST)["lidar"], two.observe(FIRST)["lidar"])
+    first, two = RobotEpisodes([start]), RobotEpisodes([replace(start, seed=1)])
+    np.testing.assert_array_equal(first.poses, two.poses)
+    assert not np.array_equal(first.observe(FIRST)["lidar"], two.observe(FIRST)["lidar"])
 
 
 def test_the_privileged_driver_arrives():
@@ -157,8 +157,8 @@ def test_conditions_are_what_mu_says():
     ends = [conditions(np.full(len(PARAMETERS), end, np.float32)) for end in (-1, 1)]
     assert (ends[0].barrels, ends[1].barrels) == (0, 16)
     for parameter in PARAMETERS.parameters:
-        found = [getattr(end, parameter.name) for end in ends]
-        assert found == pytest.approx([parameter.low, parameter.high])
+        values = [getattr(end, parameter.name) for end in ends]
+        assert values == pytest.approx([parameter.low, parameter.high])
 
 
 @pytest.mark.parametrize("name", PARAMETERS.names)

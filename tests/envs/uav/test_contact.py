@@ -35,29 +35,29 @@ def apart(state, gate):
     """The distance of the drone's box from the nearest bar of a gate."""
     own = Rotation.from_quat(state[3:7]).as_matrix()
     frame = Rotation.from_euler("z", gate[3]).as_matrix()
-    found = []
+    distances = []
     for y, z, width, height in BARS:
         offset = gate[:3] + frame @ [0, y, z] - state[:3]
         most = np.array([*np.array(BODY_M) / 2, DEPTH_M / 2, width, height])
         solved = lsq_linear(np.hstack([own, -frame]), offset, (-most, most), tol=1e-14)
-        found.append(np.sqrt(2 * solved.cost))
-    return min(found)
+        distances.append(np.sqrt(2 * solved.cost))
+    return min(distances)
 
 
 @pytest.mark.parametrize("tumbling", [True, False])
 def test_any_place_and_attitude_agrees_with_the_distance(tumbling):
     rng = np.random.default_rng(int(tumbling))
     frame = Rotation.from_euler("z", GATE[3])
-    found = []
+    contacts = []
     for _ in range(400):
         turn = Rotation.from_quat(rng.normal(size=4))
         if not tumbling:  # parallel to the bars
             turn = frame * Rotation.from_euler("z", rng.integers(4) * np.pi / 2)
         place = GATE[:3] + frame.apply(rng.uniform([-0.5, -1.8, -1.6], [0.5, 1.8, 1.8]))
         state = drone(place, turn=turn)
-        found.append(hits(state, GATE[None]))
-        assert found[-1] == (apart(state, GATE) < 1e-7)
-    assert 50 < sum(found) < 350
+        contacts.append(hits(state, GATE[None]))
+        assert contacts[-1] == (apart(state, GATE) < 1e-7)
+    assert 50 < sum(contacts) < 350
 
 
 @pytest.mark.parametrize(("axis", "side"), [(1, 1), (1, -1), (2, 1), (2, -1)])

@@ -83,12 +83,12 @@ def test_bodies_do_not_depend_on_one_another(count, place):
 
 
 def test_every_thread_has_bodies_of_its_own():
-    found = []
-    other = threading.Thread(target=lambda: found.append(free_bodies()))
+    bodies = []
+    other = threading.Thread(target=lambda: bodies.append(free_bodies()))
     other.start()
     other.join()
     assert free_bodies() is free_bodies()
-    assert free_bodies() is not found[0]
+    assert free_bodies() is not bodies[0]
 
 
 @pytest.mark.parametrize("course", [0.0, 0.7, 2.0, -2.5])

@@ -74,9 +74,9 @@ def test_no_drone_sees_nothing(network, poses, gates):
 
 def test_a_seed_fixes_the_weights_and_leaves_the_global_generators_alone():
     before = torch.get_rng_state()
-    one, same, other = (WaypointPilot(new_network(seed)) for seed in (1, 1, 2))
+    first, same, other = (WaypointPilot(new_network(seed)) for seed in (1, 1, 2))
     assert torch.equal(torch.get_rng_state(), before)
-    assert one.fingerprint == same.fingerprint != other.fingerprint
+    assert first.fingerprint == same.fingerprint != other.fingerprint
 
 
 def test_weights_survive_a_file(tmp_path, network):
@@ -104,16 +104,16 @@ def test_sb3s_files_are_refused_with_the_reason(kind):
         agents.load(kind("mine.zip"), "SADA-UAV")
 
 
-def _without(found):
-    del found["head.0.bias"]
+def _without(arrays):
+    del arrays["head.0.bias"]
 
 
-def _wider(found):
-    found["seen.0.weight"] = torch.zeros(256, 768)
+def _wider(arrays):
+    arrays["seen.0.weight"] = torch.zeros(256, 768)
 
 
-def _another(found):
-    found["memory.weight"] = torch.zeros(3)
+def _another(arrays):
+    arrays["memory.weight"] = torch.zeros(3)
 
 
 @pytest.mark.parametrize(
@@ -125,9 +125,9 @@ def _another(found):
     ],
 )
 def test_weights_that_do_not_fit_are_named(tmp_path, change, message):
-    found = load_file(agents.card("waypoint-pid").path)
-    change(found)
-    save_file(found, tmp_path / "big.safetensors")
+    arrays = load_file(agents.card("waypoint-pid").path)
+    change(arrays)
+    save_file(arrays, tmp_path / "big.safetensors")
     with pytest.raises(ValueError, match=f"{message} Write such a file") as caught:
         agents.load(str(tmp_path / "big.safetensors"), "SADA-UAV")
     assert "\n" not in str(caught.value)

@@ -143,8 +143,8 @@ def test_looks_change_the_light_and_no_gate():
 
 
 def test_moving_over_the_field_changes_its_picture():
-    one, other = look([pose(), pose(0.3)], [gate(-50.0)], looks=[0, 0])
-    assert np.abs(one[160:].astype(int) - other[160:]).mean() > 2
+    first, other = look([pose(), pose(0.3)], [gate(-50.0)], looks=[0, 0])
+    assert np.abs(first[160:].astype(int) - other[160:]).mean() > 2
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9])

@@ -125,9 +125,9 @@ def worst(chosen, what, *, tries, starts, seed):
     def distance(at):
         return getattr(chosen.tracks(np.clip(at, -1, 1)[None]), what)()[0]
 
-    found = np.array([distance(at) for at in mu])
-    least = found.min()
-    for i in np.argsort(found)[:starts]:
+    distances = np.array([distance(at) for at in mu])
+    least = distances.min()
+    for i in np.argsort(distances)[:starts]:
         inward = mu[i] - 0.4 * np.diag(np.sign(mu[i]))
         simplex = np.vstack([mu[i], inward])
         options = {"maxfev": 400, "initial_simplex": simplex}

@@ -95,11 +95,11 @@ GOLDEN = {
 @pytest.mark.parametrize("anchors", GOLDEN)
 def test_golden_races(anchors):
     mu = np.random.default_rng(anchors).uniform(-1, 1, (8, 2 * anchors)).round(1)[:3]
-    found = [
+    figures = [
         (info["gates_passed"], info["time_s"], info["sharpest_turn_deg"])
         for info in application(anchors).evaluate(mu, [0, 1, 2]).infos
     ]
-    np.testing.assert_allclose(found, GOLDEN[anchors], atol=1e-3)
+    np.testing.assert_allclose(figures, GOLDEN[anchors], atol=1e-3)
 
 
 def test_the_reference_says_which_tracks_can_be_flown():

@@ -192,7 +192,7 @@ def test_action_noise_is_a_share_of_half_the_range():
 )
 def test_noise_on_choices_draws_other_ones(space, action, spread):
     _, done = run(ActionNoise(0.0, 1.0), steps=300, action_space=space, act=lambda seen: action)
-    assert all(space.contains(one) for one in done.astype(space.dtype))
+    assert all(space.contains(observation) for observation in done.astype(space.dtype))
     assert np.array_equal(np.ptp(done, axis=0), spread)
     changed = (done != action).reshape(300, -1).any(axis=1).mean()
     assert changed > 0.6

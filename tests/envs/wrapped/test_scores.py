@@ -61,7 +61,7 @@ def test_what_is_no_score_gets_a_sentence(given, message):
 
 
 @pytest.mark.parametrize(
-    ("found", "message"),
+    ("score", "message"),
     [
         (1.5, r"a score in \[0, 1\] from <lambda>, got 1.5"),
         (np.nan, r"a number in \[0, 1\] from <lambda>, got nan"),
@@ -69,9 +69,9 @@ def test_what_is_no_score_gets_a_sentence(given, message):
         (None, r"a number in \[0, 1\] from <lambda>, got None"),
     ],
 )
-def test_a_function_must_give_a_score(found, message):
+def test_a_function_must_give_a_score(score, message):
     with pytest.raises(ValueError, match=message):
-        cart_pole(score=lambda episode: found).evaluate([[0.0, 0.0]], [0])
+        cart_pole(score=lambda episode: score).evaluate([[0.0, 0.0]], [0])
 
 
 def test_a_function_that_raises_gets_a_sentence():
@@ -87,12 +87,12 @@ def test_a_function_gets_the_whole_episode():
         return float(episode.terminated)
 
     pendulum(score=keep, max_steps=5).evaluate([[0.0, 0.0]], [0])
-    for one in seen:
-        assert len(one) == len(one.rewards) == len(one.actions) == 5
-        assert len(one.observations) == len(one.infos) == 6
-        assert (one.truncated, one.terminated) == (True, False)
-        assert one.total == one.rewards.sum()
-        assert np.ptp([observation[0] for observation in one.observations]) > 0.0
+    for values in seen:
+        assert len(values) == len(values.rewards) == len(values.actions) == 5
+        assert len(values.observations) == len(values.infos) == 6
+        assert (values.truncated, values.terminated) == (True, False)
+        assert values.total == values.rewards.sum()
+        assert np.ptp([observation[0] for observation in values.observations]) > 0.0
     reach(score=keep).evaluate([[1.0]], [0])
     assert seen[-1].infos[-1]["is_success"] == seen[-1].terminated
 

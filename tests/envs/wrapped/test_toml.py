@@ -114,7 +114,9 @@ def test_every_key_of_the_constructor_can_stand_in_a_file():
     keys, required = toml.application_keys()
     assert [*keys] == [*arguments]
     assert all(keys.values())
-    assert required == [key for key, one in arguments.items() if one.default is one.empty]
+    assert required == [
+        key for key, argument in arguments.items() if argument.default is argument.empty
+    ]
 
 
 def test_the_page_names_every_key_and_kind_and_its_files_are_right(tmp_path):

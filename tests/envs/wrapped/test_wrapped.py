@@ -125,8 +125,11 @@ def test_settings_and_fingerprint_tell_applications_apart():
         cart_pole(env_kwargs={"sutton_barto_reward": True}),
         pendulum(agent_id="by hand"),
     ]
-    found = [(one.name, one.version, repr(one.settings)) for one in (base, *others)]
-    assert len(set(found)) == len(found)
+    keys = [
+        (application.name, application.version, repr(application.settings))
+        for application in (base, *others)
+    ]
+    assert len(set(keys)) == len(keys)
     assert (base.name, base.version) == ("CartPole", 1)
     assert base.fingerprint
     assert base.fingerprint != cart_pole(agent_id="other").fingerprint
@@ -143,7 +146,7 @@ def test_workers_tell_of_clipped_returns_once(tmp_path, capfd):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         attack(application, "random", budget=120, samples=90, out=tmp_path / "run", workers=2)
-    clipped = [one for one in caught if "return outside the range" in str(one.message)]
+    clipped = [warning for warning in caught if "return outside the range" in str(warning.message)]
     assert len(clipped) == 1
     assert "of CartPole-v1 had" in str(clipped[0].message)
     assert "outside the range" not in capfd.readouterr().err

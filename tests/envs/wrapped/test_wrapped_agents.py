@@ -38,7 +38,7 @@ def trained(env):
 def test_sb3_models_are_pure_with_what_they_were_trained_under():
     vec = VecFrameStack(VecNormalize(make_vec_env("Pendulum-v1", 2, seed=0)), 3)
     application = pendulum(agent=trained(vec))
-    assert [type(one).__name__ for one in application.policy._transforms] == [
+    assert [type(transform).__name__ for transform in application.policy._transforms] == [
         "Normalize",
         "StackFrames",
     ]
@@ -51,13 +51,13 @@ def test_statistics_of_a_file_do_what_the_models_own_do(tmp_path):
     model = trained(VecFrameStack(vec, 2))
     vec.save(str(tmp_path / "statistics.pkl"))
     model.save(tmp_path / "model.zip")
-    held = pendulum(agent=model)
+    application = pendulum(agent=model)
     alone = partial(pendulum, agent=PPO.load(tmp_path / "model.zip", device="cpu"))
     filed = alone(vec_normalize=tmp_path / "statistics.pkl", allow_pickle=True)
-    mu, seeds = worlds(held)
-    scores = held.evaluate(mu, seeds).score
+    mu, seeds = worlds(application)
+    scores = application.evaluate(mu, seeds).score
     assert (filed.evaluate(mu, seeds).score == scores).all()
-    assert filed.fingerprint == held.fingerprint != alone().fingerprint
+    assert filed.fingerprint == application.fingerprint != alone().fingerprint
     assert (alone().evaluate(mu, seeds).score != scores).any()
     assert_pure(filed, n=3, sizes=(1, 2))
     with pytest.raises(ValueError, match="allow_pickle=True if it is your own"):
@@ -104,11 +104,11 @@ def test_a_model_of_one_key_named_observation_is_no_special_case():
 def test_the_path_of_a_zip_means_the_model_in_it(tmp_path):
     model = PPO("MlpPolicy", "CartPole-v1", seed=1, device="cpu")
     model.save(tmp_path / "careful.zip")
-    held = cart_pole(agent=model, agent_id=None)
+    application = cart_pole(agent=model, agent_id=None)
     filed = cart_pole(agent=str(tmp_path / "careful.zip"), agent_id=None)
-    mu, seeds = worlds(held)
-    assert (filed.evaluate(mu, seeds).score == held.evaluate(mu, seeds).score).all()
-    assert filed.fingerprint == held.fingerprint
+    mu, seeds = worlds(application)
+    assert (filed.evaluate(mu, seeds).score == application.evaluate(mu, seeds).score).all()
+    assert filed.fingerprint == application.fingerprint
     assert filed.agent_name == "careful"
     assert_pure(filed, n=3, sizes=(1, 2))
 
