@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from sada_gym.envs.detection.shapes.mesh_file import joined_faces
-from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape
+from sada_gym.envs.detection.shapes.model import DIAGONAL, Material, Shape, Surface
+from sada_gym.envs.detection.shapes.triangles import Triangles
 from sada_gym.errors import UserError
+from sada_gym.files import shown
 
 CREASE_DEG = 40.0
 """Edges whose faces turn by more than this are shaded as sharp."""
@@ -46,12 +49,54 @@ def assemble(name: str, object_class: str, parts: Sequence[Part]) -> Shape:
         raise UserError(f"Expected finite coordinates in {name}, got NaN or infinity; mend them.")
     faces = joined_faces([part.mesh for part in parts])
     owner = np.repeat(np.arange(len(parts)), [len(part.mesh.faces) for part in parts])
-    faces, owner = _welded(points, faces, owner)
+    faces, kept = _welded(points, faces, owner)
     if not len(faces):
         raise UserError(f"Expected {name} to have a face with area, got none; give a solid part.")
+    owner = owner[kept]
+    corners = points[faces]
+    volume = np.zeros(len(parts))
+    triple = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    np.add.at(volume, owner, triple)
+    inside_out = volume[owner] < 0
+    faces[inside_out] = faces[inside_out][:, ::-1]
     corners = points[faces]
     material = np.array([int(part.material) for part in parts], np.uint8)[owner]
     return _shape(name, object_class, corners, _creased_normals(corners, faces), material)
+
+
+def assemble_textured(
+    name: str, object_class: str, mesh: Triangles, rotation: _Array, painted: Collection[str] = ()
+) -> Shape:
+    """Make a shape with the surfaces of a file; rotation (3, 3) turns its axes to those of `Shape`.
+
+    Surfaces whose names match one of the patterns `painted`, such as `body*`, take the scene's
+    colour. All faces show from both sides.
+
+    Raises:
+        ValueError: If no face has area, or a pattern matches no surface.
+    """
+    points = mesh.vertices @ rotation.T
+    faces, kept = _welded(points, mesh.faces, np.zeros(len(mesh.faces), np.int64))
+    if not len(faces):
+        raise UserError("faces without area")
+    used, material = np.unique(mesh.surface[kept], return_inverse=True)
+    surfaces = _painted([mesh.surfaces[index] for index in used], painted)
+    textured = any(surface.texture is not None for surface in surfaces)
+    uv = mesh.uv[kept] if textured and mesh.uv is not None else None
+    corners = points[faces]
+    normals = _creased_normals(corners, faces)
+    return _shape(name, object_class, corners, normals, material, surfaces=surfaces, uv=uv)
+
+
+def _painted(surfaces: Sequence[Surface], patterns: Collection[str]) -> tuple[Surface, ...]:
+    for pattern in patterns:
+        if not any(fnmatchcase(surface.name, pattern) for surface in surfaces):
+            names = ", ".join(sorted({shown(surface.name) for surface in surfaces}))
+            raise UserError(f"no material {pattern!r} that could be painted, but {names}")
+    return tuple(
+        replace(surface, painted=any(fnmatchcase(surface.name, pattern) for pattern in patterns))
+        for surface in surfaces
+    )
 
 
 def _shape(
@@ -59,44 +104,43 @@ def _shape(
     object_class: str,
     corners: _Array,
     normals: _Array,
-    material: npt.NDArray[np.uint8],
+    material: npt.NDArray[np.uint8] | _Indices,
+    surfaces: tuple[Surface, ...] = (),
+    uv: _Array | None = None,
 ) -> Shape:
-    """Place corners (f, 3, 3) by the conventions; equal ones are one vertex."""
+    """Place corners (f, 3, 3), with uv (f, 3, 2), by the conventions; equal ones are one vertex."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     placed = (corners - origin) * (DIAGONAL / np.linalg.norm(high - low))
-    rows = np.concatenate([placed, normals], axis=2).reshape(-1, 6).astype(np.float32)
+    columns = [placed, normals] if uv is None else [placed, normals, uv]
+    rows = np.concatenate(columns, axis=2).reshape(3 * len(corners), -1).astype(np.float32)
     # Vertices are shared only within one material, so that a renderer may split by material.
     first, inverse = _same(np.column_stack([rows, np.repeat(material, 3)]), 5)
     vertices = rows[first]
-    length = np.linalg.norm(vertices[:, 3:], axis=1, keepdims=True)
+    length = np.linalg.norm(vertices[:, 3:6], axis=1, keepdims=True)
     return Shape(
         name=name,
         object_class=object_class,
         vertices=vertices[:, :3],
-        normals=vertices[:, 3:] / length,
+        normals=vertices[:, 3:6] / length,
         faces=inverse.reshape(-1, 3).astype(np.int32),
-        materials=material,
+        materials=material.astype(np.uint16) if surfaces else material.astype(np.uint8),
+        double_sided=bool(surfaces),
+        surfaces=surfaces,
+        uv=None if uv is None else vertices[:, 6:],
     )
 
 
 def _welded(points: _Array, faces: _Indices, owner: _Indices) -> tuple[_Indices, _Indices]:
-    """Let a part's faces share vertices that lie together, drop empty faces, turn parts outward."""
+    """Let a part's faces share vertices that lie together; say which faces have area."""
     part = np.zeros(len(points))
     part[faces.ravel()] = np.repeat(owner, 3)
     span = float(np.ptp(points, axis=0).max()) or 1.0
     first, same = _same(np.column_stack([points / span, part]), 7)
     faces = first[same][faces]
-    corners = points[faces]
-    doubled = _doubled_areas(corners)
-    keep = np.linalg.norm(doubled, axis=1) > 1e-10 * span**2
-    faces, owner, corners = faces[keep], owner[keep], corners[keep]
-    volume = np.zeros(int(owner.max(initial=0)) + 1)
-    triple = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    np.add.at(volume, owner, triple)
-    inside_out = volume[owner] < 0
-    faces[inside_out] = faces[inside_out][:, ::-1]
-    return faces, owner
+    doubled = _doubled_areas(points[faces])
+    kept = np.flatnonzero(np.linalg.norm(doubled, axis=1) > 1e-10 * span**2)
+    return faces[kept], kept
 
 
 def _doubled_areas(corners: _Array) -> _Array:

@@ -8,44 +8,18 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from typing_extensions import Self
+from pydantic import ValidationError
 
 from sada_gym.envs.detection.shapes.assembly import Part, assemble
 from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
 from sada_gym.envs.detection.shapes.model import Shape
+from sada_gym.envs.detection.shapes.orientation import Orientation
 from sada_gym.errors import UserError
 
 _COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
-
-_Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-
-
-class Orientation(BaseModel):
-    """The files' axes that point up and where an object looks: of `shapes.json`, or ShapeNet's."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    up: _Direction = "+y"
-    front: _Direction = "-z"
-
-    @model_validator(mode="after")
-    def _is_plane(self) -> Self:
-        if self.up[1] == self.front[1]:
-            raise UserError(
-                f"Expected up and front along two different axes, got {self.up} and {self.front}; "
-                "ShapeNet's are +y and -z"
-            )
-        return self
-
-    def rotation(self) -> npt.NDArray[np.float64]:
-        """Return the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
-        up, front = _vector(self.up), _vector(self.front)
-        return np.stack([front, np.cross(up, front), up])
 
 
 def load_class(
@@ -173,9 +147,3 @@ def _orientation(file: Path) -> Orientation:
             f'Expected {file} to be such as {{"up": "+y", "front": "-z"}}, got a file with: '
             f"{flaws}; mend it, or remove it for these defaults."
         ) from error
-
-
-def _vector(direction: str) -> npt.NDArray[np.float64]:
-    vector = np.zeros(3)
-    vector["xyz".index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
-    return vector

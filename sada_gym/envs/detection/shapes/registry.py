@@ -14,6 +14,9 @@ from sada_gym.parts import find_part
 
 SHAPES: dict[str, str] = {
     "benchmark": "sada_gym.envs.detection.shapes.catalogue:benchmark_shapes",
+    "sweethome3d": "sada_gym.envs.detection.shapes.textured:sweethome3d",
+    "flightgear": "sada_gym.envs.detection.shapes.textured:flightgear",
+    "textured": "sada_gym.envs.detection.shapes.textured:textured",
 }
 """The `module:function` of each set of shapes; it turns a class's name into a tuple of `Shape`."""
 
