@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,15 @@ _ASKED_TWICE = 4
 _TRUSTED = ("sada_gym", "stable_baselines3")
 """Where the classes of shipped agents are defined."""
 
+INVALID_SCORE = 1.0
+"""The score of an invalid world: the highest, so that no adversary is drawn to it."""
+
+INFEASIBLE = "it lies outside the region that feasible= allows"
+"""Why a world is invalid that was not computed at all."""
+
+OnError = Literal["raise", "invalid", "fooled"]
+"""What becomes of a world that breaks: an error, an invalid world, or a failure of the agent."""
+
 
 @dataclass(frozen=True)
 class Outcomes:
@@ -43,6 +52,11 @@ class Outcomes:
     fooled: npt.NDArray[np.bool_]
     infos: tuple[dict[str, Any], ...]
 
+    @property
+    def invalid(self) -> dict[int, str]:
+        """Why worlds are invalid, by their place in the batch; see `Scored`."""
+        return _invalid_reasons(self.infos)
+
 
 @dataclass(frozen=True)
 class Scored:
@@ -50,6 +64,9 @@ class Scored:
 
     Every dictionary has the same keys, and a key always the same type (arrays: one shape, too), so
     that a vector environment can batch them. Put data of varying length into a list.
+
+    A world that cannot be computed is invalid: its extra `invalid` is a text that says why, which
+    is empty in other worlds. It is no failure of the agent; its score becomes `INVALID_SCORE`.
     """
 
     score: Floats
@@ -80,6 +97,8 @@ class Application(ABC):
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         agent: The agent under test, or None if it is part of the world.
         render_fps: Frames of `replay` in a second of its episode.
+        on_error: What a world becomes in which a worker process dies, see `OnError`.
+        timeout: Seconds after which a worker process is stopped in one world; None never stops it.
     """
 
     name: ClassVar[str]
@@ -90,6 +109,8 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
+    on_error: OnError = "raise"
+    timeout: float | None = None
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
 
     @property
@@ -131,6 +152,7 @@ class Application(ABC):
             self._check_deterministic(batch[:_ASKED_TWICE], checked[:_ASKED_TWICE])
             score, extras = self._scored(batch, checked)
         fooled = fools(score, self.fooling_threshold)
+        fooled[[*_invalid_reasons(extras)]] = False
         names = self.parameters.names
         physical = self.parameters.physical(batch).tolist()  # in one go: it is much faster
         infos = tuple(
@@ -217,12 +239,15 @@ class Application(ABC):
         if not isinstance(scored, Scored):
             raise UserTypeError(f"Expected a Scored from {source}, got {scored!r}. Return one.")
         score = real_scores(scored.score, source)
+        _check_extras(scored.extras, len(mu), source)
+        if score.shape == (len(mu),) and (invalid := _invalid_reasons(scored.extras)):
+            score = score.copy()
+            score[[*invalid]] = INVALID_SCORE
         if score.shape != (len(mu),) or not ((score >= 0.0) & (score <= 1.0)).all():
             raise UserError(
                 f"Expected {len(mu)} scores in [0, 1] from {source}, got shape {score.shape}: "
                 f"{score}. Mend the application's scoring."
             )
-        _check_extras(scored.extras, len(mu), source)
         return score, scored.extras
 
     @cached_property
@@ -282,6 +307,11 @@ def check_declared(application: Application) -> None:
             f"Expected `fooling_threshold` of {name} to be a number from 0 to 1, got "
             f"{threshold!r}. Set it in the class or in __init__."
         )
+
+
+def _invalid_reasons(infos: Sequence[Mapping[str, Any]]) -> dict[int, str]:
+    reasons = ((i, info.get("invalid")) for i, info in enumerate(infos))
+    return {i: reason for i, reason in reasons if reason and isinstance(reason, str)}
 
 
 def _check_extras(extras: Any, count: int, source: str) -> None:

@@ -8,8 +8,14 @@ from __future__ import annotations
 
 import difflib
 import operator
+import re
+import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import PurePath
+
+_LONGEST = 300
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{6,}\b")
 
 
 class UserError(ValueError):
@@ -18,6 +24,14 @@ class UserError(ValueError):
 
 class UserTypeError(UserError, TypeError):
     """A bad input of the wrong type."""
+
+
+class InvalidWorld(UserError):  # noqa: N818 - reads as what happened
+    """A world that its simulator cannot compute; `reason` says why in a line, without its mu."""
+
+    def __init__(self, message: str, reason: str = "") -> None:
+        super().__init__(message)
+        self.reason = reason or message
 
 
 class FileError(UserError):
@@ -103,5 +117,30 @@ def explained(expected: str, mend: str = "", kind: type[UserError] = UserError) 
     except UserError:
         raise
     except Exception as error:  # a user's code may raise anything
-        message = f"{expected}, got {type(error).__name__}: {error}. {mend}"
+        message = f"{expected}, got {described(error)}. {mend}"
         raise kind(message.rstrip()) from error
+
+
+def described(error: BaseException) -> str:
+    """Write an exception in a line: its type and its message, or the line of code without one.
+
+    Addresses of objects are left out, so that the same error reads the same in every process.
+    """
+    name, message = type(error).__name__, " ".join(str(error).split()).rstrip(".")
+    if not message:
+        place = traceback.extract_tb(error.__traceback__)[-1:]
+        where = [f" at {PurePath(at.filename).name}:{at.lineno} ({at.line})" for at in place]
+        return f"{name} without a message{''.join(where)}"
+    text = f"{name}: {_ADDRESS.sub('0x...', message)}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def broken_world(
+    what: str,
+    error: BaseException,
+    expected: str,
+    mend: str = "Narrow the ranges to worlds that it takes.",
+) -> InvalidWorld:
+    """Return the error of a world in which `what`, such as `a step`, raised an exception."""
+    told = described(error)
+    return InvalidWorld(f"{expected}, got {told}. {mend}".rstrip(), f"{what} raised {told}")

@@ -35,12 +35,19 @@ def fools(score: float | AnyFloats, threshold: float) -> bool | Bools:
 class Evaluations:
     """A record of n evaluations; `evaluations[rows]` selects some, and `+` joins two records.
 
-    Score and seed are (n,). A row's mu and seed replay its evaluation exactly.
+    Score, seed and `invalid` are (n,). A row's mu and seed replay its evaluation exactly. Where a
+    world is invalid, it could not be computed, and fooled nobody.
     """
 
     mu: Mu
     score: Floats
     seed: Integers
+    invalid: Bools = None  # type: ignore[assignment]  # none of them
+
+    def __post_init__(self) -> None:
+        """Fill in that no world is invalid."""
+        if self.invalid is None:
+            object.__setattr__(self, "invalid", np.zeros(len(self.score), np.bool_))
 
     @classmethod
     def unseeded(cls, mu: Mu, score: Floats) -> Evaluations:
@@ -59,11 +66,17 @@ class Evaluations:
             np.concatenate([record.mu for record in records]),
             np.concatenate([record.score for record in records]),
             np.concatenate([record.seed for record in records]),
+            np.concatenate([record.invalid for record in records]),
         )
 
     def fooled(self, threshold: float) -> Bools:
-        """Return which evaluations fooled the agent, (n,) bool: Q <= threshold."""
-        return fools(self.score, threshold)
+        """Return which evaluations fooled the agent, (n,) bool: Q <= threshold, in valid worlds."""
+        return fools(self.score, threshold) & ~self.invalid
+
+    @property
+    def valid(self) -> Evaluations:
+        """The evaluations of worlds that could be computed."""
+        return self[~self.invalid] if self.invalid.any() else self
 
     def __len__(self) -> int:
         """Count the evaluations."""
@@ -71,7 +84,7 @@ class Evaluations:
 
     def __getitem__(self, rows: slice | Bools | Indices) -> Evaluations:
         """Select evaluations."""
-        return Evaluations(self.mu[rows], self.score[rows], self.seed[rows])
+        return Evaluations(self.mu[rows], self.score[rows], self.seed[rows], self.invalid[rows])
 
     def __add__(self, other: Evaluations) -> Evaluations:
         """Join two records."""

@@ -239,13 +239,23 @@ def read_file(path: Path, max_bytes: int) -> bytes:
         return path.read_bytes()
 
 
-def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]]) -> dict[str, npt.NDArray[Any]]:
+def read_arrays(
+    path: Path,
+    kinds: Mapping[str, tuple[str, int]],
+    *,
+    optional: Mapping[str, tuple[str, int]] | None = None,
+) -> dict[str, npt.NDArray[Any]]:
     """Read named arrays of an NPZ file; nothing in it is ever unpickled.
 
-    `kinds` has the dtype and the number of dimensions of each. It raises `FileError` if the file
-    cannot be read, or does not hold exactly such arrays.
+    `kinds` has the dtype and the number of dimensions of each, and `optional` those of arrays that
+    may be missing. It raises `FileError` if the file cannot be read, or does not hold exactly such
+    arrays.
     """
     with _npz(path, f"the arrays {_listed(kinds)}") as (archive, names):
+        kinds = {
+            **kinds,
+            **{name: kind for name, kind in (optional or {}).items() if name in names},
+        }
         if names != sorted(kinds):
             raise _UnfitError(f"arrays named {', '.join(names) or 'nothing'}")
         return {name: _read_array(archive, name, *kind) for name, kind in kinds.items()}

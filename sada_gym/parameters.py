@@ -135,6 +135,11 @@ class ParameterSpace:
         """Name the physical values of one mu of shape (d,)."""
         return dict(zip(self.names, map(float, self.physical(mu)), strict=True))
 
+    def text(self, mu: npt.ArrayLike) -> str:
+        """Write one mu of shape (d,) as people say it, such as `gravity 9.8, wind 3 m/s`."""
+        values = zip(self.parameters, self.physical(mu).tolist(), strict=True)
+        return ", ".join(parameter.text(value) for parameter, value in values)
+
 
 def validate_mu(mu: npt.ArrayLike, dimension: int) -> Mu:
     """Return mu, an (n, dimension) batch inside [-1, 1], as contiguous float32: rounded once.

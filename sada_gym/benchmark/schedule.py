@@ -12,6 +12,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from sada_gym.benchmark.entries import add_run
 from sada_gym.benchmark.folder import RunDone, store_file, write_costs
 from sada_gym.benchmark.job import RunError, RunJob, do_run
@@ -177,7 +179,8 @@ class _Schedule:
                 with EvaluationStore(path) as store:
                     context = store.context(chain.group.target.application)
                     for part in done.evaluations:
-                        store.commit(context, part.mu, part.seed.tolist(), part.score)
+                        invalid = dict.fromkeys(np.flatnonzero(part.invalid).tolist(), "it broke")
+                        store.commit(context, part.mu, part.seed.tolist(), part.score, invalid)
             add_run(self._entries, self._plan.metadata[chain.run.label], done)
             write_costs(self._out, done)
             self._callback.on_finish(chain.left.popleft(), done.timing)

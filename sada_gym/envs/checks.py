@@ -91,6 +91,19 @@ def check_kind(name: str, given: Any, kind: type[Any]) -> None:
         raise UserError(f"Expected {name} to be a {kind.__name__}, got {given!r}.")
 
 
+def has_nan(value: Any) -> bool:
+    """Say whether an array, a number, or one in a dictionary or tuple of them, is NaN."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind != "f":
+            return False
+        flat = value.ravel()
+        square = flat.dot(flat)  # of infinite numbers it is infinite; faster than isnan and any
+        return bool(square != square)
+    if isinstance(value, dict | tuple | list):
+        return any(map(has_nan, value.values() if isinstance(value, dict) else value))
+    return isinstance(value, float | np.floating) and bool(value != value)
+
+
 def is_number(given: Any) -> bool:
     """Say whether an argument is a real number; True and False are none."""
     return isinstance(given, int | float | np.number) and not isinstance(given, bool)

@@ -12,8 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from sada_gym.application import INVALID_SCORE, OnError
 from sada_gym.errors import WorkerError
+from sada_gym.evaluation import watch
 from sada_gym.evaluation.executors import count_workers, engine_errors
+from sada_gym.evaluation.problems import Answer
 from sada_gym.evaluation.workers import PortableScorer, WorkerPool, evaluate_if_loadable
 from sada_gym.parameters import Mu
 
@@ -30,8 +33,8 @@ _SMALL_BYTES = 4096
 _CHECK_S = 5.0
 _NO_WORKER_S = 300.0
 _DYING_S = 10.0
-
-Scores = npt.NDArray[np.float64]
+_DEATHS_IN_ONE_WORLD = 2
+"""A world counts as the cause when so many workers died in it: one may have been killed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +45,13 @@ class Chunk:
     mu: Mu
     seeds: list[int]
 
+    def part(self, positions: list[int]) -> Chunk:
+        """Return the chunk of some of its worlds."""
+        return Chunk(self.rows[positions], self.mu[positions], [self.seeds[i] for i in positions])
 
-Settle = Callable[[Chunk, Scores], None]
-Pending = dict[Future[Scores | None], Chunk]
+
+Settle = Callable[[Chunk, Answer], None]
+Pending = dict[Future[Answer | None], Chunk]
 """The chunks that were handed out; None as the result of one asks for the task's payload."""
 
 
@@ -55,11 +62,23 @@ class Dispatcher:
     replaced, and their chunks are evaluated again. What they warn of is shown here, once. Other
     executors replace their workers themselves, or give up; they are left open. `workers` counts
     our own processes, or those of an executor that cannot say how many it has.
+
+    `on_error` says what becomes of a world in which our processes die again and again, or which
+    takes one longer than `timeout` seconds.
     """
 
     def __init__(
-        self, task: PortableScorer, workers: int, executor: Executor | None = None
+        self,
+        task: PortableScorer,
+        workers: int,
+        executor: Executor | None = None,
+        *,
+        on_error: OnError = "raise",
+        timeout: float | None = None,
     ) -> None:
+        self._on_error, self._timeout = on_error, timeout
+        self._died_in = Counter[int]()  # both by the worlds' keys
+        self._overdue: set[int] = set()
         self._task = task
         self._default_workers = workers
         self._executor = executor
@@ -93,8 +112,9 @@ class Dispatcher:
                     self._collect(waiting, pending, settle)
                 except engine_errors() as error:
                     lost = _collect_lost(pending, settle)
-                    self._recover(error, lost or [waiting[0]], deaths)
-                    waiting.extendleft(reversed(lost))
+                    died = self._recover(error, lost or [waiting[0]], deaths)
+                    for chunk in reversed(lost):
+                        waiting.extendleft(reversed(self._without(chunk, died, settle)))
         finally:
             for future, chunk in pending.items():
                 if not future.cancel():
@@ -145,13 +165,16 @@ class Dispatcher:
                 self._shown.add((category, text))
                 warnings.warn(text, category, stacklevel=2)
 
-    def _wait(self, pending: Pending) -> Iterable[Future[Scores | None]]:
+    def _wait(self, pending: Pending) -> Iterable[Future[Answer | None]]:
         """Wait for the next results, but not for ever for a cluster that has no workers."""
         last_seen = time.monotonic()
+        patience = _CHECK_S if self._timeout is None else min(_CHECK_S, self._timeout / 4)
         while True:
-            done, _ = wait(pending, timeout=_CHECK_S, return_when=FIRST_COMPLETED)
+            done, _ = wait(pending, timeout=patience, return_when=FIRST_COMPLETED)
             if done:
                 return done
+            if self._pool is not None and self._timeout is not None:
+                self._overdue |= self._pool.stop_overdue(self._timeout)
             if self._executor is None or count_workers(self._executor) != 0:
                 last_seen = time.monotonic()
             elif time.monotonic() - last_seen > _NO_WORKER_S:
@@ -161,7 +184,10 @@ class Dispatcher:
                     "the run."
                 )
 
-    def _recover(self, error: BaseException, suspects: list[Chunk], deaths: Counter[Chunk]) -> None:
+    def _recover(
+        self, error: BaseException, suspects: list[Chunk], deaths: Counter[Chunk]
+    ) -> dict[int, str]:
+        """Stop what is left of the workers; say how some died in a world, by its key."""
         if self._executor is not None:
             raise WorkerError(
                 "The executor lost its workers, or the connection to its scheduler, and gave the "
@@ -169,7 +195,11 @@ class Dispatcher:
                 "start it again and resume the run."
             ) from error
         hopeless = self._pool is not None and self._pool.failed_to_start
+        died = {} if self._pool is None else self._pool.deaths()
         self.close(now=True)
+        self._died_in.update(died.keys())
+        if died:
+            return died
         deaths.update(suspects)
         if hopeless or max(deaths.values()) >= MAX_DEATHS:
             raise WorkerError(
@@ -177,6 +207,35 @@ class Dispatcher:
                 "lacks its `if __name__ == '__main__':`. What was evaluated before is kept; run "
                 "again, with fewer workers if memory was short."
             ) from error
+        return {}
+
+    def _without(self, chunk: Chunk, died: dict[int, str], settle: Settle) -> list[Chunk]:
+        """Split off the worlds in which workers died; settle those that are the cause."""
+        keys = [watch.world_key(*world) for world in zip(chunk.mu, chunk.seeds, strict=True)]
+        rest = [i for i, key in enumerate(keys) if key not in died]
+        if len(rest) == len(keys):
+            return [chunk]
+        parts = [chunk.part(rest)] if rest else []
+        for i, key in enumerate(keys):
+            world = chunk.part([i])
+            if key in self._overdue:
+                settle(world, self._broken(world, f"it took longer than {self._timeout:g} s"))
+            elif self._died_in[key] >= _DEATHS_IN_ONE_WORLD:
+                settle(world, self._broken(world, f"the process that computed it {died[key]}"))
+            elif key in died:
+                parts.insert(0, world)  # again, alone
+        return parts
+
+    def _broken(self, world: Chunk, reason: str) -> Answer:
+        if self._on_error == "raise":
+            raise WorkerError(
+                f"Expected every world to be computed, but of mu = {world.mu[0].tolist()} with "
+                f"seed {world.seeds[0]}, {reason}. What was evaluated before is kept. Narrow the "
+                "ranges, or let on_error='invalid' go on without such worlds."
+            )
+        if self._on_error == "fooled":
+            return Answer(np.zeros(1))
+        return Answer(np.full(1, INVALID_SCORE), {0: reason})
 
     def _open(self) -> Executor:
         if self._executor is not None:
@@ -203,7 +262,7 @@ def _collect_lost(pending: Pending, settle: Settle) -> list[Chunk]:
     return lost[::-1]
 
 
-def _settle_if_done(future: Future[Scores | None], chunk: Chunk, settle: Settle) -> bool:
+def _settle_if_done(future: Future[Answer | None], chunk: Chunk, settle: Settle) -> bool:
     """Settle a chunk whose scores have come back, and return whether they have."""
     if not future.done() or future.cancelled() or future.exception() is not None:
         return False

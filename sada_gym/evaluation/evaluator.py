@@ -6,23 +6,38 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sada_gym.application import Application, check_declared
+from sada_gym.application import INFEASIBLE, Application, check_declared
 from sada_gym.arrays import Floats
 from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
-from sada_gym.evaluation.problems import BatchFunction, Problem, Registered, score
+from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluation.workers import MAX_WORKERS, PortableScorer
 from sada_gym.ids import names_file
+from sada_gym.measures.rates import wilson_interval
 from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
 """A crash can cost a whole chunk, so a chunk is no larger than batching needs."""
+
+MOST_INVALID = 0.2
+"""The share of invalid worlds from which on nothing can be said about the agent."""
+
+MANY = 20
+"""The share of invalid worlds is judged from so many worlds on."""
+
+
+class Evaluated(NamedTuple):
+    """The scores of n worlds, (n,), how many came from the store, and why some are invalid."""
+
+    scores: Floats
+    cached: int
+    invalid: Mapping[int, str]
 
 
 class Evaluator:
@@ -71,8 +86,13 @@ class Evaluator:
         self.dimension, self.threshold = _described(self._scorer, dimension, threshold)
         self._dispatcher: Dispatcher | None = None
         if workers > 1 or executor is not None:
-            self._dispatcher = Dispatcher(PortableScorer.of(source), workers, executor)
+            on_error = "raise" if self.application is None else self.application.on_error
+            timeout = None if self.application is None else self.application.timeout
+            self._dispatcher = Dispatcher(
+                PortableScorer.of(source), workers, executor, on_error=on_error, timeout=timeout
+            )
         self._chunk_size = chunk_size
+        self._answered = self._invalid = 0
         self.store: EvaluationStore | None = None
         if store is not None:
             self.attach(store)
@@ -110,29 +130,37 @@ class Evaluator:
 
     def evaluate(
         self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
-    ) -> tuple[Floats, int]:
-        """Score mu, (n, d) float32, checked: (n,), and how many of the scores came from the store.
+    ) -> Evaluated:
+        """Score mu, (n, d) float32, checked.
 
         After the look-up and after each committed chunk it calls `report` with the number of
         scores so far, and how many of these came from the store. If it is interrupted, or a chunk
         fails, the store has all scores up to then.
+
+        Raises:
+            UserError: If clearly more than `MOST_INVALID` of all worlds so far are invalid.
         """
         scores = np.full(len(mu), np.nan)
+        invalid: dict[int, str] = {}
         if self.store is not None:
             scores = self.store.lookup(self._context, mu, seeds)
+            invalid = self.store.invalid(self._context, mu, seeds)
         missing = np.flatnonzero(np.isnan(scores))
         cached = done = len(mu) - len(missing)
 
-        def settle(chunk: Chunk, values: Floats) -> None:
+        def settle(chunk: Chunk, answer: Answer) -> None:
             nonlocal done
             if self.store is not None:
-                self.store.commit(self._context, chunk.mu, chunk.seeds, values)
-            scores[chunk.rows] = values
-            done += len(values)
+                self.store.commit(self._context, chunk.mu, chunk.seeds, *answer)
+            scores[chunk.rows] = answer.scores
+            invalid.update({int(chunk.rows[i]): why for i, why in answer.invalid.items()})
+            done += len(answer.scores)
             report(done, cached)
+            self._check_valid(mu, len(answer.scores), answer.invalid, invalid)
 
         if cached:
             report(done, cached)
+            self._check_valid(mu, cached, invalid, invalid)
         workers = 1 if self._dispatcher is None else self._dispatcher.workers
         size = self._chunk_size or _chunk_size(len(missing), workers)
         parts = [missing[start : start + size] for start in range(0, len(missing), size)]
@@ -142,7 +170,21 @@ class Evaluator:
         else:
             for chunk in chunks:
                 settle(chunk, score(self._scorer, chunk.mu, chunk.seeds))
-        return scores, cached
+        return Evaluated(scores, cached, dict(sorted(invalid.items())))
+
+    def _check_valid(
+        self, mu: Mu, count: int, new: Mapping[int, str], known: Mapping[int, str]
+    ) -> None:
+        broken = [why for why in new.values() if why != INFEASIBLE]
+        self._answered += count - (len(new) - len(broken))
+        self._invalid += len(broken)
+        if not broken or self._answered < MANY:
+            return
+        if wilson_interval(self._invalid, self._answered)[0] > MOST_INVALID:
+            row = next(i for i, why in known.items() if why != INFEASIBLE)
+            raise too_many_invalid(
+                self._invalid, self._answered, self.application, mu[row], known[row]
+            )
 
     def close(self, *, now: bool = False) -> None:
         """Stop the workers and close the store; `now` drops the running chunks."""
@@ -152,6 +194,18 @@ class Evaluator:
             self.store.close()  # not detached: a later score must not get lost without a word
         if self._built_here and self.application is not None:
             self.application.close()
+
+
+def too_many_invalid(
+    invalid: int, worlds: int, application: Application | None, mu: Mu, reason: str
+) -> UserError:
+    """Return the error of a run with too many invalid worlds; one has mu, (d,), for this reason."""
+    assert application is not None
+    return UserError(
+        f"Expected at most {MOST_INVALID:.0%} invalid worlds, got {invalid:,} of {worlds:,}. One "
+        f"has {application.parameters.text(mu)}: {reason}. Narrow the ranges, leave the region "
+        "out by feasible=, or count such worlds as failures of the agent by on_error='fooled'."
+    )
 
 
 def _chunk_size(count: int, workers: int) -> int:

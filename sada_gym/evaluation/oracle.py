@@ -105,6 +105,7 @@ class Oracle:
                 "Expected only budget, seed, stream and progress with an Evaluator."
             )
         self._record = [Evaluations.empty(self.dimension)]
+        self._invalid: dict[int, str] = {}
 
     @property
     def dimension(self) -> int:
@@ -130,6 +131,11 @@ class Oracle:
     def record(self) -> Evaluations:
         """All queries so far, in their order."""
         return Evaluations.joined(self._record)
+
+    @property
+    def invalid(self) -> dict[int, str]:
+        """Why worlds of `record` are invalid, by their place in it."""
+        return dict(self._invalid)
 
     def __call__(self, mu: npt.ArrayLike) -> Floats:
         """Score mu.
@@ -159,10 +165,15 @@ class Oracle:
                 "Ask for at most oracle.remaining, or raise the budget."
             )
         seeds = evaluation_seeds(self.seed, self.stream, self._used, count)
-        scores, cached = self._evaluator.evaluate(batch, seeds, self._report)
+        scores, cached, reasons = self._evaluator.evaluate(batch, seeds, self._report)
+        invalid = np.zeros(count, np.bool_)
+        invalid[[*reasons]] = True
+        self._invalid.update({self._used + i: why for i, why in reasons.items()})
         self._used += count
         self._cached += cached
-        self._record.append(Evaluations(batch.copy(), scores.copy(), np.array(seeds, np.int64)))
+        self._record.append(
+            Evaluations(batch.copy(), scores.copy(), np.array(seeds, np.int64), invalid)
+        )
         return scores
 
     def _report(self, done: int, cached: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from sada_gym.application import Application
-from sada_gym.arrays import real_scores
+from sada_gym.arrays import Floats, real_scores
 from sada_gym.determinism import single_threaded
 from sada_gym.errors import UserError, check_known
 from sada_gym.ids import find_spec, names_file
@@ -97,13 +97,22 @@ class Registered:
         return make_application(self.env_id, **self.env_kwargs)
 
 
-def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-    """Evaluate one chunk: mu (n, d) float32, valid, and n seeds give (n,) finite float64.
+class Answer(NamedTuple):
+    """The scores of n worlds, (n,) finite float64, and why some are invalid, by their place."""
+
+    scores: Floats
+    invalid: Mapping[int, str] = {}
+
+
+def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> Answer:
+    """Evaluate one chunk: mu (n, d) float32, valid, and n seeds.
 
     It raises `UserError` if a user's function returns anything else.
     """
+    invalid: Mapping[int, str] = {}
     if isinstance(scorer, Application):
-        scores = scorer.evaluate(mu, seeds).score
+        outcomes = scorer.evaluate(mu, seeds)
+        scores, invalid = outcomes.score, outcomes.invalid
     else:
         with single_threaded():
             scores = real_scores(scorer(mu), "the function")
@@ -118,4 +127,4 @@ def score(scorer: Scorer, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float6
                 f"Expected finite scores from the function, got {scores[row]} for mu = "
                 f"{mu[row].tolist()}. Return 0 where the agent fails altogether."
             )
-    return scores + 0.0  # -0.0 becomes 0.0: SQLite would not keep it
+    return Answer(scores + 0.0, invalid)  # -0.0 becomes 0.0: SQLite would not keep it

@@ -7,7 +7,7 @@ import os
 import sqlite3
 import weakref
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -55,10 +55,21 @@ PRAGMA application_id = {_APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
 COMMIT;
 """
+_INVALID = """
+CREATE TABLE IF NOT EXISTS invalid (
+    context INTEGER NOT NULL REFERENCES context (id),
+    seed INTEGER NOT NULL,
+    mu BLOB NOT NULL,
+    reason TEXT NOT NULL,
+    PRIMARY KEY (context, seed, mu)
+) WITHOUT ROWID
+"""
+"""The invalid worlds among the evaluations. A store without any has no such table."""
 _COLUMNS = {
     *(f"context.{name}" for name in ("id", "name", "version", "settings", "fingerprint")),
     *(f"evaluation.{name}" for name in ("context", "seed", "mu", "score")),
 }
+_INVALID_COLUMNS = {f"invalid.{name}" for name in ("context", "seed", "mu", "reason")}
 _UNSOUND = """
 SELECT context FROM evaluation GROUP BY context HAVING
     count(*) > total(typeof(score) = 'real' AND score BETWEEN 0.0 AND 1.0)
@@ -157,7 +168,11 @@ class EvaluationStore:
         columns = self._connection.execute(
             "SELECT t.name || '.' || c.name FROM sqlite_master AS t, pragma_table_info(t.name) AS c"
         ).fetchall()
-        missing = sorted(_COLUMNS - {name for (name,) in columns})
+        there = {name for (name,) in columns}
+        missing = sorted(_COLUMNS - there)
+        self._has_invalid = any(name.startswith("invalid.") for name in there)
+        if self._has_invalid:
+            missing += sorted(_INVALID_COLUMNS - there)
         if missing:
             raise corrupt(self.path, f"it lacks {', '.join(missing)}")
         if self._connection.execute(_UNSOUND).fetchone() is not None:
@@ -210,6 +225,18 @@ class EvaluationStore:
                     scores[i] = stored[0]
         return scores
 
+    def invalid(self, context: int, mu: Mu, seeds: Sequence[int]) -> dict[int, str]:
+        """Return why worlds are invalid, by their place, where that is stored; see `lookup`."""
+        if not self._has_invalid:
+            return {}
+        with explained(self.path):
+            stored = self._connection.execute(
+                "SELECT seed, mu, reason FROM invalid WHERE context = ?", (context,)
+            ).fetchall()
+        reasons = {(seed, row): str(reason) for seed, row, reason in stored}
+        keys = ((seed, row.tobytes()) for seed, row in zip(seeds, mu, strict=True))
+        return {i: reasons[key] for i, key in enumerate(keys) if key in reasons}
+
     def evaluations(self, context: int, seeds: Sequence[int]) -> Evaluations | None:
         """Return the evaluations of n seeds; None where n is 0 or a seed is not stored.
 
@@ -229,9 +256,18 @@ class EvaluationStore:
             return None
         mu = np.array([np.frombuffer(mu, np.float32) for mu, _ in rows], np.float32)
         score = np.array([score for _, score in rows], np.float64)
-        return Evaluations(mu, score, np.array(seeds, np.int64))
+        invalid = np.zeros(len(mu), np.bool_)
+        invalid[[*self.invalid(context, mu, seeds)]] = True
+        return Evaluations(mu, score, np.array(seeds, np.int64), invalid)
 
-    def commit(self, context: int, mu: Mu, seeds: Sequence[int], scores: Floats) -> None:
+    def commit(
+        self,
+        context: int,
+        mu: Mu,
+        seeds: Sequence[int],
+        scores: Floats,
+        invalid: Mapping[int, str] | None = None,
+    ) -> None:
         """Store the scores of one chunk in one transaction, whole or not at all.
 
         Args:
@@ -239,6 +275,7 @@ class EvaluationStore:
             mu: (n, d) float32.
             seeds: n evaluation seeds.
             scores: (n,) float64 in [0, 1].
+            invalid: Why some worlds are invalid, by their place.
         """
         rows = zip(seeds, mu, scores, strict=True)
         with explained(self.path), self._connection:  # commits, or rolls back after an error
@@ -247,6 +284,13 @@ class EvaluationStore:
                 "INSERT OR IGNORE INTO evaluation VALUES (?, ?, ?, ?)",
                 ((context, seed, row.tobytes(), float(score)) for seed, row, score in rows),
             )
+            if invalid:
+                self._connection.execute(_INVALID)
+                self._connection.executemany(
+                    "INSERT OR IGNORE INTO invalid VALUES (?, ?, ?, ?)",
+                    ((context, seeds[i], mu[i].tobytes(), why) for i, why in invalid.items()),
+                )
+        self._has_invalid = self._has_invalid or bool(invalid)
 
     def __len__(self) -> int:
         """Count the evaluations of all contexts."""

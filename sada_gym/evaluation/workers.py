@@ -7,6 +7,7 @@ import os
 import pickle
 import signal
 import threading
+import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -18,13 +19,11 @@ from multiprocessing.connection import Connection
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from sada_gym.application import Application
 from sada_gym.environment_variables import environment_variables
 from sada_gym.errors import UserTypeError, WorkerError
-from sada_gym.evaluation.problems import Registered, Scorer, score
+from sada_gym.evaluation import watch
+from sada_gym.evaluation.problems import Answer, Registered, Scorer, score
 from sada_gym.evaluation.spawn import spawn_context
 from sada_gym.parameters import Mu
 
@@ -34,6 +33,7 @@ MAX_WORKERS = 1_024
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _CACHE_SIZE = 4
 _DYING_S = 10.0
+_DYING_CHECKS, _DYING_CHECK_S = 40, 0.05
 _MOST_WARNINGS, _LONGEST_WARNING = 10, 500
 
 _sent_warnings: set[str] = set()
@@ -78,7 +78,7 @@ class PortableScorer:
         """The size of the payload in bytes."""
         return 0 if self.payload is None else len(self.payload)
 
-    def __call__(self, mu: Mu, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+    def __call__(self, mu: Mu, seeds: Sequence[int]) -> Answer:
         """Evaluate one chunk, see `score`."""
         scorers: dict[str, Scorer] = vars(_scorers)
         if self.key not in scorers:
@@ -105,10 +105,8 @@ def _drop_oldest(cache: dict[str, Any]) -> None:
             oldest.close()
 
 
-def evaluate_if_loadable(
-    task: PortableScorer, mu: Mu, seeds: Sequence[int]
-) -> npt.NDArray[np.float64] | None:
-    """Return the scores of one chunk, (n,); None if neither task nor process has the payload.
+def evaluate_if_loadable(task: PortableScorer, mu: Mu, seeds: Sequence[int]) -> Answer | None:
+    """Return the scores of one chunk; None if neither task nor process has the payload.
 
     The process keeps the payload, so that a large model crosses the network once for each.
     """
@@ -132,22 +130,57 @@ class WorkerPool:
         context = spawn_context()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._warnings: WarningQueue = context.SimpleQueue()
+        self._watched = watch.shared_memory(context, workers)
+        numbers: SimpleQueue[int] = context.SimpleQueue()
+        for number in range(workers):
+            numbers.put(number)
         self.executor = ProcessPoolExecutor(
             workers,
             mp_context=context,
             initializer=_initialise,
-            initargs=(watched, task, self._warnings),
+            initargs=(watched, task, self._warnings, self._watched, numbers),
         )
         before = set(active_children())
         with inherited_settings():
-            for _ in range(workers):
-                self.executor.submit(int)  # any call: the pool starts a process for it
+            # any call: the pool starts a process for it
+            self._started = [self.executor.submit(os.getpid) for _ in range(workers)]
         self._processes = set(active_children()) - before
 
     @property
     def failed_to_start(self) -> bool:
         """Whether a process raised an exception as it started. Another one would do the same."""
+        if any(
+            done.done() and not done.cancelled() and not done.exception() for done in self._started
+        ):
+            return False
         return any(process.exitcode == 1 for process in self._processes)
+
+    def stop_overdue(self, timeout: float) -> set[int]:
+        """Kill the processes that compute one world for longer; return the keys of the worlds."""
+        processes = {process.pid: process for process in self._processes}
+        overdue = set()
+        for pid, (world, seconds) in watch.worlds(self._watched).items():
+            # twice: it may be at the next world by now
+            now, _ = watch.worlds(self._watched).get(pid, (None, 0.0))
+            if seconds > timeout and now == world and pid in processes:
+                overdue.add(world)
+                processes[pid].kill()
+        return overdue
+
+    def deaths(self) -> dict[int, str]:
+        """Say how the processes that died in a world ended, by the key of that world."""
+        worlds = watch.worlds(self._watched)
+        for _ in range(_DYING_CHECKS if worlds else 0):  # an exit code comes a moment later
+            deaths = {
+                worlds[process.pid][0]: _ending(process.exitcode)
+                for process in self._processes
+                # an executor that has lost a process terminates the others
+                if process.exitcode not in (None, 0, -signal.SIGTERM) and process.pid in worlds
+            }
+            if deaths:
+                return deaths
+            time.sleep(_DYING_CHECK_S)
+        return {}
 
     def warnings(self) -> Iterator[tuple[type[Warning], str]]:
         """Iterate over the warnings since the last call; they come before their chunk's scores."""
@@ -162,6 +195,13 @@ class WorkerPool:
         self._lifeline.close()
         for process in self._processes:
             process.join(_DYING_S)
+
+
+def _ending(exitcode: int) -> str:
+    try:
+        return f"was ended by {signal.Signals(-exitcode).name}"
+    except ValueError:
+        return f"ended with exit code {exitcode}"
 
 
 @contextmanager
@@ -182,7 +222,14 @@ def inherited_settings() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _initialise(lifeline: Connection, task: PortableScorer | None, queue: WarningQueue) -> None:
+def _initialise(
+    lifeline: Connection,
+    task: PortableScorer | None,
+    queue: WarningQueue,
+    watched: Any,
+    numbers: SimpleQueue[int],
+) -> None:
+    watch.join(watched, numbers.get())
     if task is not None and task.payload is not None:
         _payloads[task.key] = task.payload
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -7,6 +7,7 @@ import shutil
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,22 +28,29 @@ SOURCE_FILE = "application.txt"
 
 
 def write_samples(path: Path, samples: Evaluations) -> None:
-    """Write test samples as NPZ: mu (n, d) float32, score (n,) float64, seed (n,) int64."""
+    """Write test samples as NPZ: mu (n, d) float32, score (n,) float64, seed (n,) int64.
+
+    Where worlds are invalid, there is `invalid`, (n,) bool, too.
+    """
     buffer = io.BytesIO()
-    np.savez(buffer, mu=samples.mu, score=samples.score, seed=samples.seed)
+    arrays: dict[str, Any] = {"mu": samples.mu, "score": samples.score, "seed": samples.seed}
+    if samples.invalid.any():
+        arrays["invalid"] = samples.invalid
+    np.savez(buffer, **arrays)
     write_file(path, buffer.getvalue())
 
 
 def read_samples(path: Path) -> Evaluations:
     """Read test samples that `write_samples` wrote; a FileError if they are damaged."""
-    arrays = read_arrays(path, {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)})
+    kinds = {"mu": ("f4", 2), "score": ("f8", 1), "seed": ("i8", 1)}
+    arrays = read_arrays(path, kinds, optional={"invalid": ("b1", 1)})
     counts = {name: len(array) for name, array in arrays.items()}
     if len(set(counts.values())) > 1:
         raise FileError(
             f"Expected as many mu as scores and seeds in {path}, got {counts}. "
             "Restore the file, or make it anew."
         )
-    return Evaluations(arrays["mu"], arrays["score"], arrays["seed"])
+    return Evaluations(**arrays)
 
 
 @dataclass(frozen=True)

@@ -57,8 +57,9 @@ class Measures(Strict):
     """The measures of the test samples.
 
     Attributes:
-        afr: The attack fooling rate, with its Wilson interval in the next.
-        mean_score: The mean Q of all samples.
+        afr: The attack fooling rate over the samples whose world is valid, with its Wilson interval
+            in the next.
+        mean_score: The mean Q of these samples.
         mu_std: The spread of all samples; 0.577 where they are uniform.
         density: See `sada_gym.measures.coverage`. It is None without a reference set, and where
             there are too few samples; so are the next two.
@@ -122,7 +123,8 @@ def measure(
         seed: Fixes the draws of reference points.
         feasible: The rate over feasible worlds; None where no privileged agent is known.
     """
-    rate = attack_fooling_rate(samples.score, threshold)
+    valid = samples.valid
+    rate = attack_fooling_rate(valid.score, threshold)
     density = coverage = relative = None
     if fooling_set is not None and ideal is not None and len(samples) > NEAREST:
         ours, truth = (
@@ -140,7 +142,7 @@ def measure(
         afr=rate.rate,
         afr_interval_95=(rate.low, rate.high),
         fooled=rate.fooled,
-        mean_score=float(samples.score.mean()),
+        mean_score=float(valid.score.mean()),
         mu_std=mu_std(samples.mu),
         density=density,
         coverage=coverage,

@@ -10,6 +10,7 @@ from pydantic import Field
 from typing_extensions import Self
 
 from sada_gym.experiment.adversary import AdversarySpec
+from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.measure import Distances, Measures, Search
 from sada_gym.experiment.target import Target
 from sada_gym.files import OneLine, Strict
@@ -144,6 +145,7 @@ class RunReport(Measures):
             the agent; None where none did.
         seeds: How the seeds follow from the settings' seed.
         flags: What a reader must know, such as that no training query fooled.
+        invalid: The worlds that broke; None where there are none.
     """
 
     settings: RunSettings
@@ -152,6 +154,7 @@ class RunReport(Measures):
     seeds: dict[str, str | int]
     flags: tuple[OneLine, ...]
     where: FailureRegions
+    invalid: InvalidWorlds | None = None
 
     def measures(self) -> Measures:
         """Return the measures alone."""

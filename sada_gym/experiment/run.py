@@ -20,6 +20,7 @@ from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import Evaluations
 from sada_gym.experiment.ideal import Ideal
+from sada_gym.experiment.invalid import check_share, invalid_worlds
 from sada_gym.experiment.measure import (
     feasible_rate,
     follow_search,
@@ -147,7 +148,12 @@ class Run:
         return self._train.evaluation_s + self._test.evaluation_s
 
     def train(self) -> None:
-        """Train on the training stream; an AdversaryError if the adversary cannot learn from it."""
+        """Train on the training stream.
+
+        Raises:
+            AdversaryError: If the adversary cannot learn from it.
+            UserError: If too many worlds are invalid.
+        """
         self._report("train", total=self._protocol.budget)
         self.adversary.on_step = self._report_step
         try:
@@ -155,11 +161,13 @@ class Run:
                 self.adversary.train(self._train)
         finally:
             self.adversary.on_step = None
+        check_share(self.application, self._train)
 
     def test(self) -> None:
         """Draw M samples and evaluate them on the test stream, which training never used.
 
-        If the adversary gives anything else than M samples, that is an AdversaryError.
+        If the adversary gives anything else than M samples, that is an AdversaryError; too many
+        invalid worlds are a UserError.
         """
         count = self._protocol.samples
         self._report("sample")
@@ -172,6 +180,7 @@ class Run:
                     "adversary."
                 )
             self._test(mu)
+        check_share(self.application, self._test)
 
     def measure(self) -> RunReport:
         """Measure the test samples and the search."""
@@ -206,6 +215,7 @@ class Run:
             where=failure_regions(
                 self.application.parameters, samples.mu[samples.fooled(self._threshold)]
             ),
+            invalid=invalid_worlds(self.application, self._train, self._test),
         )
 
     @cached_property

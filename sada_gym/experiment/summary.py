@@ -9,7 +9,9 @@ from sada_gym import adversaries
 from sada_gym.cards import find_card
 from sada_gym.errors import UserError
 from sada_gym.experiment.folder import RESULT_FILE
+from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.record import RunReport
+from sada_gym.parameters import number
 
 AFR = "attack fooling rate"
 
@@ -25,7 +27,10 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
         yield "environment", world
     low, high = report.afr_interval_95
     interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f}"
-    of_samples = f"{report.fooled} of {report.settings.experiment.protocol.samples:,} samples"
+    samples, invalid = report.settings.experiment.protocol.samples, report.invalid
+    of_samples = f"{report.fooled} of {samples:,} samples"
+    if invalid is not None and invalid.samples:
+        of_samples = f"{report.fooled} of {samples - invalid.samples:,} samples in valid worlds"
     yield AFR, f"{_percent(report.afr)} ({interval}), {of_samples}"
     yield "where", report.where.sentence
     yield "uniform worlds", _uniform_rate(report)
@@ -38,6 +43,8 @@ def summary_rows(report: RunReport) -> Iterator[tuple[str, str]]:
     if report.search.fooling_rate is not None:
         rate = _percent(report.search.fooling_rate)
         yield "in training", f"{rate} of {report.search.queries:,} queries fooled the agent"
+    if invalid is not None:
+        yield "invalid worlds", _invalid(invalid, report)
     yield "spread (mu_std)", f"{report.mu_std:.3f}; uniform would be 0.577"
     if report.relative_coverage is not None:
         yield "coverage", f"{_percent(report.relative_coverage)}; ideal samples would be 100 %"
@@ -59,6 +66,18 @@ def summary(report: RunReport, folder: Path, pictures: Iterable[Path]) -> str:
     width = max(len(name) for name, _ in rows)
     lines = [f"  {name:<{width}}   {text}" for name, text in rows]
     return "\n".join([title(report), *lines, results_line(folder, pictures)])
+
+
+def _invalid(invalid: InvalidWorlds, report: RunReport) -> str:
+    samples = report.settings.experiment.protocol.samples
+    counts = f"{invalid.queries:,} of {report.search.queries:,} queries"
+    text = f"{counts}, {invalid.samples:,} of {samples:,} samples; no failures of the agent"
+    if invalid.parameters is not None:
+        values = ", ".join(f"{name} {number(v)}" for name, v in invalid.parameters.items())
+        text += f". The first: {values}, seed {invalid.seed}: {invalid.reason}"
+    if invalid.infeasible:
+        text += f". {invalid.infeasible:,} more queries were infeasible"
+    return text
 
 
 def _world(report: RunReport) -> str | None:

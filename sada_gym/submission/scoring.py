@@ -57,5 +57,7 @@ def score(
     def report(done: int, cached: int) -> None:
         on_progress(RunProgress(stage, done, len(mu), cached, done - cached))
 
-    scores, _ = target.evaluator.evaluate(mu, seeds, report)
-    return Evaluations(mu, scores, np.array(seeds, np.int64))
+    scores, _, reasons = target.evaluator.evaluate(mu, seeds, report)
+    invalid = np.zeros(len(mu), np.bool_)
+    invalid[[*reasons]] = True
+    return Evaluations(mu, scores, np.array(seeds, np.int64), invalid)

@@ -19,6 +19,7 @@ from sada_gym.envs.wrapped.disturbances import (
     RepeatedActions,
 )
 from sada_gym.envs.wrapped.scores import Episode
+from sada_gym.envs.wrapped.validity import mujoco_fault
 
 __all__ = [
     "ActionDelay",
@@ -36,4 +37,5 @@ __all__ = [
     "ParameterBinding",
     "RepeatedActions",
     "ResetOption",
+    "mujoco_fault",
 ]

@@ -19,8 +19,17 @@ def validate_action(action: Any, space: spaces.Space[Any], agent: str, where: st
     """
     if isinstance(space, spaces.Discrete):
         return _validate_choice(action, space, agent, where)
+    if action is None:
+        raise UserTypeError(
+            f"Expected an action from {agent}, got None at {where}. Return the action."
+        )
     try:
         values = np.asarray(action, np.float64)
+    except RuntimeError as error:  # a tensor of torch with a gradient
+        raise UserTypeError(
+            f"Expected an action of numbers from {agent}, got one that NumPy cannot read at "
+            f"{where} ({error}). Return action.detach().cpu().numpy()."
+        ) from error
     except (TypeError, ValueError):
         values = np.full((), np.nan)
         if np.shape(action) == space.shape:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -21,14 +21,16 @@ from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Interface
 from sada_gym.agents.given import agent_of
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.application import Scored, check_declared
+from sada_gym.application import INVALID_SCORE, OnError, Scored, check_declared
+from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
-from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, function_name, layers
+from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
-from sada_gym.errors import UserError, UserTypeError, check_integer, explained
+from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
+from sada_gym.evaluation.watch import world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
@@ -79,6 +81,19 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             although a file of one lies beside the agent's.
         deterministic: Whether the agent takes its best action. With False it draws its actions, one
             observation at a time, and all that it draws follows from the evaluation's seed.
+        on_error: What becomes of a world that breaks: its environment raises, gives NaN as a reward
+            or in an observation, takes longer than `timeout`, or ends its worker process. Such a
+            world is `invalid` by default, which is no failure of the agent: its score is
+            `INVALID_SCORE`, and an attack counts it apart. `fooled` counts it as a failure of the
+            agent, with score 0, and `raise` raises. NaN in observations is normal where the
+            environment's first observation holds it, too.
+        valid: A function of the unwrapped environment after an episode. It returns whether the
+            simulator computed the world, or what was wrong; False, and a text that is not empty,
+            make the world break. By default MuJoCo's warnings, masses and inertias are looked at:
+            `sada_gym.envs.wrapped.mujoco_fault`.
+        timeout: Seconds that the environment may take for an episode. A worker process is stopped
+            in a call that takes longer, so use `workers=2` or more; a single process cannot
+            interrupt a call.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -115,6 +130,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         allow_pickle: bool = False,
         vec_normalize: str | Path | VecNormalize | Literal[False] | None = None,
         deterministic: bool = True,
+        on_error: OnError = "invalid",
+        valid: Callable[[Any], bool | str] | None = None,
+        timeout: float | None = None,
     ) -> None:
         check_integer("episodes", episodes, 1)
         check_integer("sample_size", sample_size, 1)
@@ -123,6 +141,14 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if name is not None and (not isinstance(name, str) or not name):
             raise UserTypeError(f"Expected name to be a text or None, got {name!r}.")
         check_agent_id(agent_id)
+        check_known("on_error", [on_error], get_args(OnError))
+        if valid is not None and not callable(valid):
+            raise UserTypeError(
+                f"Expected valid to be a function of the environment, got {valid!r}."
+            )
+        if timeout is not None and (not is_number(timeout) or not 0 < timeout < np.inf):
+            raise UserError(f"Expected timeout to be a number of seconds above 0, got {timeout!r}.")
+        self.on_error, self.timeout, self._valid = on_error, timeout, valid
         factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._episode_count, self._allow_pickle = episodes, allow_pickle
@@ -148,8 +174,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             super().__init__(agent, agent_id)
         self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._clipped = self._scores = 0
-        for corner in (-1.0, 1.0):  # so that bad ranges are found at once
-            self.episodes(np.full((1, len(self.parameters)), corner, np.float32), [0]).close()
+        self._check_ranges()
 
     def _explore(
         self,
@@ -168,7 +193,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self._has_masks = env.has_wrapper_attr("action_masks")
         self.packages = _packages(env)
         self.name, self.version = _name_and_version(factory, env)  # type: ignore[misc]
-        _check_environment(env, factory)
+        nan_observed = has_nan(_check_environment(env, factory))
         if not isinstance(parameters, Mapping) or not parameters:
             raise UserTypeError(
                 "Expected parameters as a dictionary, such as {'gravity': (5.0, 15.0)}, got "
@@ -179,8 +204,24 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         for key, binding in bindings.items():
             binding.check(key, factory, env)
         check_distinct(bindings)
-        seen, done = env.observation_space, env.action_space
-        return EpisodeSpec(factory, bindings, seen, done, score, "the agent")
+        return EpisodeSpec(
+            factory,
+            bindings,
+            env.observation_space,
+            env.action_space,
+            score,
+            "the agent",
+            self.on_error,
+            self._valid,
+            self.timeout,
+            nan_observed,
+        )
+
+    def _check_ranges(self) -> None:
+        """Begin the worlds at both ends of all ranges, so that bad ranges are found at once."""
+        corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
+        spec = replace(self.episode_spec, on_error="raise")
+        GymnasiumEpisodes(spec, self._starts(corners, [0, 0])).close()
 
     def _load(self, path: Path) -> Any:
         spec = self.episode_spec
@@ -223,7 +264,14 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def settings(self) -> dict[str, Any]:
         """All that a score depends on besides the agent."""
         factory, bindings = self.episode_spec.factory, self.episode_spec.bindings
+        # only what differs from the default: stores keep their keys
+        edges = {
+            "on_error": None if self.on_error == "invalid" else self.on_error,
+            "valid": None if self._valid is None else code_name(self._valid),
+            "timeout": None if self.timeout is None else float(self.timeout),
+        }
         return {
+            **{key: value for key, value in edges.items() if value is not None},
             "environment": factory.identity,
             "env_kwargs": as_json(factory.env_kwargs),
             "parameters": {key: binding.settings for key, binding in bindings.items()},
@@ -242,6 +290,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         functions = {
             "environment": spec.factory.environment if callable(spec.factory.environment) else None,
             "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
+            "valid": self._valid,
             **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},
         }
         return {role: function for role, function in functions.items() if function is not None}
@@ -270,15 +319,25 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self, mu: Mu, seeds: Sequence[int], *, pictures: bool = False
     ) -> GymnasiumEpisodes:
         """Begin the episodes in the worlds of mu, (n, d), those of one evaluation in a row."""
+        return GymnasiumEpisodes(self.episode_spec, self._starts(mu, seeds), pictures=pictures)
+
+    def _starts(self, mu: Mu, seeds: Sequence[int]) -> list[EpisodeStart]:
         starts = []
+        for row, values, seed in zip(mu, self._values(mu), seeds, strict=True):
+            world = world_key(row, seed)
+            starts += [EpisodeStart(values, seed, i, world) for i in range(self._episode_count)]
+        return starts
+
+    def _values(self, mu: Mu) -> list[dict[str, Any]]:
+        """Return what the parameters set in the worlds of mu, (n, d)."""
         bindings = self.episode_spec.bindings.items()
-        for row, seed in zip(self.parameters.physical(mu).tolist(), seeds, strict=True):
-            values = {
+        return [
+            {
                 key: binding.value(number)
                 for (key, binding), number in zip(bindings, row, strict=True)
             }
-            starts += [EpisodeStart(values, seed, i) for i in range(self._episode_count)]
-        return GymnasiumEpisodes(self.episode_spec, starts, pictures=pictures)
+            for row in self.parameters.physical(mu).tolist()
+        ]
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         count = self._episode_count
@@ -289,8 +348,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         extras = []
         for first in range(0, len(running), count):
             together = running[first : first + count]
+            broken = next((episode.broken for episode in together if episode.broken), "")
+            if broken and self.on_error == "fooled":
+                score[first // count] = 0.0
             extras.append(
                 {
+                    "invalid": broken if self.on_error == "invalid" else "",
                     "return": float(np.mean([sum(episode.rewards) for episode in together])),
                     "length": float(np.mean([len(episode.rewards) for episode in together])),
                     "clipped": any(episode.clipped for episode in together),
@@ -368,7 +431,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Play the episodes again, one after another: all frames, and the score."""
         if not self.can_render:
             self._rendering(mu, seed)
-        return super().replay(mu, seed)
+        frames, score = super().replay(mu, seed)
+        if np.isnan(score):  # the world broke
+            score = 0.0 if self.on_error == "fooled" else INVALID_SCORE
+        return frames, score
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:
         return [frame for rollout in rollouts for frame in rollout["frame"]]
@@ -403,7 +469,8 @@ def _name_and_version(factory: EnvFactory, env: gym.Env[Any, Any]) -> tuple[str,
     return (factory.name, 0) if match is None else (match[1], int(match[2]))
 
 
-def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> None:
+def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> Any:
+    """Check that an environment can be attacked; return its first observation."""
     for layer in layers(env):
         if getattr(layer, "update_running_mean", False) is True:
             raise UserError(
@@ -423,4 +490,5 @@ def _check_environment(env: gym.Env[Any, Any], factory: EnvFactory) -> None:
             "episodes might never end. Pass max_steps=1000, say."
         )
     with explained(f"Expected {factory.name} to be reset"):
-        env.reset(seed=0)
+        observation, _ = env.reset(seed=0)
+    return observation

@@ -14,7 +14,7 @@ import numpy as np
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory, code_name
 from sada_gym.envs.wrapped.paths import MISSING, no_such_path, read, write
-from sada_gym.errors import UserError, UserTypeError, check_known, explained
+from sada_gym.errors import InvalidWorld, UserError, UserTypeError, check_known, explained
 from sada_gym.parameters import Parameter
 
 _NAMED_VALUES = 12
@@ -264,7 +264,8 @@ class Function(ParameterBinding):
         """Call the function, before or after the reset."""
         assert self.set is not None
         if after_reset == self.after_reset:
-            with explained(f"Expected the function of {name!r} to set {value!r}"):
+            expected = f"Expected the function of {name!r} to set {value!r}"
+            with explained(expected, kind=InvalidWorld):
                 self.set(env, value)
 
 

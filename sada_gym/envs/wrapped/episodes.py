@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,15 +17,22 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sada_gym.agents.tile import Batch, as_batch
+from sada_gym.application import OnError
 from sada_gym.arrays import Bytes, Floats, Indices
 from sada_gym.environment_variables import environment_variables
+from sada_gym.envs.checks import has_nan
 from sada_gym.envs.episodes.base import Episodes
 from sada_gym.envs.wrapped.actions import clip_action, validate_action
 from sada_gym.envs.wrapped.bindings import Keyword, ParameterBinding, ResetOption
 from sada_gym.envs.wrapped.disturbances import Disturbance
 from sada_gym.envs.wrapped.factory import EnvFactory
 from sada_gym.envs.wrapped.scores import Episode, Score
-from sada_gym.errors import UserError, explained
+from sada_gym.envs.wrapped.validity import check_valid
+from sada_gym.errors import InvalidWorld, UserError, broken_world, explained
+from sada_gym.evaluation import watch
+
+_NO_FRAME = (240, 320, 3)
+_LONGEST = 200
 
 _AGENT_STREAM = 2**31
 """Far from the streams of parameters."""
@@ -35,11 +43,15 @@ _GOLDEN = np.uint64(0x9E3779B1)
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """How one episode begins: what bindings set, the evaluation's seed, and its number in it."""
+    """How one episode begins: what bindings set, the evaluation's seed, and its number in it.
+
+    `world` is the key of its world, see `sada_gym.evaluation.watch`.
+    """
 
     values: Mapping[str, Any]
     seed: int
     number: int
+    world: int = 0
 
     def seed_sequence(self, stream: int) -> np.random.SeedSequence:
         """Return a source of randomness; stream 0 seeds the environment, others the parameters."""
@@ -53,7 +65,11 @@ class EpisodeStart:
 
 @dataclass(frozen=True)
 class EpisodeSpec:
-    """What all episodes of an application share; `agent` is its name, for messages."""
+    """What all episodes of an application share; `agent` is its name, for messages.
+
+    `nan_observed` says that the environment's observations hold NaN as it is, without an error.
+    The others are arguments of `GymnasiumApplication`.
+    """
 
     factory: EnvFactory
     bindings: Mapping[str, ParameterBinding]
@@ -61,6 +77,10 @@ class EpisodeSpec:
     action_space: spaces.Space[Any]
     score: Score
     agent: str
+    on_error: OnError = "invalid"
+    valid: Callable[[Any], bool | str] | None = None
+    timeout: float | None = None
+    nan_observed: bool = False
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
@@ -95,7 +115,7 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
 
     @property
     def score(self) -> Floats:
-        """The score Q of each episode that has ended, NaN of the others, (n,)."""
+        """The score Q of each episode that has ended in a valid world, NaN of the others, (n,)."""
         return np.array([episode.score for episode in self.running])
 
     def observation(self, i: int) -> Any:
@@ -121,7 +141,9 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
 
     def render(self, which: Indices) -> Bytes:
         """Draw frames of some episodes, (len(which), rows, columns, 3)."""
-        return np.stack([self.running[i].render() for i in which])
+        frames = [self.running[i].render() for i in which]
+        shape = next((frame.shape for frame in frames if frame is not None), _NO_FRAME)
+        return np.stack([np.zeros(shape, np.uint8) if f is None else f for f in frames])
 
     def step(self, which: Indices, actions: Sequence[Any] | npt.NDArray[Any]) -> None:
         """Take one action of the agent in each of some episodes."""
@@ -147,38 +169,56 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
 class RunningEpisode:
     """One episode under way, in an environment of its own under its disturbances.
 
-    Its `observation` is what the agent sees; `score` is NaN as long as it goes on.
+    Its `observation` is what the agent sees; `score` is NaN as long as it goes on. It ends where
+    its world breaks; `broken` then says why.
     """
 
     def __init__(self, spec: EpisodeSpec, start: EpisodeStart, *, pictures: bool) -> None:
         self._spec, self.start = spec, start
-        self.ended, self.clipped, self.score = False, False, np.nan
-        self._closed = False
+        self.ended, self.clipped, self.score, self.broken = False, False, np.nan, ""
+        self.observation: Any = None
+        self.rewards: list[float] = []
         self._frame_shape: tuple[int, ...] = ()
-        render_mode = "rgb_array" if pictures else None
-        self.env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
+        self._seconds = 0.0
+        self.env: gym.Env[Any, Any] | None = None
         try:
-            self._recorder = _Recorder(self.env, spec, start)
-            self.rewards = self._recorder.rewards
-            self.env = _disturbed(self._recorder, spec, start)
-            seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
-            self.observation, _ = self.env.reset(
-                seed=seed, options=_set_by(ResetOption, spec, start) or None
-            )
+            self._timed(self._begin, "rgb_array" if pictures else None)
+        except InvalidWorld as error:
+            self._end_broken(error)
         except BaseException:
             self.close()
             raise
 
+    def _begin(self, render_mode: str | None) -> None:
+        spec, start = self._spec, self.start
+        self.env = spec.factory.make(_set_by(Keyword, spec, start), render_mode)
+        self._recorder = _Recorder(self.env, spec, start)
+        self.rewards = self._recorder.rewards
+        self.env = _disturbed(self._recorder, spec, start)
+        seed = int(start.seed_sequence(0).generate_state(1, np.uint32)[0]) >> 1
+        self.observation, _ = self.env.reset(
+            seed=seed, options=_set_by(ResetOption, spec, start) or None
+        )
+
     def step(self, action: Any) -> None:
         """Let one action of the agent act."""
+        try:
+            self._timed(self._step, action)
+        except InvalidWorld as error:
+            self._end_broken(error)
+
+    def _step(self, action: Any) -> None:
+        assert self.env is not None
         self.observation, _, terminated, truncated, _ = self.env.step(action)
         if terminated or truncated:
             self.ended = True
+            check_valid(self.env.unwrapped, self._spec.valid, self._spec.factory.name)
             episode = self._recorder.episode(terminated=bool(terminated), truncated=bool(truncated))
             self.score, self.clipped = self._spec.score(episode)
 
     def action_mask(self) -> npt.NDArray[np.bool_]:
         """Return which actions are valid now, (k,)."""
+        assert self.env is not None
         name = self._spec.factory.name
         with explained(f"Expected valid actions from action_masks() of {name}", "Mend it."):
             mask = np.asarray(self.env.get_wrapper_attr("action_masks")(), np.bool_).ravel()
@@ -186,14 +226,42 @@ class RunningEpisode:
             raise UserError(f"Expected a valid action in {name}, got action_masks() with none.")
         return mask
 
-    def render(self) -> Bytes:
-        """Draw a frame.
+    def _timed(self, act: Callable[[Any], None], argument: Any) -> None:
+        """Call one of the environment's methods; say in which world a worker is meanwhile."""
+        timeout = self._spec.timeout
+        begun = 0.0 if timeout is None else time.monotonic()
+        watch.begin(self.start.world)
+        try:
+            act(argument)
+        finally:
+            watch.end()
+        if timeout is not None:
+            self._seconds += time.monotonic() - begun
+            if self._seconds > timeout:
+                reason = f"it took longer than {timeout:g} s"
+                raise InvalidWorld(
+                    f"Expected an episode of {self._spec.factory.name} within timeout={timeout:g} "
+                    f"seconds, but with {dict(self.start.values)} {reason}. Raise timeout, or "
+                    "narrow the ranges.",
+                    reason,
+                )
+
+    def _end_broken(self, error: InvalidWorld) -> None:
+        self.close()
+        if self._spec.on_error == "raise":
+            raise error
+        self.ended, self.score, self.broken = True, np.nan, error.reason
+
+    def render(self) -> Bytes | None:
+        """Draw a frame: black where the world broke, None where it broke before the first one.
 
         Raises:
             NotImplementedError: If the environment draws none.
             UserError: If its drawing fails, or its frames differ in size.
         """
         name = self._spec.factory.name
+        if self.broken or self.env is None:
+            return np.zeros(self._frame_shape, np.uint8) if self._frame_shape else None
         # SDL draws without a screen, and does not complain that there is none
         headless = {} if "SDL_VIDEODRIVER" in os.environ else {"SDL_VIDEODRIVER": "dummy"}
         with (
@@ -216,9 +284,10 @@ class RunningEpisode:
 
     def close(self) -> None:
         """Close the environment."""
-        if not self._closed:
-            self._closed = True
-            self.env.close()
+        env, self.env = self.env, None
+        if env is not None:
+            with suppress(Exception) if self.broken else nullcontext():
+                env.close()
 
 
 class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
@@ -240,16 +309,24 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         self._apply_bindings(after_reset=False)
-        with self._explained("its reset"):
+        try:
             observation, info = self.env.reset(**kwargs)
+        except UserError:
+            raise
+        except (Exception, SystemExit) as error:  # whatever an environment may raise
+            raise self._broken("its reset", error) from error
         self._apply_bindings(after_reset=True)
         self._check_spaces()
         return self._recorded(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         action = clip_action(action, self.action_space)
-        with self._explained("a step"):
+        try:
             observation, reward, terminated, truncated, info = self.env.step(action)
+        except UserError:
+            raise
+        except (Exception, SystemExit) as error:  # whatever an environment may raise
+            raise self._broken("a step", error) from error
         self.rewards.append(self._validate_reward(reward))
         if self._spec.score.keeps_all:
             self._actions.append(deepcopy(action))
@@ -259,6 +336,10 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         for name, binding in self._spec.bindings.items():
             value = self._start.values[name]
             binding.apply(name, value, self.unwrapped, after_reset=after_reset)
+
+    def _broken(self, what: str, error: BaseException) -> InvalidWorld:
+        expected = f"Expected {self._spec.factory.name} to make {what} {self._world}"
+        return broken_world(what, error, expected)
 
     def episode(self, *, terminated: bool, truncated: bool) -> Episode:
         return Episode(
@@ -272,12 +353,20 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def _recorded(self, observation: Any, info: Mapping[str, Any]) -> Any:
         """Record an observation and its info. Return a copy: environments may change theirs."""
+        if has_nan(observation) and not self._spec.nan_observed:
+            raise InvalidWorld(
+                f"Expected observations without NaN from {self._spec.factory.name}, got "
+                f"{_short(observation)} at step {len(self.rewards)} {self._world}. Narrow the "
+                "ranges to worlds that the simulator can compute.",
+                "an observation holds NaN",
+            )
         if self._spec.score.keeps_all:
             self._observations.append(deepcopy(observation))
             self._infos.append(deepcopy(info))
         else:
             self._infos = [info]
-        return deepcopy(observation)
+        # NumPy's own copy takes a third of the time
+        return observation.copy() if type(observation) is np.ndarray else deepcopy(observation)
 
     def _validate_reward(self, reward: Any) -> float:
         try:
@@ -285,10 +374,11 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
         except (TypeError, ValueError):
             value = np.nan
         if not np.isfinite(value):
-            raise UserError(
+            raise InvalidWorld(
                 f"Expected rewards that are finite numbers from {self._spec.factory.name}, got "
                 f"{reward!r} at step {len(self.rewards)} {self._world}. Narrow the ranges to "
-                "worlds that the simulator can compute."
+                "worlds that the simulator can compute.",
+                f"a reward is {reward!r}",
             )
         return value
 
@@ -300,10 +390,6 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
                     f"Expected the same {name.replace('_', ' ')} in all worlds, {shared}, got "
                     f"{own} {self._world}. Leave out the parameter that changes it."
                 )
-
-    def _explained(self, what: str) -> AbstractContextManager[None]:
-        expected = f"Expected {self._spec.factory.name} to make {what} {self._world}"
-        return explained(expected, "Narrow the ranges to worlds that it takes.")
 
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:
@@ -321,6 +407,11 @@ def _disturbed(env: gym.Env[Any, Any], spec: EpisodeSpec, start: EpisodeStart) -
     for disturbance, value, stream in sorted(disturbances, key=lambda entry: entry[0].layer):
         env = disturbance.wrap(env, value, np.random.default_rng(start.seed_sequence(stream)))
     return env
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _shapes(space: spaces.Space[Any]) -> Any:

@@ -13,7 +13,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.wrappers import TimeLimit
 
-from sada_gym.errors import UserError, UserTypeError, check_known, explained
+from sada_gym.errors import UserError, UserTypeError, broken_world, check_known
 from sada_gym.ids import find_spec
 
 EnvLike = str | Callable[..., gym.Env[Any, Any]]
@@ -105,15 +105,16 @@ class EnvFactory:
             "Narrow the ranges to what it takes; write Keyword(low, high, integer=True) for a "
             "whole number."
         )
-        with explained(
-            f"Expected {self.name} to be made with {all_keywords}", mend if keywords else ""
-        ):
-            try:
-                env: Any = self._creator(**all_keywords)
-            except ImportError as error:
-                if isinstance(error, UserError):
-                    raise
-                raise self._missing_package(error) from error
+        try:
+            env: Any = self._creator(**all_keywords)
+        except UserError:
+            raise
+        except ImportError as error:
+            raise self._missing_package(error) from error
+        except (Exception, SystemExit) as error:  # whatever a constructor may raise
+            expected = f"Expected {self.name} to be made with {all_keywords}"
+            mend = mend if keywords else ""
+            raise broken_world("its constructor", error, expected, mend) from error
         if not isinstance(env, gym.Env):
             raise UserTypeError(
                 f"Expected {self.name} to make a gymnasium.Env, got {type(env).__name__}. Return "

@@ -12,7 +12,7 @@ import numpy as np
 
 from sada_gym.envs.checks import is_number
 from sada_gym.envs.wrapped.factory import EnvFactory
-from sada_gym.errors import UserError, explained
+from sada_gym.errors import InvalidWorld, UserError, explained
 
 _PART = re.compile(r"([A-Za-z_]\w*)((?:\[-?\d+\])*)")
 
@@ -72,7 +72,7 @@ def write(env: Any, path: str, value: Any, *, must_exist: bool) -> None:
     if must_exist and current == value:
         return
     mend = "Name another attribute, or set it by Function(low, high, set=...)."
-    with explained(f"Expected {path!r} to be settable to {value!r}", mend):
+    with explained(f"Expected {path!r} to be settable to {value!r}", mend, InvalidWorld):
         if isinstance(last, str):
             setattr(holder, last, value)
         else:

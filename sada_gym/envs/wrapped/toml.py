@@ -82,6 +82,8 @@ def read_application(path: str | Path) -> GymnasiumApplication:
         raise UserError(f"Expected the key {missing[0]!r} in {path}, got none. Add it to the file.")
     _check_types(table, keys, path)
     arguments = {**table, "agent": _agent(table["agent"], path)}
+    if "valid" in table:
+        arguments["valid"] = _imported(table["valid"], path, "valid", "module:function")
     arguments["parameters"] = {
         name: binding_of(name, value, path) for name, value in table["parameters"].items()
     }
@@ -93,7 +95,7 @@ def read_application(path: str | Path) -> GymnasiumApplication:
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     """Return the types of the keys of a file, and the keys that must be there."""
     constructor: Any = GymnasiumApplication.__init__
-    hints = {**get_type_hints(constructor, localns=_NAMES), "agent": str}
+    hints = {**get_type_hints(constructor, localns=_NAMES), "agent": str, "valid": str}
     arguments = [*inspect.signature(GymnasiumApplication).parameters.values()]
     required = [argument.name for argument in arguments if argument.default is argument.empty]
     return {argument.name: _toml_types(hints[argument.name]) for argument in arguments}, required
@@ -157,15 +159,19 @@ def _check_types(
 
 
 def _agent(text: str, path: Path) -> Any:
-    module, colon, name = text.rpartition(":")
     file = path.parent / os.path.expanduser(text)
-    if file.suffix.lower() in SUFFIXES or not colon:
+    if file.suffix.lower() in SUFFIXES or ":" not in text:
         return file
+    return _imported(text, path, "agent", "an agent's file or module:object")
+
+
+def _imported(text: str, path: Path, key: str, expected: str) -> Any:
+    module, _, name = text.rpartition(":")
     try:
         return getattr(importlib.import_module(module), name)
     except (Exception, SystemExit) as error:  # whatever a user's module may raise
         raise UserError(
-            f"Expected 'agent' in {path} to be an agent's file or module:object, got {text!r} "
+            f"Expected {key!r} in {path} to be {expected}, got {text!r} "
             f"({type(error).__name__}: {error}). Set PYTHONPATH to the folder that holds the "
             "module."
         ) from error

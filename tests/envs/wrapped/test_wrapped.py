@@ -105,7 +105,17 @@ def test_infos_have_the_same_keys_and_whole_numbers():
     infos = application.evaluate(mu, seeds).infos
     assert {frozenset(info) for info in infos} == {
         frozenset(
-            ("score", "fooled", "seed", "parameters", "return", "length", "clipped", "values")
+            (
+                "score",
+                "fooled",
+                "seed",
+                "parameters",
+                "return",
+                "length",
+                "clipped",
+                "values",
+                "invalid",
+            )
         )
     }
     assert {info["values"]["push"] for info in infos} == {"weak", "strong"}
@@ -245,12 +255,12 @@ def test_partial_functions_that_make_other_environments_are_told_apart():
 
 def test_a_reward_that_is_no_number_gets_a_sentence():
     with pytest.raises(ValueError, match="rewards that are finite numbers from Reach"):
-        reach(reward=np.nan).evaluate([[0.0]], [0])
+        reach(reward=np.nan, on_error="raise").evaluate([[0.0]], [0])
 
 
 def test_an_environment_that_raises_in_a_step_gets_a_sentence():
     with pytest.raises(ValueError, match=r"make a step with .*, got OverflowError: too far"):
-        reach(fails=True).evaluate([[0.0]], [0])
+        reach(fails=True, on_error="raise").evaluate([[0.0]], [0])
 
 
 def test_a_parameter_that_changes_a_space_is_refused():
