@@ -1,5 +1,6 @@
 """The z-buffer: PyBullet's TinyRenderer as a second opinion, no gaps, equal bits everywhere."""
 
+import dataclasses
 import hashlib
 import os
 import subprocess
@@ -16,7 +17,7 @@ from sada_gym.envs.detection.renderers.gbuffer import KernelCamera
 from sada_gym.envs.detection.renderers.rasteriser import _kernel_camera
 from sada_gym.envs.detection.renderers.zbuffer import COORDINATES, PLANES, project, rasterise
 from sada_gym.envs.detection.scene import camera_of
-from sada_gym.envs.detection.shapes import benchmark_shapes
+from sada_gym.envs.detection.shapes import Material, Surface, benchmark_shapes
 
 MU = np.random.default_rng(5).uniform(-1, 1, (12, 8)).astype(np.float32)
 SAMPLES, NEAR, FAR = 192, 2.0, 32.0
@@ -128,12 +129,27 @@ def test_the_nearest_face_is_shown_whatever_the_order():
     assert len(np.unique(shown)) > 10
 
 
+def textured(shape):
+    """Give a shape's materials textures, one with holes, and make its windows glass."""
+    rng = np.random.default_rng(0)
+    surfaces = [
+        Surface(
+            material=material,
+            texture=rng.integers(100, 256, (37, 64, 4), dtype=np.uint8),
+            opacity=0.4 if material == Material.GLASS else 1.0,
+        )
+        for material in Material
+    ]
+    return dataclasses.replace(shape, surfaces=tuple(surfaces), uv=shape.vertices[:, ::2])
+
+
 def digest():
     """Digest pictures of all materials and grounds, and their masks."""
     pictures = hashlib.sha256()
     for name in ("car", "bicycle", "diningtable"):
         application = DetectionApplication(name)
         scenes = [application.scene(mu, seed) for seed, mu in enumerate(MU)]
+        scenes += [dataclasses.replace(this, shape=textured(this.shape)) for this in scenes[:2]]
         for rendering in default_renderer().render_batch(scenes, 96):
             pictures.update(rendering.image.tobytes() + rendering.mask.tobytes())
             pictures.update(rendering.box.tobytes())

@@ -91,6 +91,34 @@ class GBuffer(NamedTuple):
     materials: Array
 
 
+class Skin(NamedTuple):
+    """What the faces of a textured model look like, and the glass in a window of the picture.
+
+    Faces are sorted: those with holes begin at `cut`, those of dark glass, which casts a shadow, at
+    `dark`, those of clear glass at `clear`. Face f has the surface `materials[f]`.
+
+    Surface s has an opacity, and `textures[s]`: the first level of its texture, the one behind its
+    last, equal without a texture, and whether it has holes. Each level is half as large as the one
+    before: `levels` (l, 3) are its first row of `texels`, its height and width. `texels` (t, 4)
+    uint8 are sRGB and how much is solid, `linear` (256,) turns sRGB into light.
+
+    `panes` (h, w) is the face of glass before what `GBuffer.shown` shows, -1 where there is none.
+    """
+
+    cut: int
+    dark: int
+    clear: int
+    faces: Array
+    materials: Array
+    uv: Array
+    opacity: Array
+    textures: Array
+    levels: Array
+    texels: Array
+    linear: Array
+    panes: Array
+
+
 def noise_tile(size: int = 128) -> npt.NDArray[np.float64]:
     """Make a smooth tileable texture in [-1, 1], (size, size), the same on every machine."""
     rng = np.random.default_rng(20_20)

@@ -14,8 +14,15 @@ import numpy.typing as npt
 from sada_gym.envs.detection.backdrop import Backdrop
 from sada_gym.envs.detection.renderers import gbuffer, zbuffer
 from sada_gym.envs.detection.renderers.base import DEFAULT_KEY, Renderer, Rendering
-from sada_gym.envs.detection.renderers.gbuffer import GBuffer, KernelBackdrop, KernelCamera, Lamp
+from sada_gym.envs.detection.renderers.gbuffer import (
+    GBuffer,
+    KernelBackdrop,
+    KernelCamera,
+    Lamp,
+    Skin,
+)
 from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, TONE_STEPS, compose
+from sada_gym.envs.detection.renderers.skin import looks, skin_of
 from sada_gym.envs.detection.scene import (
     Pinhole,
     Scene,
@@ -29,7 +36,8 @@ from sada_gym.envs.pixels import Triple, tone_table
 
 AMBIENT = 0.2
 LIGHT_SIZE = 64
-"""Samples a side of the light's view, for shadows."""
+"""Samples a side of the light's view, for shadows; textured models cast sharper ones."""
+TEXTURED_LIGHT_SIZE = 192
 LIGHT_HALF = 2.7
 LIGHT_DISTANCE = 30.0
 
@@ -68,7 +76,16 @@ class Rasteriser(Renderer):
         left, top, right, bottom = (
             SUPERSAMPLING * n for n in zbuffer.bounds(points, SUPERSAMPLING, size)
         )
-        planes, shown, _ = _rasterised(shape, points, (left, top), (bottom - top, right - left))
+        window = (left, top), (bottom - top, right - left)
+        skin, faces, materials = None, shape.faces, shape.materials
+        table = gbuffer.painted(scene.colour)
+        planes, shown, nearest = _rasterised(shape, points, *window)
+        seen = zbuffer.extent(shown)
+        if shape.surfaces:
+            skin = _with_panes(shape, points, window[0], planes, nearest)
+            faces, materials = skin.faces, skin.materials
+            table = looks(shape.surfaces, scene.colour)
+            seen = zbuffer.extent(np.maximum(shown, skin.panes))
         coverage = np.empty((size, size), np.uint8)
         compose(
             image,
@@ -76,12 +93,13 @@ class Rasteriser(Renderer):
             camera,
             _lamp(scene, shape),
             self._place(scene.backdrop, pinhole),
-            GBuffer(left, top, shown, planes, shape.normals, shape.faces, shape.materials),
-            gbuffer.painted(scene.colour),
+            GBuffer(left, top, shown, planes, shape.normals, faces, materials),
+            table,
             self._tone,
             np.empty((3, size)),
+            skin,
         )
-        x0, y0, x1, y1 = zbuffer.extent(shown)
+        x0, y0, x1, y1 = seen
         box = np.array([left + x0, top + y0, left + x1, top + y1]) / SUPERSAMPLING
         return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
@@ -106,9 +124,10 @@ def _lamp(scene: Scene, shape: Shape) -> Lamp:
     centre, axes = centre_of(scene), axes_facing(light_of(scene))
     eye = centre + LIGHT_DISTANCE * axes[2]
     tangent = LIGHT_HALF / LIGHT_DISTANCE
-    camera = _kernel_camera(Pinhole(eye, axes, tangent, (0.0, 0.0)), LIGHT_SIZE)
+    size = TEXTURED_LIGHT_SIZE if shape.surfaces else LIGHT_SIZE
+    camera = _kernel_camera(Pinhole(eye, axes, tangent, (0.0, 0.0)), size)
     points = _projected(shape, camera)
-    _, _, nearest = _rasterised(shape, points, (0, 0), (LIGHT_SIZE, LIGHT_SIZE))
+    _, _, nearest = _rasterised(shape, points, (0, 0), (size, size), dark_glass=True)
     return Lamp(
         camera.right, camera.up, camera.back, _triple(centre), LIGHT_DISTANCE, tangent, nearest
     )
@@ -121,13 +140,41 @@ def _projected(shape: Shape, camera: KernelCamera) -> Matrix:
 
 
 def _rasterised(
-    shape: Shape, points: Matrix, corner: tuple[int, int], size: tuple[int, int]
+    shape: Shape,
+    points: Matrix,
+    corner: tuple[int, int],
+    size: tuple[int, int],
+    *,
+    dark_glass: bool = False,
 ) -> tuple[Matrix, npt.NDArray[np.int32], Matrix]:
-    """Draw a shape in a window; return `planes`, `shown` and `nearest` of `zbuffer.rasterise`."""
+    """Draw a shape in a window; return `planes`, `shown` and `nearest` of `zbuffer.rasterise`.
+
+    The faces of a textured shape are those of its `Skin`, without glass.
+    """
     planes, nearest = np.empty((len(shape.faces), zbuffer.PLANES)), np.zeros(size)
     shown = np.full(size, -1, np.int32)
-    zbuffer.rasterise(points, shape.faces, shape.double_sided, corner, planes, nearest, shown)
+    skin = skin_of(shape) if shape.surfaces else None
+    faces, window = shape.faces, (shape.double_sided, corner, planes, nearest, shown)
+    if skin is not None:
+        faces = skin.faces[: skin.cut]
+    zbuffer.rasterise(points, faces, *window)
+    if skin is not None:
+        part = (skin.cut, skin.clear if dark_glass else skin.dark)
+        zbuffer.rasterise(points, skin.faces, *window, skin, part)
     return planes, shown, nearest
+
+
+def _with_panes(
+    shape: Shape, points: Matrix, corner: tuple[int, int], planes: Matrix, nearest: Matrix
+) -> Skin:
+    """Draw the nearest glass before what `_rasterised` drew."""
+    skin = skin_of(shape)
+    panes = np.full(nearest.shape, -1, np.int32)
+    part = (skin.dark, len(skin.faces))
+    if part[0] < part[1]:
+        window = (shape.double_sided, corner, planes, nearest.copy(), panes)
+        zbuffer.rasterise(points, skin.faces, *window, skin, part)
+    return skin._replace(panes=panes)
 
 
 def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:

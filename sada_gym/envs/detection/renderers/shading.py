@@ -18,7 +18,9 @@ from sada_gym.envs.detection.renderers.gbuffer import (
     KernelBackdrop,
     KernelCamera,
     Lamp,
+    Skin,
 )
+from sada_gym.envs.detection.renderers.texture import barycentric, filtered
 from sada_gym.envs.pixels import TONE_WHITE, Triple, dot, mix, periodic, plus, scaled, times
 
 SUPERSAMPLING = 2
@@ -27,6 +29,9 @@ SUPERSAMPLING = 2
 SUN = (1.3, 1.22, 1.08)
 FAR_AWAY = 120.0
 TONE_STEPS = 4096
+
+Row = Array | tuple[float, ...]
+"""A row of a table of materials, see `MATERIALS`."""
 
 
 @inlined
@@ -196,10 +201,15 @@ def _background(
 
 @inlined
 def _surface(
-    normal: Triple, ray: Triple, sun: float, row: Array, toward: Triple, place: KernelBackdrop
+    normal: Triple,
+    ray: Triple,
+    facing: float,
+    sun: float,
+    row: Row,
+    toward: Triple,
+    place: KernelBackdrop,
 ) -> Triple:
     """Light a point of the object as the eye sees it: Blinn-Phong and a mirrored place."""
-    facing = -dot(normal, ray)
     slope = sun * max(0.0, dot(normal, toward))
     half = _unit((toward[0] - ray[0], toward[1] - ray[1], toward[2] - ray[2] + 1e-9))
     peak = _square(max(0.0, dot(normal, half)), int(row[5])) * (row[6] * slope)
@@ -232,6 +242,35 @@ def _glare(toward: float) -> float:
 
 
 @inlined
+def _lit(
+    camera: KernelCamera,
+    u: float,
+    v: float,
+    face: int,
+    share: Triple,
+    row: Row,
+    g: GBuffer,
+    lamp: Lamp,
+    place: KernelBackdrop,
+) -> tuple[Triple, float]:
+    """Light a face where `share`, depth and two barycentric coordinates, says; and how it faces."""
+    depth, a, b = share
+    plane, corners = g.planes[face], g.faces[face]
+    c = 1.0 - a - b
+    n0, n1, n2 = g.normals[corners[0]], g.normals[corners[1]], g.normals[corners[2]]
+    normal = _unit(plus(plus(scaled(n0, a), n1, b), n2, c))
+    if plane[9] < 0.0:  # an open surface from behind
+        normal = scaled(normal, -1.0)
+    ray = _ray(camera, u, v)
+    point = plus(camera.eye, ray, depth)
+    ray = _unit(ray)
+    sun = _sunlit(plus(point, normal, 0.06), 0.05, lamp)
+    facing = -dot(normal, ray)
+    colour = _surface(normal, ray, facing, sun, row, lamp.back, place)
+    return plus(colour, SUN, _glare(dot(ray, lamp.back))), facing
+
+
+@inlined
 def _object(
     camera: KernelCamera,
     u: float,
@@ -242,22 +281,84 @@ def _object(
     place: KernelBackdrop,
     materials: Array,
 ) -> Triple:
-    plane, corners = g.planes[face], g.faces[face]
-    depth = 1.0 / (plane[6] * u + plane[7] * v + plane[8])
-    a = (plane[0] * u + plane[1] * v + plane[2]) * depth
-    b = (plane[3] * u + plane[4] * v + plane[5]) * depth
-    c = 1.0 - a - b
-    n0, n1, n2 = g.normals[corners[0]], g.normals[corners[1]], g.normals[corners[2]]
-    normal = _unit(plus(plus(scaled(n0, a), n1, b), n2, c))
-    if plane[9] < 0.0:  # an open surface from behind
-        normal = scaled(normal, -1.0)
-    ray = _ray(camera, u, v)
-    point = plus(camera.eye, ray, depth)
-    ray = _unit(ray)
-    sun = _sunlit(plus(point, normal, 0.06), 0.05, lamp)
+    share = barycentric(g.planes[face], u, v)
     row = materials[min(g.materials[face], materials.shape[0] - 1)]
-    colour = _surface(normal, ray, sun, row, lamp.back, place)
-    return plus(colour, SUN, _glare(dot(ray, lamp.back)))
+    return _lit(camera, u, v, face, share, row, g, lamp, place)[0]
+
+
+@inlined
+def _skinned(
+    camera: KernelCamera,
+    u: float,
+    v: float,
+    face: int,
+    g: GBuffer,
+    lamp: Lamp,
+    place: KernelBackdrop,
+    materials: Array,
+    skin: Skin,
+) -> tuple[Triple, float]:
+    """Light a face of a textured model; and how much of what is behind it is not seen."""
+    plane = g.planes[face]
+    share = barycentric(plane, u, v)
+    surface = skin.materials[face]
+    row = materials[surface]
+    hue = filtered(plane, skin.faces[face], share, surface, SUPERSAMPLING, skin)
+    red, green, blue = times((row[0], row[1], row[2]), hue)
+    # no surface is pure black or white
+    look = (0.02 + 0.9 * red, 0.02 + 0.9 * green, 0.02 + 0.9 * blue, row[3], row[4], row[5], row[6])
+    light, facing = _lit(camera, u, v, face, share, look, g, lamp, place)
+    opacity = skin.opacity[surface]
+    if opacity < 1.0:  # glass mirrors more where it is seen at a flat angle
+        opacity += (1.0 - opacity) * 0.7 * _square(1 - min(1.0, max(0.0, facing)), 2)
+    return light, opacity
+
+
+@inlined
+def _skinned_pixel(
+    i: int,
+    j: int,
+    camera: KernelCamera,
+    g: GBuffer,
+    lamp: Lamp,
+    place: KernelBackdrop,
+    materials: Array,
+    skin: Skin,
+) -> tuple[int, float, Triple]:
+    """Light what a pixel shows of a textured model.
+
+    It returns how many samples show it, how many, in parts, the place behind it has, and the light.
+    """
+    samples = SUPERSAMPLING * SUPERSAMPLING
+    left, top = SUPERSAMPLING * i - g.column, SUPERSAMPLING * j - g.row
+    covered, bare, sum_of_light = 0, float(samples), (0.0, 0.0, 0.0)
+    for s in range(samples):
+        y, x = top + s // SUPERSAMPLING, left + s % SUPERSAMPLING
+        face, pane = g.shown[y, x], skin.panes[y, x]
+        if face < 0 and pane < 0:
+            continue
+        count, u, v = 0, 0, 0
+        for t in range(samples):
+            y, x = t // SUPERSAMPLING, t % SUPERSAMPLING
+            if g.shown[top + y, left + x] == face and skin.panes[top + y, left + x] == pane:
+                if t < s:
+                    break
+                count, u, v = count + 1, u + x, v + y
+        if count == 0:
+            continue
+        covered += count
+        right, down = SUPERSAMPLING * i + u / count + 0.5, SUPERSAMPLING * j + v / count + 0.5
+        through = 1.0
+        for layer in range(2):
+            drawn = pane if layer == 0 else face
+            if drawn >= 0:
+                light, opacity = _skinned(
+                    camera, right, down, drawn, g, lamp, place, materials, skin
+                )
+                sum_of_light = plus(sum_of_light, light, through * opacity * count)
+                through *= 1.0 - opacity
+        bare -= (1.0 - through) * count
+    return covered, bare, sum_of_light
 
 
 @uncounted
@@ -271,12 +372,14 @@ def compose(
     materials: Array,
     tone: Array,
     rows: Array,
+    skin: Skin | None = None,
 ) -> None:
     """Light every pixel; a face that several samples of one show is lit once, in their middle.
 
     It fills the image, (size, size, 3) uint8, and the coverage, (size, size) uint8: samples that
-    the object covers. The camera is that of the samples; `materials`, (7, 7), are of `painted`, and
+    the object covers. The camera is that of the samples; `materials`, (m, 7), are of `painted`, and
     `tone` of `tone_table`; `rows`, (3, size), hold what is computed of a row of pixels at a time.
+    With a skin, `materials` are its surfaces; without one the machine code knows none.
     """
     size, samples = image.shape[0], SUPERSAMPLING * SUPERSAMPLING
     across_step = SUPERSAMPLING * camera.step
@@ -299,30 +402,37 @@ def compose(
         for i in range(size):
             left = SUPERSAMPLING * i - g.column
             covered, red, green, blue = 0, 0.0, 0.0, 0.0
+            bare = float(samples)
             if 0 <= left < width and 0 <= top < height:
-                for s in range(samples):
-                    face = g.shown[top + s // SUPERSAMPLING, left + s % SUPERSAMPLING]
-                    if face < 0:
-                        continue
-                    count, u, v = 0, 0, 0
-                    for t in range(samples):
-                        y, x = t // SUPERSAMPLING, t % SUPERSAMPLING
-                        if g.shown[top + y, left + x] == face:
-                            if t < s:
-                                break
-                            count, u, v = count + 1, u + x, v + y
-                    if count == 0:
-                        continue
-                    covered += count
-                    right = SUPERSAMPLING * i + u / count + 0.5
-                    down = SUPERSAMPLING * j + v / count + 0.5
-                    light = _object(camera, right, down, face, g, lamp, place, materials)
-                    red, green, blue = plus((red, green, blue), light, count)
-            if covered < samples:
+                if skin is not None:
+                    covered, bare, (red, green, blue) = _skinned_pixel(
+                        i, j, camera, g, lamp, place, materials, skin
+                    )
+                else:
+                    for s in range(samples):
+                        face = g.shown[top + s // SUPERSAMPLING, left + s % SUPERSAMPLING]
+                        if face < 0:
+                            continue
+                        count, u, v = 0, 0, 0
+                        for t in range(samples):
+                            y, x = t // SUPERSAMPLING, t % SUPERSAMPLING
+                            if g.shown[top + y, left + x] == face:
+                                if t < s:
+                                    break
+                                count, u, v = count + 1, u + x, v + y
+                        if count == 0:
+                            continue
+                        covered += count
+                        right = SUPERSAMPLING * i + u / count + 0.5
+                        down = SUPERSAMPLING * j + v / count + 0.5
+                        light = _object(camera, right, down, face, g, lamp, place, materials)
+                        red, green, blue = plus((red, green, blue), light, count)
+                    bare -= covered
+            if bare > 0.0:
                 ray = scaled(plus(start, across, i), inverses[i])
                 light = _background(camera.eye, ray, reaches[i], across_step, lamp, place)
                 light = plus(light, SUN, glares[i])
-                red, green, blue = plus((red, green, blue), light, samples - covered)
+                red, green, blue = plus((red, green, blue), light, bare)
             coverage[j, i] = covered
             image[j, i, 0] = tone[min(int(red * scale + 0.5), TONE_STEPS - 1)]
             image[j, i, 1] = tone[min(int(green * scale + 0.5), TONE_STEPS - 1)]

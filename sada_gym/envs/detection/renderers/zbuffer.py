@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.compiled import inlined, uncounted
-from sada_gym.envs.detection.renderers.gbuffer import KernelCamera
+from sada_gym.envs.detection.renderers.gbuffer import KernelCamera, Skin
+from sada_gym.envs.detection.renderers.texture import barycentric, texel, uv_at
 from sada_gym.envs.pixels import Triple, dot, scaled
 
 NEAR = 0.05
@@ -78,8 +79,12 @@ def rasterise(
     planes: Floats,
     nearest: Floats,
     shown: Indices,
+    skin: Skin | None = None,
+    part: tuple[int, int] = (0, 0),
 ) -> None:
     """Draw faces into a window of a picture.
+
+    Without a skin the machine code knows nothing of textures.
 
     Args:
         points: (v, COORDINATES), see `project`.
@@ -89,10 +94,15 @@ def rasterise(
         planes: (f, PLANES), filled for the faces that are drawn.
         nearest: (h, w) inverse depth of the nearest surface, 0 at first.
         shown: (h, w) the face that is seen, filled where `nearest` grows.
+        skin: Textures, whose holes are left open.
+        part: With a skin, the first face that is drawn and the one behind the last.
     """
     height, width = nearest.shape
     left, above = corner
-    for f in range(faces.shape[0]):
+    start, stop, level, is_small = 0, faces.shape[0], -1, False
+    if skin is not None:
+        start, stop = part
+    for f in range(start, stop):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         p = (points[a, 0], points[a, 1], points[a, 2])
         q = (points[b, 0], points[b, 1], points[b, 2])
@@ -119,6 +129,8 @@ def rasterise(
             plane[k], plane[3 + k] = edge_a[k] * share, edge_b[k] * share
             plane[6 + k] = (edge_a[k] + edge_b[k] + edge_c[k]) * share
         plane[9] = side
+        if skin is not None:
+            level, is_small = _level_of_holes(points, faces[f], skin.materials[f], skin)
         for j in range(first, last):
             v = above + j + 0.5
             low, high = _cut(edge_a, v, -math.inf, math.inf)
@@ -128,6 +140,11 @@ def rasterise(
             for i in range(_first(low, left, width), _first(high, left, width)):
                 inverse = plane[6] * (left + i + 0.5) + rest
                 if nearest[j, i] < inverse <= 1.0 / NEAR:
+                    u = left + i + 0.5
+                    if skin is not None and level >= 0:
+                        least = 0.125 + 0.25 * (2 * ((i + j) & 1) + (j & 1)) if is_small else 0.5
+                        if _solid_share(plane, u, v, f, level, skin) < least:
+                            continue
                     nearest[j, i], shown[j, i] = inverse, f
 
 
@@ -141,6 +158,42 @@ def extent(shown: Indices) -> tuple[int, int, int, int]:
                 left, right = min(left, i), max(right, i + 1)
                 top, bottom = min(top, j), j + 1
     return (left, top, right, bottom) if right > 0 else (0, 0, 0, 0)
+
+
+@inlined
+def _level_of_holes(points: Floats, corners: Indices, surface: int, skin: Skin) -> tuple[int, bool]:
+    """Return the level of a face's texture with texels as large as samples, -1 without holes.
+
+    And say whether it is smaller than the texture: its texels are then partly solid, and the share
+    of a pixel's samples that show them is theirs.
+    """
+    level, last, has_holes = skin.textures[surface]
+    if has_holes == 0:
+        return -1, False
+    a, b, c = corners[0], corners[1], corners[2]
+    if min(points[a, 2], points[b, 2], points[c, 2]) < NEAR:
+        return level, False
+    texels = _doubled_area(skin.uv, 0, a, b, c) * skin.levels[level, 1] * skin.levels[level, 2]
+    samples = _doubled_area(points, 3, a, b, c)
+    is_small = texels > 2.0 * samples
+    while texels > 2.0 * samples and level < last - 1:
+        level, texels = level + 1, 0.25 * texels
+    return level, is_small
+
+
+@inlined
+def _doubled_area(places: Floats, k: int, a: int, b: int, c: int) -> float:
+    x, y = places[a, k], places[a, k + 1]
+    area: float = (places[b, k] - x) * (places[c, k + 1] - y)
+    area -= (places[c, k] - x) * (places[b, k + 1] - y)
+    return abs(area)
+
+
+@inlined
+def _solid_share(plane: Floats, u: float, v: float, face: int, level: int, skin: Skin) -> float:
+    _, a, b = barycentric(plane, u, v)
+    x, y = uv_at(skin.uv, skin.faces[face], a, b)
+    return texel(skin, level, x, y)[3]
 
 
 @inlined
