@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from leaderboard.board_tables import outdated_sheet, paper_sheet, ranking_sheets, strongest_sheet
-from leaderboard.groups import GroupResults, OutdatedResult, track_of
-from sada_gym.benchmark.results import Comparison, results_of
+from leaderboard.board_tables import (
+    OutdatedResult,
+    outdated_sheet,
+    paper_sheet,
+    ranking_sheets,
+    strongest_sheet,
+)
+from sada_gym.benchmark.results import Comparison, Results, results_of
 from sada_gym.cards import ApplicationCard, cards
 from sada_gym.results.entry import Entry, EntryResult
 from sada_gym.results.front import Chart, make_chart
@@ -43,8 +48,18 @@ class Ranking:
 
 
 @dataclass(frozen=True, eq=False)
-class GroupBoard(GroupResults):
-    """The board of one group."""
+class GroupBoard:
+    """What the entries hold on the tracks of one application: a page of the board.
+
+    Attributes:
+        entries: The entries with those of their results that are of this group and today's.
+        results: What the results sum up to, by tier.
+    """
+
+    card: ApplicationCard
+    entries: tuple[Entry, ...]
+    results: Mapping[Tier, Results]
+    outdated: tuple[OutdatedResult, ...]
 
     @cached_property
     def comparisons(self) -> tuple[tuple[Comparison, tuple[Ranking, ...]], ...]:
@@ -91,7 +106,7 @@ class Board:
     @cached_property
     def strongest(self) -> Sheet:
         """The board of agents: the strongest verified attack on each track and agent."""
-        return strongest_sheet(self.groups)
+        return strongest_sheet((g.card, g.entries, g.results["verified"]) for g in self.groups)
 
 
 def make_board(
@@ -114,11 +129,11 @@ def make_board(
     boards, elsewhere = [], outdated
     for card in cards() if applications is None else applications:
         tracks = card.board_tracks
-        late = tuple(result for result in outdated if track_of(result.result) in tracks)
+        late = tuple(result for result in outdated if result.result.track in tracks)
         elsewhere = [result for result in elsewhere if result not in late]
 
         def is_current(result: EntryResult, tracks: Collection[str] = tracks) -> bool:
-            return track_of(result) in tracks and id(result) not in left_out
+            return result.track in tracks and id(result) not in left_out
 
         # every entry goes in, so that two of one title are told apart on every page
         chosen = [entry.keeping(is_current) for entry in entries]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from leaderboard.groups import GroupResults, OutdatedResult
-from sada_gym.benchmark.results import Comparison
+from sada_gym.benchmark.results import Comparison, Results
 from sada_gym.cards import ApplicationCard
 from sada_gym.experiment.record import place_of, slug
 from sada_gym.results import paper
@@ -250,11 +249,13 @@ _STRONGEST = (
 )
 
 
-def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
-    """Return the strongest verified attack on each track and agent beside its usual rate."""
+def strongest_sheet(groups: Iterable[tuple[ApplicationCard, Sequence[Entry], Results]]) -> Sheet:
+    """Return the strongest verified attack on each track and agent beside its usual rate.
+
+    Each application comes with its entries and what is verified of them.
+    """
     lines = []
-    for board in groups:
-        card = board.card
+    for card, entries, verified in groups:
         nominal = {agent.name: agent.nominal for agent in card.agents} or {"": ""}
         for agent, track in itertools.product(nominal, card.board_tracks):
             cells = {
@@ -264,7 +265,7 @@ def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
                 "nominal": text_cell(nominal[agent]),
                 "uniform_rate": rate_cell(uniform_rate(track, agent)),
             }
-            if strongest := _strongest(board, track, agent):
+            if strongest := _strongest(entries, verified, track, agent):
                 rule, row = strongest
                 cells |= row_cells(row, ("afr", "relative_coverage", "queries"))
                 cells |= {"entry": entry_link(row.entry, row.label), "rule": text_cell(rule)}
@@ -274,14 +275,16 @@ def strongest_sheet(groups: Sequence[GroupResults]) -> Sheet:
     return Sheet("agents", "The strongest verified attack on each agent", _STRONGEST, tuple(lines))
 
 
-def _strongest(board: GroupResults, track: str, agent: str) -> tuple[str, Row] | None:
+def _strongest(
+    entries: Sequence[Entry], verified: Results, track: str, agent: str
+) -> tuple[str, Row] | None:
     """Return the ranked verified entry without the verifier's flags whose interval is highest."""
     bounds = {}
-    for comparison in board.results["verified"].comparisons:
+    for comparison in verified.comparisons:
         rule = comparison.table.name
         flagged = {
             entry.metadata.name
-            for entry in board.entries
+            for entry in entries
             if (result := entry.results.get(place_of(track, agent, rule))) is not None
             if result.verified is not None and result.verified.flags
         }
@@ -301,6 +304,15 @@ _OUTDATED = (
     Column("afr", "AFR as claimed, %", "The mean over its seeds."),
     text_column("reason", "what is no longer today's"),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class OutdatedResult:
+    """A result of an entry that no longer compares with others: what differs from today's."""
+
+    entry: Entry
+    result: EntryResult
+    reason: str
 
 
 def outdated_sheet(name: str, outdated: Sequence[OutdatedResult]) -> Sheet:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
-from leaderboard.groups import track_of
 from sada_gym import agents
 from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, results_of
@@ -90,7 +89,7 @@ def results_of_suite(entries: Sequence[Entry], suite: str) -> Results:
 
 
 def _on(tracks: Sequence[str], entries: Sequence[Entry]) -> list[Entry]:
-    kept = (entry.keeping(lambda result: track_of(result) in tracks) for entry in entries)
+    kept = (entry.keeping(lambda result: result.track in tracks) for entry in entries)
     return [entry for entry in kept if entry.results]
 
 
@@ -188,7 +187,9 @@ def pages(entries: Sequence[Entry], docs: Path = DOCS) -> dict[Path, str]:
 
 def main() -> None:
     """Write all tables of the documentation, or print the names of the suites."""
-    parser = argparse.ArgumentParser("python -m leaderboard.tables", description=main.__doc__)
+    parser = argparse.ArgumentParser(
+        "python -m leaderboard.tables", description=main.__doc__, allow_abbrev=False
+    )
     parser.add_argument(
         "--suites", action="store_true", help="print what `make results` measures; write nothing"
     )

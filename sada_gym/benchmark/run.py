@@ -150,7 +150,7 @@ def report_benchmark(
                 f"Expected a benchmark's folder, got {folder} without {entries_folder}."
             )
     chosen = [
-        entry.keeping(lambda r: tracks is None or r.claimed.experiment.target.track in tracks)
+        entry.keeping(lambda result: tracks is None or result.track in tracks)
         for entry in read_entries(entries_folder)
     ]
     attacked_targets = (r.claimed.experiment.target for e in chosen for r in e.results.values())

@@ -65,6 +65,11 @@ class EntryResult:
         return self.claimed.experiment.place
 
     @property
+    def track(self) -> str:
+        """The environment's id."""
+        return self.claimed.experiment.target.track
+
+    @property
     def group(self) -> str:
         """What the names of the files that hold it begin with."""
         return self.claimed.experiment.group

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections import Counter
 
 import pytest
 from bench_toys import ANALYTIC, Inline, contents, made, make_reference, run_in, suite
@@ -139,6 +140,18 @@ def test_a_new_seed_takes_back_what_was_verified(copied, references):
     assert read_entry(folder).results[PLACE].verified == verified
     work(copied, suite("random", budgets=(60,), seeds=3), references)
     assert read_entry(folder).results[PLACE].verified is None
+
+
+def test_claims_are_read_once(copied, references, monkeypatch):
+    times, read_claims = Counter(), GroupFiles.read_claims
+
+    def counted(files):
+        times[files.claims.parent.name] += 1
+        return read_claims(files)
+
+    monkeypatch.setattr(GroupFiles, "read_claims", counted)
+    assert find_missing(copied / "entries", make_plan(WHOLE, references)).runs == ()
+    assert times == {"ideal": 1, "random": 1, "memorise": 1, "bench_toys-picky": 1}
 
 
 def test_an_entry_of_another_adversary_is_not_touched(copied, references):

@@ -1,10 +1,12 @@
 """The tables in docs/ are made from the entries, and the entries are of today's agents."""
 
 import re
+import sys
 
 import pytest
 from prose import numbers, rows
 
+from leaderboard import tables
 from leaderboard.tables import (
     BLOCKS,
     DOCS,
@@ -45,6 +47,17 @@ def test_all_agents_are_verified_on_all_tracks(entries):
 def test_the_pages_say_what_the_entries_say(entries):
     for path, text in pages(entries).items():
         assert path.read_text(encoding="utf-8") == text, "run: python -m leaderboard.tables"
+
+
+@pytest.mark.parametrize(("option", "code"), [("--help", 0), ("--sweets", 2)])
+def test_an_option_writes_no_page(option, code, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(tables, "DOCS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["tables", option])
+    with pytest.raises(SystemExit) as ended:
+        tables.main()
+    assert ended.value.code == code
+    assert "--suites" in "".join(capsys.readouterr())
+    assert not any(tmp_path.iterdir())
 
 
 def test_every_table_has_its_place():
