@@ -18,6 +18,15 @@ from sada_gym.errors import UserError
 
 FIELD_OF_VIEW_DEG = 42.0
 
+OCCLUDER_WIDTH = 0.15
+"""The share of the picture's width that the pole covers (the paper's appendix, "Diagnosis")."""
+
+OCCLUDER_DISTANCE = 4.0
+"""From the camera to the pole, in scene units; the object is farther away."""
+
+OCCLUDER_COLOUR = (0.55, 0.55, 0.55)
+"""The pole's sRGB, matt."""
+
 Vector = npt.NDArray[np.float64]
 
 
@@ -39,6 +48,12 @@ class Scene:
         aim: Where the camera looks, as an offset (right, up) from the object's centre in units of
             half the image's height.
         seed: Seeds a renderer that draws random numbers; the default one draws none.
+        occluder: Where a pole stands between camera and object: the shift of its middle from the
+            picture's middle, to the right, in units of half the picture's width; from -1 to 1 it
+            moves from one edge of the picture to the other. None: there is no pole. The pole is
+            upright in the picture and as high, covers `OCCLUDER_WIDTH` of its width, is
+            `OCCLUDER_DISTANCE` away from the camera, opaque and grey, and casts no shadow. It
+            does not change the object's true box and mask, which are those without it.
     """
 
     shape: Shape | None
@@ -51,6 +66,7 @@ class Scene:
     backdrop: Backdrop
     aim: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
+    occluder: float | None = None
 
     @property
     def shape_name(self) -> str:
@@ -61,7 +77,9 @@ class Scene:
         """Return the scene as numbers, texts, lists and dictionaries.
 
         A shape of the benchmark is its name. Any other is `Shape.to_dict`, with its mesh in arrays.
+        `occluder` is left out where there is none.
         """
+        occluder = {} if self.occluder is None else {"occluder": float(self.occluder)}
         return {
             "shape": _plain_shape(self.shape),
             "colour": [float(channel) for channel in self.colour],
@@ -69,6 +87,7 @@ class Scene:
             "backdrop": self.backdrop.to_dict(),
             "aim": [float(offset) for offset in self.aim],
             "seed": int(self.seed),
+            **occluder,
         }
 
     @classmethod
@@ -78,7 +97,9 @@ class Scene:
         Raises:
             UserError: If a key is missing or unknown, or the shape's name is.
         """
-        check_keys("a scene", plain, ("shape", "colour", *PLACEMENT, "backdrop", "aim", "seed"))
+        names = ("shape", "colour", *PLACEMENT, "backdrop", "aim", "seed")
+        check_keys("a scene", plain, names, ("occluder",))
+        occluder = plain.get("occluder")
         red, green, blue = map(float, plain["colour"])
         right, up = map(float, plain["aim"])
         return cls(
@@ -88,6 +109,7 @@ class Scene:
             backdrop=Backdrop.from_dict(plain["backdrop"]),
             aim=(right, up),
             seed=int(plain["seed"]),
+            occluder=None if occluder is None else float(occluder),
         )
 
     def to_json(self) -> str:

@@ -23,6 +23,8 @@ DEFAULT_KEY = "Rasteriser"
 class Rendering:
     """A picture of a scene, (size, size, 3) uint8 RGB, and what is known of the object in it.
 
+    Mask and box are those of the object without a pole before it, see `Scene.occluder`.
+
     Attributes:
         mask: (size, size) bool, pixels mostly covered by the object.
         box: (4,) float64, x0 y0 x1 y1 in pixels; None where no object is in sight.

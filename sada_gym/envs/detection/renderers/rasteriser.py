@@ -21,6 +21,7 @@ from sada_gym.envs.detection.renderers.gbuffer import (
     Lamp,
     Skin,
 )
+from sada_gym.envs.detection.renderers.occluder import draw_pole
 from sada_gym.envs.detection.renderers.shading import SUPERSAMPLING, TONE_STEPS, compose
 from sada_gym.envs.detection.renderers.skin import looks, skin_of
 from sada_gym.envs.detection.scene import (
@@ -99,18 +100,25 @@ class Rasteriser(Renderer):
             np.empty((3, size)),
             skin,
         )
+        if scene.occluder is not None:
+            toward, ambient = light_of(scene), _ambient(scene.backdrop)
+            draw_pole(image, scene.occluder, pinhole, toward, ambient, self._tone)
         x0, y0, x1, y1 = seen
         box = np.array([left + x0, top + y0, left + x1, top + y1]) / SUPERSAMPLING
         return Rendering(image, coverage > SUPERSAMPLING, box if x0 < x1 else None)
 
     def _place(self, backdrop: Backdrop, camera: Pinhole) -> KernelBackdrop:
-        sky = zip(backdrop.horizon, backdrop.zenith, strict=True)
         ours = {
             "buildings": _buildings_in_sight(backdrop.buildings, camera),
-            "ambient": tuple(AMBIENT * sum(pair) for pair in sky),
+            "ambient": _ambient(backdrop),
             "noise": self._noise,
         }
         return KernelBackdrop(**vars(backdrop) | ours)
+
+
+def _ambient(backdrop: Backdrop) -> Triple:
+    red, green, blue = map(sum, zip(backdrop.horizon, backdrop.zenith, strict=True))
+    return AMBIENT * red, AMBIENT * green, AMBIENT * blue
 
 
 def _kernel_camera(camera: Pinhole, samples: int) -> KernelCamera:
