@@ -109,6 +109,7 @@ class ApplicationCard:
         same_as: The suffix of the track that the general id is by default; None where it is none.
         agents: The agents that are shipped for it, the default first.
         fetched: The agents that `sada-gym fetch` gets for it.
+        agent_sources: `module:function` that loads what `agent="SOURCE:NAME"` names, by source.
         agent_kind: What its agents are called in messages, such as `detector`.
         agent_loader: `module:function` that turns a file of weights into an agent.
         tasks: The environments on which its agents are trained: by id, `module:class` of the scalar
@@ -128,6 +129,7 @@ class ApplicationCard:
     same_as: str | None = None
     agents: tuple[AgentCard, ...] = ()
     fetched: tuple[FetchedAgent, ...] = ()
+    agent_sources: Mapping[str, str] = field(default_factory=dict)
     agent_kind: str = "agent"
     agent_loader: str = ""
     tasks: Mapping[str, tuple[str, str]] = field(default_factory=dict)

@@ -54,7 +54,8 @@ def load(agent: str | Path, application: str) -> Any:
     """Load a shipped or a fetched agent by name, or a safetensors file with an agent's weights.
 
     Args:
-        agent: A name, or a file, whose name ends in `.safetensors`.
+        agent: A name, or a file, whose name ends in `.safetensors`, or `SOURCE:NAME` for an
+            application that has such sources.
         application: The name of the application that the agent is for, such as `SADA-Driving`.
 
     Raises:
@@ -71,6 +72,9 @@ def load(agent: str | Path, application: str) -> Any:
         )
     check_agent(agent, application)
     path, loader = Path(agent), application_card.agent_loader
+    source, _, name = str(agent).partition(":")
+    if source in application_card.agent_sources:
+        return load_object(application_card.agent_sources[source])(name)
     if agent in (others := fetchable(application)):
         return load_object(others[str(agent)].loader)(fetched(others[str(agent)]))
     if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
@@ -99,6 +103,8 @@ def check_agent(agent: str | Path, application: str) -> None:
     if isinstance(agent, str) and agent in known:
         return
     application_card = find_card(application)
+    if application_card and str(agent).partition(":")[0] in application_card.agent_sources:
+        return
     kind = "agent" if application_card is None else application_card.agent_kind
     expected = f"Expected an agent's name among {', '.join(known)}, or a {_WEIGHTS} file"
     exists = os.path.isfile(agent)  # of any text: pathlib raises for one that is too long

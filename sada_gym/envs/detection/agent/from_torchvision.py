@@ -1,0 +1,39 @@
+"""`torchvision:NAME`: a detector of torchvision's, with weights that torchvision gets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sada_gym.envs.detection.agent.coco import with_our_names
+from sada_gym.errors import MissingExtra, UserError, check_known, explained
+
+
+def load(name: str) -> Any:
+    """Load one of torchvision's detectors with its best weights.
+
+    torchvision downloads the weights on first use. The detector's `labels` are the categories of
+    the weights, and our classes' names where COCO has another one.
+
+    Raises:
+        UserError: If torchvision is missing, does not fit the installed torch, has no detector of
+            that name, or cannot get its weights.
+    """
+    expected = f"Expected torchvision for the agent 'torchvision:{name}'"
+    mend = "Install the torchvision that fits this torch: pip install torchvision."
+    try:
+        with explained(expected, mend):
+            from torchvision import models
+            from torchvision.models import detection
+    except UserError as error:
+        if isinstance(error.__cause__, ModuleNotFoundError):
+            raise MissingExtra(f"{expected}, got none. {mend}") from error
+        raise
+    check_known("detector of torchvision", [name], models.list_models(module=detection))
+    weights = models.get_model_weights(name).DEFAULT
+    mend = "Connect to the internet for the first use, or put the file where torchvision looks."
+    with explained(f"Expected torchvision to get the weights of {name}", mend):
+        model = models.get_model(name, weights=weights)
+    unused = ("__background__", "N/A")
+    categories = enumerate(weights.meta["categories"])
+    model.labels = with_our_names({each: i for i, each in categories if each not in unused})
+    return model.eval().requires_grad_(False)
