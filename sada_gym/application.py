@@ -167,6 +167,13 @@ class Application(ABC):
         )
         return Outcomes(score, fooled, infos)
 
+    def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:  # noqa: ARG002
+        """Return which worlds of mu, (n, d), can exist at all; None where all can, as by default.
+
+        The others are never computed, and no test sample is drawn there.
+        """
+        return None
+
     @property
     def legend(self) -> Sequence[LegendEntry]:
         """What the lines and marks in frames of `render` mean, for the pictures of an attack."""

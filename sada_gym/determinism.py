@@ -100,7 +100,7 @@ def check_deterministic(
     """
     for before, after, seed in zip(first, second, seeds, strict=True):
         for key in before:
-            if not _same(before[key], after.get(key)):
+            if not same_answer(before[key], after.get(key)):
                 raise UserError(
                     f"Expected an agent that answers the same whenever it is asked, but {agent} "
                     f"gave the {key} {before[key]} and then {after.get(key)} in the same world "
@@ -110,12 +110,12 @@ def check_deterministic(
                 )
 
 
-def _same(first: Any, second: Any) -> bool:
-    """Check that two answers are equal to the last bit, as far as they are plain data or arrays."""
+def same_answer(first: Any, second: Any) -> bool:
+    """Say whether two answers equal to the last bit, as far as they are data or arrays."""
     if isinstance(first, Mapping):
-        return all(_same(first[key], second.get(key)) for key in first)
+        return all(same_answer(first[key], second.get(key)) for key in first)
     if isinstance(first, list | tuple):
-        return len(first) == len(second) and all(map(_same, first, second))
+        return len(first) == len(second) and all(map(same_answer, first, second))
     if isinstance(first, np.ndarray):
         return first.dtype == object or first.tobytes() == np.asarray(second).tobytes()
     if isinstance(first, int | float | str | np.generic):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,12 @@ from sada_gym.adversaries.fresh import fresh_rows, row_keys
 from sada_gym.adversaries.options import choose_options
 from sada_gym.adversaries.query_pool import (
     InducedSet,
+    draw_permitted,
     draw_uniform,
     evaluate_uniform,
     select_fooling,
 )
-from sada_gym.arrays import AnyFloats
+from sada_gym.arrays import AnyFloats, Bools
 from sada_gym.errors import UserError, check_known
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import OneLine, Strict, write_file, write_model
@@ -62,6 +63,7 @@ class FittedAdversary(Adversary):
     queries: Evaluations
     threshold: float
     _trained = False
+    _permits: Callable[[Mu], Bools | None] | None = None  # of the oracle that it was trained on
     _query_keys: set[bytes]
     _before_fit: Mapping[str, Any]
 
@@ -90,7 +92,9 @@ class FittedAdversary(Adversary):
         return drawn + noise * self.rng.normal(size=drawn.shape) if noise else drawn
 
     def _uniform(self, n: int) -> Mu:
-        return draw_uniform(n, self.dimension, self.rng)
+        return draw_permitted(
+            lambda count: draw_uniform(count, self.dimension, self.rng), n, self._permits
+        )
 
     def _select_fooling(self, queries: Evaluations, size: int = 0) -> InducedSet:
         induced = select_fooling(queries, self.threshold, self.rng, size=size or None)
@@ -105,6 +109,7 @@ class FittedAdversary(Adversary):
             ValueError: If the budget is too small, or a score is not finite.
         """
         self.flags, self.threshold = [], float(oracle.threshold)
+        self._permits = getattr(oracle, "permits", None)
         self._before_fit = self.rng.bit_generator.state
         self._set_queries(self._train(oracle))
         self._trained = True

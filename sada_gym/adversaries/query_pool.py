@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from sada_gym.adversaries.base import Query
-from sada_gym.errors import BudgetTooSmall, UserError
+from sada_gym.arrays import Bools
+from sada_gym.errors import AdversaryError, BudgetTooSmall, UserError
 from sada_gym.evaluations import Evaluations
 from sada_gym.parameters import Mu
 
@@ -38,6 +40,35 @@ def evaluate(mu: Mu, oracle: Query) -> Evaluations:
     return Evaluations.unseeded(mu, score)
 
 
+_DRAWN_EACH = 4_000
+"""Points drawn for each that a feasible region must hold: 1 in 1,000 is the least that works."""
+
+
+def draw_permitted(
+    draw: Callable[[int], Mu], n: int, permits: Callable[[Mu], Bools | None] | None
+) -> Mu:
+    """Draw until n mu lie in the region that `permits` allows, see `Oracle.permits`: (n, d).
+
+    Raises:
+        AdversaryError: If hardly any mu lies there.
+    """
+    if permits is None or not n:
+        return draw(n)
+    kept: list[Mu] = []
+    count = drawn = 0
+    while count < n:
+        if drawn > _DRAWN_EACH * (n + 10):
+            raise AdversaryError(
+                f"Expected {n:,} mu in the region that feasible= allows, got {count:,} of "
+                f"{drawn:,} drawn. Shrink the ranges to that region."
+            )
+        mu = draw(n)
+        allowed = permits(mu)
+        kept.append(mu if allowed is None else mu[allowed])
+        count, drawn = count + len(kept[-1]), drawn + n
+    return np.concatenate(kept)[:n]
+
+
 def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
     """Draw n uniform mu: (n, d) in [-1, 1]."""
     return rng.uniform(-1.0, 1.0, (n, dimension)).astype(np.float32)
@@ -46,10 +77,16 @@ def draw_uniform(n: int, dimension: int, rng: np.random.Generator) -> Mu:
 def evaluate_uniform(
     n: int, dimension: int, oracle: Query, rng: np.random.Generator
 ) -> Evaluations:
-    """Query the oracle about n uniform mu (Omega_0 in the paper), at least one."""
+    """Query the oracle about n uniform mu (Omega_0 in the paper), at least one.
+
+    They are uniform in the feasible region where the oracle knows one.
+    """
     if n < 1:
         raise BudgetTooSmall(f"Expected a budget of at least 1 query to learn from, got {n}.")
-    return evaluate(draw_uniform(n, dimension, rng), oracle)
+    permits = getattr(oracle, "permits", None)
+    return evaluate(
+        draw_permitted(lambda count: draw_uniform(count, dimension, rng), n, permits), oracle
+    )
 
 
 def select_fooling(

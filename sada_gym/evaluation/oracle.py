@@ -13,15 +13,18 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from sada_gym.application import Application
-from sada_gym.arrays import Floats
+from sada_gym.arrays import Bools, Floats
 from sada_gym.errors import BudgetExhausted, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluation.problems import Problem
 from sada_gym.evaluations import Evaluations, Stream, evaluation_seeds
-from sada_gym.parameters import validate_mu
+from sada_gym.parameters import Mu, validate_mu
 
 Progress = Callable[[int, int, int], None]
 """A function progress(done, total, cached): queries answered, budget, answers from the store."""
+
+Permits = Callable[[Mu], Bools | None]
+"""See `Application.permits`."""
 
 MAX_QUERIES = 10_000_000
 """The largest budget. An oracle keeps its queries in memory; so many take a gigabyte."""
@@ -131,6 +134,15 @@ class Oracle:
     def record(self) -> Evaluations:
         """All queries so far, in their order."""
         return Evaluations.joined(self._record)
+
+    @property
+    def permits(self) -> Permits | None:
+        """The function that says which worlds can exist at all; None where all can."""
+        application = self.application
+        if application is None:
+            return None
+        any_world = np.zeros((1, self.dimension), np.float32)
+        return None if application.permits(any_world) is None else application.permits
 
     @property
     def invalid(self) -> dict[int, str]:

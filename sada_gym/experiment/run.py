@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sada_gym.adversaries.base import Adversary
+from sada_gym.adversaries.query_pool import draw_permitted
 from sada_gym.application import feasible_worlds
 from sada_gym.errors import AdversaryError
 from sada_gym.evaluation.evaluator import Evaluator
@@ -166,21 +167,26 @@ class Run:
     def test(self) -> None:
         """Draw M samples and evaluate them on the test stream, which training never used.
 
+        Those outside the feasible region, if there is one, are replaced by further ones.
+
         If the adversary gives anything else than M samples, that is an AdversaryError; too many
         invalid worlds are a UserError.
         """
         count = self._protocol.samples
         self._report("sample")
         with self._timed():
-            mu = self.adversary.sample(count)
-            if np.shape(mu) != (count, self._test.dimension):
-                raise AdversaryError(
-                    f"Expected samples of shape ({count}, {self._test.dimension}) from "
-                    f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Mend the "
-                    "adversary."
-                )
-            self._test(mu)
+            self._test(draw_permitted(self._sample, count, self._test.permits))
         check_share(self.application, self._test)
+
+    def _sample(self, count: int) -> Mu:
+        mu = self.adversary.sample(count)
+        if np.shape(mu) != (count, self._test.dimension):
+            raise AdversaryError(
+                f"Expected samples of shape ({count}, {self._test.dimension}) from "
+                f"{type(self.adversary).__name__}.sample, got {np.shape(mu)}. Mend the "
+                "adversary."
+            )
+        return mu
 
     def measure(self) -> RunReport:
         """Measure the test samples and the search."""

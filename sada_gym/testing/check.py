@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,21 @@ def check_application(
     kind = type(application)
     if subject is None and kind.__module__.startswith("sada_gym."):
         subject = f"{application.name}-v{application.version}"
-    return CheckReport(subject or kind.__name__, tuple(checks))
+    return CheckReport(subject or kind.__name__, tuple(_told_once(checks)))
+
+
+def _told_once(checks: Sequence[Check]) -> Iterator[Check]:
+    """Tell what several checks found at one of them; the others name it."""
+    failed = [check for check in checks if not check.passed]
+    for check in checks:
+        same = [other.name for other in failed if _gist(other) == _gist(check)]
+        teller = "randomness" if "randomness" in same else next(iter(same), check.name)
+        told = check.passed or check.name == teller
+        yield check if told else replace(check, sentence=f"See {teller}: it fails by the same.")
+
+
+def _gist(check: Check) -> str:
+    return check.sentence.partition(", but")[0]  # behind it stand values, which chance changes
 
 
 def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:

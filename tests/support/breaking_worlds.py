@@ -92,7 +92,7 @@ def still(seen):
     return np.zeros(3)
 
 
-def breaking(fault, *, where="step", low=0.5, **kwargs):
+def breaking(fault, *, where="step", low=0.5, environment=Breaking, **kwargs):
     settings = {
         "agent": push,
         "agent_id": "push",
@@ -102,7 +102,7 @@ def breaking(fault, *, where="step", low=0.5, **kwargs):
         "max_steps": 20,
         "env_kwargs": {"fault": fault, "where": where},
     }
-    return GymnasiumApplication(Breaking, **{**settings, **kwargs})
+    return GymnasiumApplication(environment, **{**settings, **kwargs})
 
 
 def breaks(mass):
@@ -118,3 +118,32 @@ def one_that_breaks():
     mu = uniform(12) * np.float32(0.5)
     mu[7, 0] = 0.87
     return mu
+
+
+def light(env):
+    return env.mass <= 1.2
+
+
+class Heaped(Breaking):
+    """Each takes 16 MB."""
+
+    def __init__(self, mass=1.0, wind=0.0):
+        super().__init__(mass, wind)
+        self.heap = np.ones(2**21)
+
+
+class Sharing(Breaking):
+    """The class keeps what the last reset set, for all its episodes."""
+
+    last: ClassVar[dict] = {}
+
+    def reset(self, **kwargs):
+        self.last["wind"] = self.wind
+        return super().reset(**kwargs)
+
+    def step(self, action):
+        self.wind = self.last["wind"]
+        return super().step(action)
+
+
+gym.register("Breaking-v0", Breaking, max_episode_steps=20)

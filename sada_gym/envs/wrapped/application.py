@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -21,13 +22,15 @@ from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Interface
 from sada_gym.agents.given import agent_of
 from sada_gym.agents.identity import check_agent_id
-from sada_gym.application import INVALID_SCORE, OnError, Scored, check_declared
+from sada_gym.application import INFEASIBLE, INVALID_SCORE, OnError, Scored, check_declared
+from sada_gym.determinism import check_deterministic, same_answer, single_threaded
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
 from sada_gym.envs.episodes.rollout import Rollout, play, record
 from sada_gym.envs.wrapped.bindings import ParameterBinding, as_binding, as_json, check_distinct
 from sada_gym.envs.wrapped.episodes import EpisodeSpec, EpisodeStart, GymnasiumEpisodes
 from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, function_name, layers
+from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
 from sada_gym.evaluation.watch import world_key
@@ -43,6 +46,12 @@ _ACTIONS = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinar
 _ID = re.compile(r"(.+)-v(\d+)")
 _MANY = 40
 _FEW_CLIPPED = 0.05
+_TRIED = 3
+"""Worlds that are played together and alone before the first score counts."""
+_MOST_AT_ONCE = 256
+"""Worlds played at once, where their memory allows."""
+_REGION_DRAWN, _REGION_FOUND = 10_000, 10
+"""Worlds drawn to see whether the feasible region is large enough, and how many must lie in it."""
 
 
 class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
@@ -91,6 +100,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             simulator computed the world, or what was wrong; False, and a text that is not empty,
             make the world break. By default MuJoCo's warnings, masses and inertias are looked at:
             `sada_gym.envs.wrapped.mujoco_fault`.
+        feasible: Which worlds can exist: an expression such as `"mass * gravity < 30"`, a function
+            of the parameters' values by name, or a list of them, which must all hold. Other worlds
+            are never computed, and no sample is drawn there; an adversary that asks sees an invalid
+            world. The region must hold at least a thousandth of the box.
         timeout: Seconds that the environment may take for an episode. A worker process is stopped
             in a call that takes longer, so use `workers=2` or more; a single process cannot
             interrupt a call.
@@ -108,10 +121,6 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
-    _other_cause = (
-        "If it is the environment that is random, let it draw from its own np_random and not from "
-        "numpy.random or random, and let its episodes share nothing."
-    )
 
     def __init__(
         self,
@@ -132,6 +141,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         deterministic: bool = True,
         on_error: OnError = "invalid",
         valid: Callable[[Any], bool | str] | None = None,
+        feasible: FeasibleLike | None = None,
         timeout: float | None = None,
     ) -> None:
         check_integer("episodes", episodes, 1)
@@ -174,6 +184,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             super().__init__(agent, agent_id)
         self.episode_spec = replace(self.episode_spec, agent=self.agent_name)
         self._clipped = self._scores = 0
+        self._at_once = _MOST_AT_ONCE
+        self._feasible = Feasible.of(feasible, self.parameters.names)
+        self._check_region()
         self._check_ranges()
 
     def _explore(
@@ -220,8 +233,29 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
     def _check_ranges(self) -> None:
         """Begin the worlds at both ends of all ranges, so that bad ranges are found at once."""
         corners = np.array([[-1.0], [1.0]], np.float32).repeat(len(self.parameters), axis=1)
+        permitted = self.permits(corners)
+        worlds = corners if permitted is None else corners[permitted]
         spec = replace(self.episode_spec, on_error="raise")
-        GymnasiumEpisodes(spec, self._starts(corners, [0, 0])).close()
+        GymnasiumEpisodes(spec, self._starts(worlds, [0, 0][: len(worlds)])).close()
+
+    def _check_region(self) -> None:
+        if not self._feasible.conditions:
+            return
+        rng, found, drawn = np.random.default_rng(0), 0, 0
+        while found < _REGION_FOUND:
+            if drawn >= _REGION_DRAWN:
+                raise UserError(
+                    f"Expected feasible={self._feasible.settings} to hold in a thousandth of all "
+                    f"worlds at least, got {found} of {drawn:,}. Shrink the ranges to the region."
+                )
+            mu = rng.uniform(-1.0, 1.0, (100, len(self.parameters))).astype(np.float32)
+            found, drawn = found + sum(map(self._feasible, self._values(mu))), drawn + len(mu)
+
+    def permits(self, mu: Mu) -> npt.NDArray[np.bool_] | None:
+        """Return which worlds of mu, (n, d), are feasible; None where all are."""
+        if not self._feasible.conditions:
+            return None
+        return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
     def _load(self, path: Path) -> Any:
         spec = self.episode_spec
@@ -268,6 +302,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         edges = {
             "on_error": None if self.on_error == "invalid" else self.on_error,
             "valid": None if self._valid is None else code_name(self._valid),
+            "feasible": self._feasible.settings or None,
             "timeout": None if self.timeout is None else float(self.timeout),
         }
         return {
@@ -291,6 +326,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             "environment": spec.factory.environment if callable(spec.factory.environment) else None,
             "score": spec.score.function if isinstance(spec.score, FunctionScore) else None,
             "valid": self._valid,
+            **{f"feasible {i}": condition for i, condition in enumerate(self._feasible.functions)},
             **{f"parameter {key!r}": b.own_function for key, b in spec.bindings.items()},
         }
         return {role: function for role, function in functions.items() if function is not None}
@@ -340,28 +376,114 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         ]
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
-        count = self._episode_count
-        with closing(self.episodes(mu, seeds)) as episodes:
+        permitted = self.permits(mu)
+        score = np.full(len(mu), INVALID_SCORE)
+        extras: list[dict[str, Any]] = [{} for _ in seeds]
+        left = [i for i in range(len(mu)) if permitted is None or permitted[i]]
+        for i in {*range(len(mu))} - {*left}:
+            (values,) = self._values(mu[i : i + 1])
+            extras[i] = {"invalid": INFEASIBLE, "return": 0.0, "length": 0.0, "clipped": False}
+            extras[i] |= self._discrete_values(values)
+        while left:
+            played = self._play_some(mu[left], [seeds[i] for i in left])
+            for i, (one, extra) in zip(left, played, strict=False):
+                score[i], extras[i] = one, extra
+            left = left[len(played) :]
+        self._warn_of_clipping(extras)
+        return Scored(score, extras)
+
+    def _play_some(self, mu: Mu, seeds: Sequence[int]) -> list[tuple[float, dict[str, Any]]]:
+        """Play the first of some worlds, at least one, as many as fit the memory at once."""
+        count, played = self._episode_count, []
+        starts = self._starts(mu[: self._at_once], seeds[: self._at_once])
+        with closing(GymnasiumEpisodes(self.episode_spec, starts, together=count)) as episodes:
             self.play(episodes)
-            score = episodes.score.reshape(len(mu), count).mean(axis=1)
-            running = episodes.running
-        extras = []
+            scores, running = episodes.score, episodes.running
+        if len(running) < len(starts):  # memory that was freed may not be seen the next time
+            self._at_once = len(running) // count
         for first in range(0, len(running), count):
             together = running[first : first + count]
             broken = next((episode.broken for episode in together if episode.broken), "")
-            if broken and self.on_error == "fooled":
-                score[first // count] = 0.0
-            extras.append(
-                {
-                    "invalid": broken if self.on_error == "invalid" else "",
-                    "return": float(np.mean([sum(episode.rewards) for episode in together])),
-                    "length": float(np.mean([len(episode.rewards) for episode in together])),
-                    "clipped": any(episode.clipped for episode in together),
-                    **self._discrete_values(together[0].start.values),
-                }
-            )
-        self._warn_of_clipping(extras)
-        return Scored(score, extras)
+            score = float(scores[first : first + count].mean())
+            extra = {
+                "invalid": broken if self.on_error == "invalid" else "",
+                "return": float(np.mean([sum(episode.rewards) for episode in together])),
+                "length": float(np.mean([len(episode.rewards) for episode in together])),
+                "clipped": any(episode.clipped for episode in together),
+                **self._discrete_values(together[0].start.values),
+            }
+            played.append((0.0 if broken and self.on_error == "fooled" else score, extra))
+        return played
+
+    def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
+        """Play worlds together and then alone, before the first score counts."""
+        if "_asked_twice" in self.__dict__:
+            return
+        if len(mu) < _TRIED:  # beside neighbours of the first, which likely can exist, too
+            shares = np.linspace(0.9, 0.7, _TRIED - len(mu), dtype=np.float32)[:, None]
+            others = shares * mu[0] - np.float32(0.01)
+            permitted = self.permits(others)
+            others = others if permitted is None else others[permitted]
+            mu, seeds = np.concatenate([mu, others]), [*seeds, *(len(others) * seeds[:1])]
+        together = self._answers(mu, seeds)
+        alone = [self._answers(mu[i : i + 1], seeds[i : i + 1])[0] for i in range(len(mu))]
+        if not same_answer(together, alone):
+            self._check_environment_repeats(mu, seeds)
+            check_deterministic(self.agent_name, together, alone, seeds)
+        self.__dict__["_asked_twice"] = True
+
+    def _answers(self, mu: Mu, seeds: list[int]) -> list[dict[str, Any]]:
+        return [{"score": q, **extra} for q, extra in zip(*self._scored(mu, seeds), strict=True)]
+
+    def _check_environment_repeats(self, mu: Mu, seeds: list[int]) -> None:
+        """Raise `UserError` if the same actions lead elsewhere, alone or beside other worlds."""
+        name, count = self.episode_spec.factory.name, self._episode_count
+        together, actions = self._traced(mu, seeds)
+        for i, seed in enumerate(seeds):
+            own = slice(i * count, (i + 1) * count)
+            first, second = (self._traced(mu[i : i + 1], [seed], actions[own])[0] for _ in range(2))
+            if not same_answer(first, second):
+                raise UserError(
+                    f"Expected episodes of {name} that follow from their seed, but the world of "
+                    f"seed {seed} went otherwise when the same actions were played again. The "
+                    "environment is random, and not the agent: let it draw from its own np_random "
+                    "and not from numpy.random or random, and let its episodes share nothing."
+                )
+            if not same_answer(first, together[own]):
+                raise UserError(
+                    f"Expected episodes of {name} that share nothing, but with the same actions "
+                    f"the world of seed {seed} went otherwise beside other worlds than alone. Look "
+                    "for what the class or its module holds, such as a dictionary, a list or a "
+                    "generator, and make it anew in reset."
+                )
+
+    def _traced(
+        self, mu: Mu, seeds: list[int], given: list[list[Any]] | None = None
+    ) -> tuple[list[Any], list[list[Any]]]:
+        """Play worlds by the agent, or by given actions: what each episode saw, and its actions."""
+        with closing(self.episodes(mu, seeds)) as episodes, single_threaded():
+            self.policy.start(len(episodes))
+            everyone = range(len(episodes))
+            seen: list[Any] = [[deepcopy(episodes.observation(i))] for i in everyone]
+            taken: list[list[Any]] = [[] for _ in everyone]
+            while True:
+                which = episodes.under_way()
+                if given is not None:
+                    left = [i for i in which.tolist() if len(taken[i]) < len(given[i])]
+                    which = np.array(left, np.intp)
+                if not len(which):
+                    break
+                chosen = (
+                    self.policy.act(episodes, which)
+                    if given is None
+                    else [given[i][len(taken[i])] for i in which]
+                )
+                episodes.step(which, chosen)
+                for i, action in zip(which.tolist(), chosen, strict=True):
+                    taken[i].append(action)
+                    seen[i].append(deepcopy(episodes.observation(i)))
+            rewards = [[*episode.rewards] for episode in episodes.running]
+        return [*zip(seen, rewards, strict=True)], taken
 
     def _discrete_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the choices and whole numbers that were set; `parameters` shows only positions."""

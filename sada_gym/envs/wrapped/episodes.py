@@ -31,6 +31,10 @@ from sada_gym.envs.wrapped.validity import check_valid
 from sada_gym.errors import InvalidWorld, UserError, broken_world, explained
 from sada_gym.evaluation import watch
 
+MEMORY_BYTES = 2**28
+"""The memory that the environments of worlds played at once may take."""
+
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 _NO_FRAME = (240, 320, 3)
 _LONGEST = 200
 
@@ -84,12 +88,20 @@ class EpisodeSpec:
 
 
 class GymnasiumEpisodes(Episodes[EpisodeStart]):
-    """Episodes of one Gymnasium environment that go on in lockstep; `pictures` lets them render."""
+    """Episodes of one Gymnasium environment that go on in lockstep; `pictures` lets them render.
+
+    With `together`, the number of episodes of one world, only the first worlds begin whose
+    environments fit the memory of `MEMORY_BYTES`, at least one.
+    """
 
     def __init__(
-        self, spec: EpisodeSpec, starts: Sequence[EpisodeStart], *, pictures: bool = False
+        self,
+        spec: EpisodeSpec,
+        starts: Sequence[EpisodeStart],
+        *,
+        pictures: bool = False,
+        together: int = 0,
     ) -> None:
-        super().__init__(starts)
         self.spec = spec
         self.task_id = spec.factory.name
         self.observation_space = spec.observation_space
@@ -97,11 +109,16 @@ class GymnasiumEpisodes(Episodes[EpisodeStart]):
         self._pictures = pictures
         self.running: list[RunningEpisode] = []
         try:
-            for start in starts:
+            before = resident_bytes()
+            for i, start in enumerate(starts):
+                full = together and i and i % together == 0
+                if full and resident_bytes() - before > MEMORY_BYTES:
+                    break
                 self.running.append(RunningEpisode(spec, start, pictures=pictures))
         except BaseException:
             self.close()
             raise
+        super().__init__(starts[: len(self.running)])
 
     def begin(self, i: int, start: EpisodeStart) -> None:
         """Begin another episode in place i."""
@@ -390,6 +407,15 @@ class _Recorder(gym.Wrapper[Any, Any, Any, Any]):
                     f"Expected the same {name.replace('_', ' ')} in all worlds, {shared}, got "
                     f"{own} {self._world}. Leave out the parameter that changes it."
                 )
+
+
+def resident_bytes() -> int:
+    """Return the memory that this process holds; 0 where the system does not tell it so."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[1]) * _PAGE_BYTES
+    except OSError:
+        return 0
 
 
 def _set_by(kind: type[ParameterBinding], spec: EpisodeSpec, start: EpisodeStart) -> dict[str, Any]:

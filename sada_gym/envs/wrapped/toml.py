@@ -95,7 +95,12 @@ def read_application(path: str | Path) -> GymnasiumApplication:
 def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     """Return the types of the keys of a file, and the keys that must be there."""
     constructor: Any = GymnasiumApplication.__init__
-    hints = {**get_type_hints(constructor, localns=_NAMES), "agent": str, "valid": str}
+    hints = {
+        **get_type_hints(constructor, localns=_NAMES),
+        "agent": str,
+        "valid": str,
+        "feasible": str | list[str],
+    }
     arguments = [*inspect.signature(GymnasiumApplication).parameters.values()]
     required = [argument.name for argument in arguments if argument.default is argument.empty]
     return {argument.name: _toml_types(hints[argument.name]) for argument in arguments}, required

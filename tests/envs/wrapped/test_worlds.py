@@ -7,14 +7,17 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+import torch
 
 import tests.support.breaking_worlds as toys
 from sada_gym import GymnasiumApplication
 from sada_gym.application import INVALID_SCORE
 from sada_gym.attack import attack
+from sada_gym.envs.wrapped.episodes import MEMORY_BYTES
 from sada_gym.errors import UserError, WorkerError
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import evaluation_seeds
+from sada_gym.testing.check import check_application
 from tests.support.breaking_worlds import breaking, one_that_breaks, uniform
 
 FAULTS = ("raises", "exits", "nan reward", "nan observation", "memory", "silent")
@@ -236,3 +239,67 @@ def test_a_mujoco_simulation_that_blows_up_is_invalid():
     assert "MuJoCo warned of BAD" in invalid[1]
     assert invalid[2] == "its body_mass is negative or NaN"
     assert 0 not in invalid
+
+
+def test_worlds_made_at_once_fit_a_bounded_memory(monkeypatch):
+    monkeypatch.setattr(toys.Heaped, "alive", 0, raising=False)
+    most = 0
+
+    class Counted(toys.Heaped):
+        def __init__(self, *args, **kwargs):
+            nonlocal most
+            super().__init__(*args, **kwargs)
+            Counted.alive += 1
+            most = max(most, Counted.alive)
+
+        def close(self):
+            Counted.alive -= 1
+
+    mu = uniform(60)
+    scores = breaking("none", environment=Counted, env_kwargs={}).evaluate(mu, range(60)).score
+    assert 1 <= most <= MEMORY_BYTES // 2**24 + 4
+    assert (scores == breaking("none").evaluate(mu, range(60)).score).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_state_that_episodes_share_is_found_before_a_score_counts(count):
+    application = breaking("none", environment=toys.Sharing, env_kwargs={})
+    with pytest.raises(UserError, match=r"episodes of Sharing that share nothing.*in reset"):
+        application.evaluate(uniform(count), range(count))
+
+
+def test_randomness_is_traced_to_the_one_that_has_it():
+    rng = np.random.default_rng()
+
+    class Restless(toys.Breaking):
+        def step(self, action):
+            self.wind = rng.normal()
+            return super().step(action)
+
+    application = breaking("none", environment=Restless, env_kwargs={})
+    with pytest.raises(UserError, match="The environment is random, and not the agent"):
+        application.evaluate(uniform(3), range(3))
+    application = breaking("none", agent=lambda seen: [rng.normal()])
+    with pytest.raises(UserError, match="an agent that answers the same whenever it is asked"):
+        application.evaluate(uniform(3), range(3))
+
+
+def test_checks_that_find_the_same_say_it_once():
+    rng = np.random.default_rng()
+    report = check_application(breaking("none", agent=lambda seen: [rng.normal()]))
+    failed = [check for check in report.checks if not check.passed]
+    telling = [check.name for check in failed if "Expected an agent that" in check.sentence]
+    assert telling == ["randomness"]
+    assert len([check for check in failed if check.sentence.startswith("See randomness")]) >= 5
+
+
+@pytest.mark.parametrize(
+    ("agent", "message"),
+    [
+        (lambda seen: torch.ones(1, requires_grad=True), r"Return action\.detach\(\)"),
+        (lambda seen: None, "an action from push, got None"),
+    ],
+)
+def test_actions_that_are_none_get_a_sentence(agent, message):
+    with pytest.raises(UserError, match=message):
+        breaking("none", agent=agent).evaluate(uniform(1), [0])
