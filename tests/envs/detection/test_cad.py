@@ -15,7 +15,7 @@ from sada_gym.envs.detection.shapes import (
     Material,
     benchmark_shapes,
     fingerprint,
-    mesh_file,
+    triangles,
 )
 from sada_gym.envs.detection.shapes.cad import load_folder
 from sada_gym.errors import UserError
@@ -267,7 +267,7 @@ def test_large_coordinates_are_loaded(tmp_path: Path) -> None:
 
 
 def test_too_many_faces_are_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_file, "MAX_FACES", 11)
+    monkeypatch.setattr(triangles, "MAX_FACES", 11)
     _write(tmp_path)
     with pytest.raises(UserError, match=r"got 12 faces, where at most 11 .*Decimate modifier"):
         load_folder(tmp_path)
@@ -354,7 +354,7 @@ def test_a_mesh_in_many_places_is_counted_before_it_is_laid_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A few hundred kilobytes that would become 100 million faces."""
-    monkeypatch.setattr(mesh_file, "MAX_FACES", 3_999)
+    monkeypatch.setattr(triangles, "MAX_FACES", 3_999)
     monkeypatch.setattr(trimesh.Scene, "dump", None)
     (tmp_path / "car").mkdir()
     nodes = [{"children": list(range(1, 1_001))}, *[{"mesh": 0}] * 1_000]

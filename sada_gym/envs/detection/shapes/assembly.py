@@ -73,7 +73,7 @@ def assemble_textured(
     colour. All faces show from both sides.
 
     Raises:
-        ValueError: If no face has area, or a pattern matches no surface.
+        ValueError: If no face has area, or no surface matches a pattern.
     """
     points = mesh.vertices @ rotation.T
     faces, kept = _welded(points, mesh.faces, np.zeros(len(mesh.faces), np.int64))
@@ -89,13 +89,14 @@ def assemble_textured(
 
 
 def _painted(surfaces: Sequence[Surface], patterns: Collection[str]) -> tuple[Surface, ...]:
-    for pattern in patterns:
-        if not any(fnmatchcase(surface.name, pattern) for surface in surfaces):
-            names = ", ".join(sorted({shown(surface.name) for surface in surfaces}))
-            raise UserError(f"no material {pattern!r} that could be painted, but {names}")
+    painted = [any(fnmatchcase(item.name, pattern) for pattern in patterns) for item in surfaces]
+    if patterns and not any(painted):
+        names = ", ".join(sorted({shown(surface.name) for surface in surfaces}))
+        raise UserError(
+            f"no material {' or '.join(map(repr, patterns))} that could be painted, but {names}"
+        )
     return tuple(
-        replace(surface, painted=any(fnmatchcase(surface.name, pattern) for pattern in patterns))
-        for surface in surfaces
+        replace(item, painted=is_so) for item, is_so in zip(surfaces, painted, strict=True)
     )
 
 

@@ -10,16 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 
-from sada_gym.envs.detection.shapes.assembly import Part, assemble
-from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh
+from sada_gym.envs.detection.shapes.assembly import Part, assemble, assemble_textured
+from sada_gym.envs.detection.shapes.mesh_file import MESH_SUFFIXES, read_mesh, read_textured
 from sada_gym.envs.detection.shapes.model import Shape
-from sada_gym.envs.detection.shapes.orientation import Orientation
+from sada_gym.envs.detection.shapes.orientation import FolderSettings
 from sada_gym.errors import UserError
 
-_COMPANIONS = (".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt")
+_COMPANIONS = frozenset(
+    {".bin", ".bmp", ".jpeg", ".jpg", ".json", ".md", ".mtl", ".png", ".tga", ".txt", ".webp"}
+)
+_OF_SYSTEMS = ("desktop.ini", "thumbs.db")
+"""Files that Windows leaves in folders."""
 
 
 def load_class(
@@ -32,12 +35,12 @@ def load_class(
             f"Expected a folder {object_class!r} in {root}, got {', '.join(folders)}. "
             "Add it or choose another object_class."
         )
-    folder, rotation = root / object_class, _orientation(root / "shapes.json").rotation()
+    folder, settings = root / object_class, _settings(root / "shapes.json")
     shapes = []
     for file in _mesh_files(folder):
         name = file.relative_to(root).as_posix()
         try:
-            shapes.append(_load_shape(file, name, object_class, rotation))
+            shapes.append(_load_shape(file, name, object_class, root, settings))
         except UserError as error:
             if not skip_unreadable:
                 raise UserError(
@@ -107,8 +110,12 @@ def _class_folders(root: Path) -> list[str]:
 
 
 def _load_shape(
-    file: Path, name: str, object_class: str, rotation: npt.NDArray[np.float64]
+    file: Path, name: str, object_class: str, root: Path, settings: FolderSettings
 ) -> Shape:
+    rotation = settings.rotation()
+    if settings.textures:
+        textured = read_textured(file, root)
+        return assemble_textured(name, object_class, textured, rotation, settings.paint)
     mesh = read_mesh(file)
     mesh.vertices = mesh.vertices @ rotation.T
     try:
@@ -121,7 +128,11 @@ def _load_shape(
 def _mesh_files(folder: Path) -> list[Path]:
     files = []
     for file in sorted(folder.rglob("*")):
-        if file.is_dir() or any(part.startswith(".") for part in file.relative_to(folder).parts):
+        if (
+            file.is_dir()
+            or file.name.lower() in _OF_SYSTEMS
+            or any(part.startswith(".") for part in file.relative_to(folder).parts)
+        ):
             continue
         suffix = file.suffix.lower()
         if suffix in MESH_SUFFIXES:
@@ -134,11 +145,11 @@ def _mesh_files(folder: Path) -> list[Path]:
     return files
 
 
-def _orientation(file: Path) -> Orientation:
+def _settings(file: Path) -> FolderSettings:
     if not file.exists():
-        return Orientation()
+        return FolderSettings()
     try:
-        return Orientation.model_validate_json(file.read_bytes().removeprefix(codecs.BOM_UTF8))
+        return FolderSettings.model_validate_json(file.read_bytes().removeprefix(codecs.BOM_UTF8))
     except ValidationError as error:
         flaws = "; ".join(
             f"{'.'.join(map(str, flaw['loc'])) or 'file'}: {flaw['msg']}" for flaw in error.errors()

@@ -1,29 +1,30 @@
-"""One CAD file as one mesh: read from memory alone, so that a file can name no other one."""
+"""One CAD file as one mesh. A file names others only where its textures are wanted."""
 
 from __future__ import annotations
 
-import codecs
-from collections.abc import Sequence
-from io import BytesIO
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from sada_gym.envs.detection.shapes.companions import MAX_BYTES, Companions
+from sada_gym.envs.detection.shapes.gltf import read_gltf
+from sada_gym.envs.detection.shapes.obj import read_obj
+from sada_gym.envs.detection.shapes.ply import read_ply
+from sada_gym.envs.detection.shapes.stl import read_stl
+from sada_gym.envs.detection.shapes.surface import Surface
+from sada_gym.envs.detection.shapes.triangles import Triangles, as_text, check_count
 from sada_gym.errors import UserError
 
-MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl", ".gltf")
 """File types that are read."""
-
-MAX_FACES = 500_000
-"""Faces of one file: they take some 12 seconds to load, and 0.4 seconds a picture."""
 
 MAX_COORDINATE = 1e9
 """Vertices within 1e-8 are merged; from 1e10 on numbers are coarser than that."""
-
-MAX_BYTES = 2**30
-"""Size of one file, which is read into memory."""
 
 
 def read_mesh(file: Path) -> trimesh.Trimesh:
@@ -32,44 +33,63 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     Raises:
         UserError: If the file cannot be used; the message says what it holds instead of a mesh.
     """
+    with _mesh_errors():
+        triangles = _read(file)
+        mesh = trimesh.Trimesh(triangles.vertices, triangles.faces, process=False)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
+        return mesh
+
+
+def read_textured(file: Path, folder: Path) -> Triangles:
+    """Read a file's triangles with its materials and textures, which may lie below a folder.
+
+    Raises:
+        UserError: If the file cannot be used; the message says what it holds instead of a mesh.
+    """
+    member = file.relative_to(folder).as_posix()
+    with _mesh_errors():
+        return _read(file, Companions.in_folder(folder, member))
+
+
+@contextmanager
+def _mesh_errors() -> Iterator[None]:
     try:
-        return _read(file)
+        yield
     except UserError:
         raise
-    # Trimesh raises whatever the broken bytes lead it to.
+    # readers raise whatever the broken bytes lead them to
     except Exception as error:
         raise UserError(f"a file that cannot be read ({error or type(error).__name__})") from error
 
 
-def _read(file: Path) -> trimesh.Trimesh:
+def _read(file: Path, companions: Companions | None = None) -> Triangles:
     if not file.is_file():
         raise UserError("something that is not a file")
     if file.stat().st_size > MAX_BYTES:
         raise UserError(f"a file of more than {MAX_BYTES // 2**20:,} MB")
-    suffix = file.suffix.lower()
-    content = _as_utf8(file.read_bytes(), suffix)
+    suffix, content = file.suffix.lower(), file.read_bytes()
     if suffix == ".obj":
-        _check_vertices(content)
-    scene = trimesh.load_scene(
-        BytesIO(content), file_type=suffix[1:], process=False, skip_materials=True
-    )
-    _check_faces(scene)
-    solids = [solid for solid in scene.dump() if isinstance(solid, trimesh.Trimesh)]
-    vertices = [np.asarray(solid.vertices, float) for solid in solids]
-    if not all(np.isfinite(points).all() for points in vertices):
+        mesh = read_obj(as_text(content), companions)
+    elif suffix == ".ply":
+        mesh = read_ply(content, companions)
+    elif suffix == ".stl":
+        mesh = read_stl(content)
+    else:
+        mesh = read_gltf(content, companions)
+    check_count(len(mesh.faces))
+    if not len(mesh.faces):
+        raise UserError("no faces")
+    if not np.isfinite(mesh.vertices).all():
         raise UserError("NaN or infinite coordinates")
-    largest = max(float(np.abs(points).max(initial=0)) for points in vertices)
+    largest = float(np.abs(mesh.vertices).max())
     if largest > MAX_COORDINATE:
         raise UserError(
             f"coordinates up to {largest:.3g}, where at most {MAX_COORDINATE:.0e} is exact enough: "
             "scale it down"
         )
-    faces = joined_faces(solids)
-    if faces.min() < 0 or faces.max() >= sum(map(len, vertices)):
-        raise UserError("faces that point at missing vertices")
-    mesh = trimesh.Trimesh(np.concatenate(vertices), faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    trimesh.repair.fix_normals(mesh, multibody=True)  # type: ignore[no-untyped-call]
+    if companions is not None and not mesh.surfaces:
+        return replace(mesh, surfaces=(Surface("", (0.7, 0.7, 0.7)),))
     return mesh
 
 
@@ -79,57 +99,3 @@ def joined_faces(meshes: Sequence[trimesh.Trimesh]) -> npt.NDArray[np.int64]:
     return np.concatenate(
         [np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=True)]
     )
-
-
-def _check_vertices(content: bytes) -> None:
-    # trimesh would take the vertex 0 for the last one
-    is_face = continued = False
-    for number, line in enumerate(content.splitlines(), 1):
-        words = line.partition(b"#")[0].split()
-        if not continued:
-            is_face = words[:1] == [b"f"]
-        if is_face and any(not word.partition(b"/")[0].strip(b"+-0") for word in words):
-            raise UserError(
-                f"a face with the vertex 0 in line {number}, where OBJ counts vertices from 1, or "
-                "from -1 backwards"
-            )
-        continued = line.endswith(b"\\")
-
-
-def _check_faces(scene: trimesh.Scene) -> None:
-    # counted before they are laid out: a small file may show one mesh a million times
-    nodes = scene.graph.geometry_nodes
-    faces = sum(
-        len(geometry.faces) * len(nodes.get(name, ()))
-        for name, geometry in scene.geometry.items()
-        if isinstance(geometry, trimesh.Trimesh)
-    )
-    if not faces:
-        raise UserError("no faces")
-    if faces > MAX_FACES:
-        raise UserError(
-            f"{faces:,} faces, where at most {MAX_FACES:,} are rendered in good time: reduce them, "
-            "such as with Blender's Decimate modifier"
-        )
-
-
-def _as_utf8(content: bytes, suffix: str) -> bytes:
-    # comments and names may stand in other encodings, for which trimesh wants another package
-    if suffix == ".glb":
-        content[20 : 20 + int.from_bytes(content[12:16], "little")].decode()  # or it is no GLB
-        return content
-    if suffix == ".ply":
-        header, end, body = content.partition(b"end_header")
-        return _recoded(header) + end + body
-    if suffix == ".stl" and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
-        return content  # binary
-    return _recoded(content)
-
-
-def _recoded(text: bytes) -> bytes:
-    if text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return text.decode("utf-16").encode()
-    try:
-        return text.decode("utf-8-sig").encode()
-    except UnicodeDecodeError:
-        return text.decode("latin-1").encode()

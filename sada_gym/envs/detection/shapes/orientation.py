@@ -1,4 +1,4 @@
-"""How the axes of mesh files lie: which one points up, and which one to the front."""
+"""How mesh files are to be read: which axis points up, which one to the front, and so on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class Orientation(BaseModel):
-    """The files' axes that point up and where an object looks: of `shapes.json`, or ShapeNet's."""
+    """The files' axes that point up and where an object looks, ShapeNet's by default."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -35,6 +35,27 @@ class Orientation(BaseModel):
         """Return the matrix (3, 3) from the files' axes to front +x, left +y, up +z."""
         up, front = _vector(self.up), _vector(self.front)
         return np.stack([front, np.cross(up, front), up])
+
+
+class FolderSettings(Orientation):
+    """What `shapes.json` says of a folder's files.
+
+    Attributes:
+        textures: Whether the files' materials and textures are drawn, not the paint alone.
+        paint: Patterns of names of materials, such as `body*`, that take the paint all the same.
+    """
+
+    textures: bool = False
+    paint: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _has_materials(self) -> Self:
+        if self.paint and not self.textures:
+            raise UserError(
+                'Expected "textures": true beside "paint", got none; without textures, all faces '
+                "are painted"
+            )
+        return self
 
 
 def _vector(direction: str) -> npt.NDArray[np.float64]:

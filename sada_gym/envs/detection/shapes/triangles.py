@@ -86,7 +86,7 @@ def triangulate(points: Points, corners: Indices, sizes: Indices) -> tuple[Indic
         if size > 3:
             outlines = points[corners[places]]
             for row in np.flatnonzero(~_fans_fit(outlines, fan)).tolist():
-                cut[row] = _ears(outlines[row])
+                cut[row] = _ears(outlines[row], fan)
         triangles.append((starts[polygons][:, None, None] + cut).reshape(-1, 3))
         owners.append(np.repeat(polygons, size - 2))
     owner = np.concatenate(owners)
@@ -108,8 +108,11 @@ def _fans_fit(outlines: Points, fan: Indices) -> npt.NDArray[np.bool_]:
     return np.asarray((turned >= -1e-6 * (normal**2).sum(axis=1)[:, None]).all(axis=1))
 
 
-def _ears(outline: Points) -> Indices:
-    """Cut ears off one polygon (n, 3), seen along its normal, until a triangle is left."""
+def _ears(outline: Points, fan: Indices) -> Indices:
+    """Cut ears off one polygon (n, 3), seen along its normal, until a triangle is left.
+
+    An outline that crosses itself has no inside; it gets the fan.
+    """
     relative = outline - outline[0]
     normal = _newell(relative)
     drop = int(np.abs(normal).argmax())
@@ -118,8 +121,8 @@ def _ears(outline: Points) -> Indices:
     left, ears = list(range(len(flat))), []
     while len(left) > 3:
         ear = next((i for i in range(len(left)) if _is_ear(flat, left, i)), None)
-        if ear is None:  # an outline that crosses itself has no inside
-            ear = 1
+        if ear is None:
+            return fan
         ears.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]
     return np.array([*ears, left])
