@@ -1,4 +1,4 @@
-"""Each feature of each mesh format is read right, or refused by its name: a case a row of the docs."""
+"""Each feature of each mesh format is read right or refused by name: a case a row of the docs."""
 
 import base64
 import json
@@ -45,21 +45,42 @@ OBJ = [
     _obj("concave polygons", L_SHAPE + "f 4 5 6 1 2 3\n", 4, 4),
     _obj("concave quads", "v 0 0 0\nv 2 2 0\nv 4 0 0\nv 2 1 0\nf 1 4 3 2\n", 2, 2),
     _obj("negative indices", SQUARE + "f -4 -3 -2\nv 2 3 4\nf -1 -3 -2\n", 2, 3 + 4),
-    _obj("tabs, CR LF, a byte-order mark", "\ufeff" + SQUARE.replace(" ", "\t") + "f\t1 2 3\r\n", 1, 3),
+    _obj(
+        "tabs, CR LF, a byte-order mark",
+        "\ufeff" + SQUARE.replace(" ", "\t") + "f\t1 2 3\r\n",
+        1,
+        3,
+    ),
     _obj("line continuations", SQUARE + "f 1 2 \\\n3\\\n4\n# C:\\temp\\\nf 1 2 3\n", 3, 9),
     _obj("`v/vt`, `v//vn`, `v/vt/vn`", SQUARE + "vt 0 0\nvn 0 0 1\nf 1/1 2//1 3/1/1\n", 1, 3),
-    _obj("`v` with a weight or a colour", SQUARE.replace(" 0\n", " 0 1\n") + "v 0 0 4 1 0 0\nf 1 2 5\n", 1, 4),
+    _obj(
+        "`v` with a weight or a colour",
+        SQUARE.replace(" 0\n", " 0 1\n") + "v 0 0 4 1 0 0\nf 1 2 5\n",
+        1,
+        4,
+    ),
     _obj("points, lines, curves", SQUARE + "p 1\nl 1 2\ncurv 0 1 1 2\nend\nf 1 2 3\n", 1, 3),
-    _obj("groups, objects, smoothing", SQUARE + "o a b\ng\ns off\nusemtl x\nf 1 2 3\ng b\nf 1 3 4\n", 2, 6),
+    _obj(
+        "groups, objects, smoothing",
+        SQUARE + "o a b\ng\ns off\nusemtl x\nf 1 2 3\ng b\nf 1 3 4\n",
+        2,
+        6,
+    ),
     _obj("faces of one or two corners", SQUARE + "f 1\nf 1 2\nf 1 2 3\n", 1, 3),
     _obj("the index 0", SQUARE + "f 0 1 2\n", refusal="a face with the vertex 0 in line 5"),
     _obj("missing vertices", SQUARE + "f 1 2 9\n", refusal="faces that point at missing vertices"),
     _obj("missing vertices, backwards", SQUARE + "f -9 1 2\n", refusal="point at missing vertices"),
     _obj("damaged numbers", SQUARE + "v 1,5 0 0\nf 1 2 3\n", refusal="line 5, which is damaged"),
-    _obj("free-form surfaces", SQUARE + "f 1 2 3\nsurf 0 1 0 1 1 2\n", refusal=r"a free-form surface \(surf\) in line 6"),
-    _obj("calls of other files", SQUARE + "call a.obj\nf 1 2 3\n", refusal="a call of another file"),
+    _obj(
+        "free-form surfaces",
+        SQUARE + "f 1 2 3\nsurf 0 1 0 1 1 2\n",
+        refusal=r"a free-form surface \(surf\) in line 6",
+    ),
+    _obj(
+        "calls of other files", SQUARE + "call a.obj\nf 1 2 3\n", refusal="a call of another file"
+    ),
     _obj("unknown statements", SQUARE + "0.5 1 2\nf 1 2 3\n", refusal="no OBJ statement in line 5"),
-]  # fmt: skip
+]
 
 _CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 4]], "<f4")
 _TWO = np.array([[0, 1, 2], [0, 2, 3]])
@@ -84,16 +105,32 @@ STL = [
     _stl("binary", _binary_stl(), 2),
     _stl("binary, header begins with `solid`", _binary_stl(b"solid facet"), 2),
     _stl("binary, fewer than 50 bytes after the last face", _binary_stl(b"solid", bytes(4)), 2),
-    _stl("binary, 50 bytes or more after the last face", _binary_stl(tail=bytes(134)), refusal="134 bytes after its 2 faces"),
+    _stl(
+        "binary, 50 bytes or more after the last face",
+        _binary_stl(tail=bytes(134)),
+        refusal="134 bytes after its 2 faces",
+    ),
     _stl("binary, cut off", _binary_stl(count=7), refusal="ends after 2 of 7 faces"),
     _stl("ASCII", f"solid a b\n{_facet(_TWO[0])}endsolid a b\n", 1),
     _stl("ASCII, several solids", "".join(f"solid\n{_facet(f)}endsolid\n" for f in _TWO), 2),
     _stl("ASCII, cut off", f"solid a\n{_facet(_TWO[0])}", refusal="ends before its endsolid"),
-    _stl("ASCII, facets of four corners", f"solid a\n{_facet(np.array([0, 1, 2, 3]))}endsolid\n", refusal="line 7, which STL does not allow"),
-]  # fmt: skip
+    _stl(
+        "ASCII, facets of four corners",
+        f"solid a\n{_facet(np.array([0, 1, 2, 3]))}endsolid\n",
+        refusal="line 7, which STL does not allow",
+    ),
+]
 
 
-def _ply(feature: str, head: str, body: bytes | str, faces: int = 0, area: float = 0.0, refusal: str = "", form: str = "ascii") -> Case:  # fmt: skip
+def _ply(
+    feature: str,
+    head: str,
+    body: bytes | str,
+    faces: int = 0,
+    area: float = 0.0,
+    refusal: str = "",
+    form: str = "ascii",
+) -> Case:
     content = body.encode() if isinstance(body, str) else body
     header = f"ply\nformat {form} 1.0\n{head}end_header\n".encode()
     return Case(feature, "a.ply", header + content, faces, area, refusal)
@@ -115,20 +152,98 @@ def _packed(order: str, size: str, index: str, polygons: list[list[int]]) -> byt
 
 PLY = [
     _ply("ASCII", f"comment façade\n{VERTEX}element face 1\n{LIST}", ROWS + "3 0 1 2\n", 1, 3),
-    _ply("little-endian", f"{VERTEX}element face 2\n{LIST}", _packed("<", "u1", "i4", [[0, 1, 2], [0, 2, 3]]), 2, 6, form="binary_little_endian"),
-    _ply("big-endian", f"{VERTEX}element face 2\n{LIST}", _packed(">", "u1", "i4", [[0, 1, 2], [0, 2, 3]]), 2, 6, form="binary_big_endian"),
-    _ply("lists of any types", f"{VERTEX}element face 1\nproperty list uint ushort vertex_index\n", _packed("<", "u4", "u2", [[0, 1, 2]]), 1, 3, form="binary_little_endian"),
-    _ply("mixed polygons", f"{VERTEX}element face 2\n{LIST}", _packed("<", "u1", "i4", [[0, 1, 2, 3], [0, 2, 3]]), 3, 9, form="binary_little_endian"),
-    _ply("concave polygons", f"element vertex 4\n{XYZ}element face 1\n{LIST}", "0 0 0 2 2 0 4 0 0 2 1 0\n4 0 3 2 1\n", 2, 2),
-    _ply("other elements and properties", f"element edge 1\nproperty int a\nproperty list int int b\n{VERTEX}property uchar red\nelement face 1\nproperty short k\n{LIST}property list uchar float w\n", "5 2 7 7\n" + ROWS.replace("0\n", "0 9\n") + "1 3 0 1 2 1 0.5\n", 1, 3),
-    _ply("`double` and sized type names", VERTEX.replace("float x", "float64 x") + f"element face 1\n{LIST}", ROWS + "3 0 1 2\n", 1, 3),
-    _ply("strips of triangles", f"{VERTEX}element tristrips 1\nproperty list int int vertex_indices\n", ROWS + "3 0 1 2\n", refusal=r"strips of triangles \(tristrips\)"),
-    _ply("missing vertices", f"{VERTEX}element face 1\n{LIST}", ROWS + "3 0 1 4\n", refusal="point at missing vertices"),
-    _ply("fractional indices", f"{VERTEX}element face 1\nproperty list uchar float vertex_indices\n", ROWS + "3 0 1 2.5\n", refusal="indices that are not whole numbers"),
-    _ply("unknown statements and types", f"{VERTEX}property half u\nelement face 1\n{LIST}", ROWS, refusal="line 7, which PLY does not have"),
-    _ply("cut off", f"{VERTEX}element face 2\n{LIST}", ROWS + "3 0 1 2\n3 0", refusal="ends within its rows"),
-    _ply("without x, y, z or faces' vertices", f"element vertex 1\nproperty float x\nelement face 1\n{LIST}", "0 3 0 0 0\n", refusal="vertices without x, y and z"),
-]  # fmt: skip
+    _ply(
+        "little-endian",
+        f"{VERTEX}element face 2\n{LIST}",
+        _packed("<", "u1", "i4", [[0, 1, 2], [0, 2, 3]]),
+        2,
+        6,
+        form="binary_little_endian",
+    ),
+    _ply(
+        "big-endian",
+        f"{VERTEX}element face 2\n{LIST}",
+        _packed(">", "u1", "i4", [[0, 1, 2], [0, 2, 3]]),
+        2,
+        6,
+        form="binary_big_endian",
+    ),
+    _ply(
+        "lists of any types",
+        f"{VERTEX}element face 1\nproperty list uint ushort vertex_index\n",
+        _packed("<", "u4", "u2", [[0, 1, 2]]),
+        1,
+        3,
+        form="binary_little_endian",
+    ),
+    _ply(
+        "mixed polygons",
+        f"{VERTEX}element face 2\n{LIST}",
+        _packed("<", "u1", "i4", [[0, 1, 2, 3], [0, 2, 3]]),
+        3,
+        9,
+        form="binary_little_endian",
+    ),
+    _ply(
+        "concave polygons",
+        f"element vertex 4\n{XYZ}element face 1\n{LIST}",
+        "0 0 0 2 2 0 4 0 0 2 1 0\n4 0 3 2 1\n",
+        2,
+        2,
+    ),
+    _ply(
+        "other elements and properties",
+        "element edge 1\nproperty int a\nproperty list int int b\n"
+        f"{VERTEX}property uchar red\n"
+        f"element face 1\nproperty short k\n{LIST}property list uchar float w\n",
+        "5 2 7 7\n" + ROWS.replace("0\n", "0 9\n") + "1 3 0 1 2 1 0.5\n",
+        1,
+        3,
+    ),
+    _ply(
+        "`double` and sized type names",
+        VERTEX.replace("float x", "float64 x") + f"element face 1\n{LIST}",
+        ROWS + "3 0 1 2\n",
+        1,
+        3,
+    ),
+    _ply(
+        "strips of triangles",
+        f"{VERTEX}element tristrips 1\nproperty list int int vertex_indices\n",
+        ROWS + "3 0 1 2\n",
+        refusal=r"strips of triangles \(tristrips\)",
+    ),
+    _ply(
+        "missing vertices",
+        f"{VERTEX}element face 1\n{LIST}",
+        ROWS + "3 0 1 4\n",
+        refusal="point at missing vertices",
+    ),
+    _ply(
+        "fractional indices",
+        f"{VERTEX}element face 1\nproperty list uchar float vertex_indices\n",
+        ROWS + "3 0 1 2.5\n",
+        refusal="indices that are not whole numbers",
+    ),
+    _ply(
+        "unknown statements and types",
+        f"{VERTEX}property half u\nelement face 1\n{LIST}",
+        ROWS,
+        refusal="line 7, which PLY does not have",
+    ),
+    _ply(
+        "cut off",
+        f"{VERTEX}element face 2\n{LIST}",
+        ROWS + "3 0 1 2\n3 0",
+        refusal="ends within its rows",
+    ),
+    _ply(
+        "without x, y, z or faces' vertices",
+        f"element vertex 1\nproperty float x\nelement face 1\n{LIST}",
+        "0 3 0 0 0\n",
+        refusal="vertices without x, y and z",
+    ),
+]
 
 
 class _Glb:
@@ -189,7 +304,14 @@ def _plain(glb: _Glb, kind: str = "<u2", **more: Any) -> dict:
     return {"attributes": {"POSITION": position}, "indices": index, **more}
 
 
-def _gltf(feature: str, make: Callable[[_Glb], bytes], faces: int = 0, area: float = 0.0, refusal: str = "", name: str = "a.glb") -> Case:  # fmt: skip
+def _gltf(
+    feature: str,
+    make: Callable[[_Glb], bytes],
+    faces: int = 0,
+    area: float = 0.0,
+    refusal: str = "",
+    name: str = "a.glb",
+) -> Case:
     return Case(feature, name, make(_Glb()), faces, area, refusal)
 
 
@@ -247,7 +369,9 @@ def _nodes(nodes: list[dict], **top: Any) -> Callable[[_Glb], bytes]:
 def _morphed(glb: _Glb) -> bytes:
     shift = np.zeros((4, 3), "<f4")
     shift[2:, 1] = 3
-    return glb.bytes({**_plain(glb), "targets": [{"POSITION": glb.add(shift)}]}, [{"mesh": 0, "weights": [2.0]}])  # fmt: skip
+    return glb.bytes(
+        {**_plain(glb), "targets": [{"POSITION": glb.add(shift)}]}, [{"mesh": 0, "weights": [2.0]}]
+    )
 
 
 def _skinned(glb: _Glb) -> bytes:
@@ -256,9 +380,16 @@ def _skinned(glb: _Glb) -> bytes:
     inverse[3, 0] = -1
     primitive["attributes"] |= {
         "JOINTS_0": glb.add(np.array([[0, 1, 0, 0]] * 4, "u1")),
-        "WEIGHTS_0": glb.add(np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 255, 0, 0], [0, 255, 0, 0]], "u1") + np.array([255, 0, 0, 0], "u1") * np.array([[1], [1], [0], [0]], "u1"), normalized=True),
-    }  # fmt: skip
-    skin = {"joints": [1, 2], "inverseBindMatrices": glb.add(np.array([inverse.ravel(), np.eye(4).ravel()], "<f4"))}  # fmt: skip
+        "WEIGHTS_0": glb.add(
+            np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 255, 0, 0], [0, 255, 0, 0]], "u1")
+            + np.array([255, 0, 0, 0], "u1") * np.array([[1], [1], [0], [0]], "u1"),
+            normalized=True,
+        ),
+    }
+    skin = {
+        "joints": [1, 2],
+        "inverseBindMatrices": glb.add(np.array([inverse.ravel(), np.eye(4).ravel()], "<f4")),
+    }
     nodes = [
         {"mesh": 0, "skin": 0, "children": [1, 2], "translation": [0, 0, 0]},
         {"translation": [1, 0, 0]},
@@ -271,7 +402,11 @@ def _instanced(glb: _Glb) -> bytes:
     primitive = _plain(glb)
     places = {"TRANSLATION": glb.add(np.array([[0, 0, 0], [9, 0, 0]], "<f4"))}
     extension = {"EXT_mesh_gpu_instancing": {"attributes": places}}
-    return glb.bytes(primitive, [{"mesh": 0, "extensions": extension}], extensionsRequired=["EXT_mesh_gpu_instancing"])  # fmt: skip
+    return glb.bytes(
+        primitive,
+        [{"mesh": 0, "extensions": extension}],
+        extensionsRequired=["EXT_mesh_gpu_instancing"],
+    )
 
 
 def _data_uri(glb: _Glb) -> bytes:
@@ -300,7 +435,12 @@ GLTF = [
     _gltf("indices of 8 bits", _indexed("u1"), 2, 6),
     _gltf("indices of 16 bits", _indexed("<u2"), 2, 6),
     _gltf("indices of 32 bits", _indexed("<u4"), 2, 6),
-    _gltf("no indices", lambda glb: glb.bytes({"attributes": {"POSITION": glb.add(_CORNERS[:3])}}), 1, 3),
+    _gltf(
+        "no indices",
+        lambda glb: glb.bytes({"attributes": {"POSITION": glb.add(_CORNERS[:3])}}),
+        1,
+        3,
+    ),
     _gltf("strided views", _strided, 2, 6),
     _gltf("sparse accessors", _sparse, 2, 18),
     _gltf("sparse accessors without a view", lambda glb: _sparse(glb, zeros=True), 2, 6),
@@ -311,25 +451,95 @@ GLTF = [
     _gltf("other modes", _mode(7), refusal="a primitive of mode 7"),
     _gltf("nodes' translation, rotation, scale", _nodes([TURNED]), 2, 12),
     _gltf("nodes' matrices, mirrored ones too", _nodes([{"mesh": 0, "matrix": MATRIX}]), 2, 12),
-    _gltf("children of nodes, of cameras too", _nodes([{"camera": 0, "scale": [2, 1, 1], "children": [1]}, {"mesh": 0}], cameras=[{"type": "perspective"}]), 2, 12),
-    _gltf("several scenes: the default one", _nodes([{"mesh": 0}, {"mesh": 0, "scale": [2, 2, 2]}], scene=1, scenes=[{"nodes": [0]}, {"nodes": [1]}]), 2, 24),
-    _gltf("nodes in a circle", _nodes([{"children": [1]}, {"mesh": 0, "children": [0]}]), refusal="a node with two parents, or below itself"),
+    _gltf(
+        "children of nodes, of cameras too",
+        _nodes(
+            [{"camera": 0, "scale": [2, 1, 1], "children": [1]}, {"mesh": 0}],
+            cameras=[{"type": "perspective"}],
+        ),
+        2,
+        12,
+    ),
+    _gltf(
+        "several scenes: the default one",
+        _nodes(
+            [{"mesh": 0}, {"mesh": 0, "scale": [2, 2, 2]}],
+            scene=1,
+            scenes=[{"nodes": [0]}, {"nodes": [1]}],
+        ),
+        2,
+        24,
+    ),
+    _gltf(
+        "nodes in a circle",
+        _nodes([{"children": [1]}, {"mesh": 0, "children": [0]}]),
+        refusal="a node with two parents, or below itself",
+    ),
     _gltf("skins", _skinned, 2, 12),
     _gltf("morph targets, by the file's weights", _morphed, 2, 2 * 9),
     _gltf("EXT_mesh_gpu_instancing", _instanced, 4, 12),
-    _gltf("KHR_node_visibility", _nodes([{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}}], extensionsRequired=["KHR_node_visibility"]), 2, 6),
-    _gltf("KHR_materials_…, KHR_texture_transform, EXT_texture_webp", _requires("KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"), 2, 6),
-    _gltf("KHR_draco_mesh_compression", _requires("KHR_draco_mesh_compression"), refusal=r"Draco compression \(KHR_draco_mesh_compression\)"),
-    _gltf("EXT_meshopt_compression, KHR_meshopt_compression", _requires("EXT_meshopt_compression"), refusal=r"meshopt compression \(EXT_meshopt_compression\)"),
-    _gltf("any other extension that is required", _requires("XYZ_fur"), refusal="the required extension XYZ_fur"),
+    _gltf(
+        "KHR_node_visibility",
+        _nodes(
+            [
+                {"children": [1, 2]},
+                {"mesh": 0},
+                {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}},
+            ],
+            extensionsRequired=["KHR_node_visibility"],
+        ),
+        2,
+        6,
+    ),
+    _gltf(
+        "KHR_materials_…, KHR_texture_transform, EXT_texture_webp",
+        _requires("KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"),
+        2,
+        6,
+    ),
+    _gltf(
+        "KHR_draco_mesh_compression",
+        _requires("KHR_draco_mesh_compression"),
+        refusal=r"Draco compression \(KHR_draco_mesh_compression\)",
+    ),
+    _gltf(
+        "EXT_meshopt_compression, KHR_meshopt_compression",
+        _requires("EXT_meshopt_compression"),
+        refusal=r"meshopt compression \(EXT_meshopt_compression\)",
+    ),
+    _gltf(
+        "any other extension that is required",
+        _requires("XYZ_fur"),
+        refusal="the required extension XYZ_fur",
+    ),
     _gltf("JSON with data URIs (`.gltf`)", _data_uri, 2, 6, name="a.gltf"),
-    _gltf("buffers in other files", _nodes([{"mesh": 0}], buffers=[{"byteLength": 9, "uri": "a.bin"}]), refusal=r"a buffer in another file \(a.bin\).* export everything into one GLB"),
-    _gltf("glTF 1.0", _nodes([{"mesh": 0}], asset={"version": "1.0"}), refusal="glTF 1.0, where 2.0 is read"),
-    _gltf("missing vertices", _broken(lambda glb, p: p["attributes"].update(POSITION=glb.add(_CORNERS[:3]))), refusal="point at missing vertices"),
-    _gltf("views or arrays beyond the end", _broken(lambda glb, p: glb.accessors[0].update(count=5)), refusal="an array beyond the end of its view"),
-    _gltf("references to nothing", _broken(lambda glb, p: p.update(indices=9)), refusal="a reference to number 9 of 2 accessors"),
+    _gltf(
+        "buffers in other files",
+        _nodes([{"mesh": 0}], buffers=[{"byteLength": 9, "uri": "a.bin"}]),
+        refusal=r"a buffer in another file \(a.bin\).* export everything into one GLB",
+    ),
+    _gltf(
+        "glTF 1.0",
+        _nodes([{"mesh": 0}], asset={"version": "1.0"}),
+        refusal="glTF 1.0, where 2.0 is read",
+    ),
+    _gltf(
+        "missing vertices",
+        _broken(lambda glb, p: p["attributes"].update(POSITION=glb.add(_CORNERS[:3]))),
+        refusal="point at missing vertices",
+    ),
+    _gltf(
+        "views or arrays beyond the end",
+        _broken(lambda glb, p: glb.accessors[0].update(count=5)),
+        refusal="an array beyond the end of its view",
+    ),
+    _gltf(
+        "references to nothing",
+        _broken(lambda glb, p: p.update(indices=9)),
+        refusal="a reference to number 9 of 2 accessors",
+    ),
     _gltf("cut off", lambda glb: glb.bytes(_plain(glb))[:-9], refusal="the file is cut off"),
-]  # fmt: skip
+]
 CASES = [*OBJ, *STL, *PLY, *GLTF]
 
 
