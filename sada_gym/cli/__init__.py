@@ -19,6 +19,7 @@ _COMMANDS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "agents": ("catalogue:agents", "List the trained agents.", {}),
     "adversaries": ("catalogue:adversaries", "List the adversaries and their options.", {}),
     "fetch": ("fetch:fetch", "Fetch a trained agent that others made.", {}),
+    "init": ("init:init", "Write a first TOML file for an agent of your own.", _STRAY),
     "attack": ("attack:attack", "Find out how often an agent fails, and where.", _STRAY),
     "replay": ("replay:replay", "Make a video of how an agent fails.", {}),
     "transfer": ("transfer:transfer", "Score a run's samples in other worlds.", {}),

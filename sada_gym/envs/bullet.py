@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from sada_gym.errors import MissingExtra
+
 
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
@@ -26,7 +28,14 @@ def _silent_stderr() -> Iterator[None]:
         os.close(kept)
 
 
-with _silent_stderr():
-    import pybullet
+try:
+    with _silent_stderr():
+        import pybullet
+except ModuleNotFoundError as error:
+    raise MissingExtra(
+        "Expected PyBullet for racing, but it is not installed: it has wheels for Python 3.11 and "
+        "older. There it comes with sada-gym; elsewhere pip install 'sada-gym[racing]' compiles "
+        "it, which takes a C++ compiler and ten minutes."
+    ) from error
 
 __all__ = ["pybullet"]

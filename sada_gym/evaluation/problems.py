@@ -43,7 +43,7 @@ def make_env(env_id: str, **env_kwargs: Any) -> gym.Env[Any, Any]:
         env.close()
         raise UserError(
             f"Expected an adversary environment behind {env_id!r}, got {type(env).__name__}. "
-            "Wrap your application in sada_gym.envs.AdversaryEnv and register that."
+            f"To attack an agent in it, write a file that describes both: sada-gym init {env_id}"
         )
     return env
 

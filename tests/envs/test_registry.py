@@ -487,3 +487,13 @@ def test_what_is_no_application_is_refused(
 def test_a_bad_render_mode_gets_a_sentence(make: Any, render_mode: Any) -> None:
     with pytest.raises(ValueError, match=r"Expected render_mode None or among .*rgb_array"):
         make("SADA-Analytic-v0", render_mode=render_mode)
+
+
+def test_racing_without_pybullet_says_what_to_install():
+    code = (
+        "import sys; sys.modules['pybullet'] = None; import gymnasium as gym, sada_gym; "
+        "gym.make('SADA-Digits-3-v0').close(); gym.make('SADA-UAV-v0')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "MissingExtra: Expected PyBullet for racing" in done.stderr
+    assert "pip install 'sada-gym[racing]'" in done.stderr

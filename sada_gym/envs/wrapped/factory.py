@@ -72,20 +72,20 @@ class EnvFactory:
         named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
         return [
             name
-            for name, parameter in self._signature.items()
+            for name, parameter in self.parameters.items()
             if parameter.kind in named and name not in _NOT_PHYSICS
         ]
 
     @property
     def takes_any_keyword(self) -> bool:
         """Whether the constructor takes keywords that its signature does not name."""
-        parameters = self._signature.values()
+        parameters = self.parameters.values()
         return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
 
     @property
     def takes_render_mode(self) -> bool:
         """Whether the constructor takes `render_mode`."""
-        return "render_mode" in self._signature or self.takes_any_keyword
+        return "render_mode" in self.parameters or self.takes_any_keyword
 
     def make(
         self, keywords: Mapping[str, Any], render_mode: str | None = None
@@ -135,7 +135,8 @@ class EnvFactory:
         )
 
     @property
-    def _signature(self) -> Mapping[str, inspect.Parameter]:
+    def parameters(self) -> Mapping[str, inspect.Parameter]:
+        """What the environment's constructor takes, `render_mode` included."""
         creator: Any = self.environment
         if isinstance(creator, str):
             creator = find_spec(creator).entry_point

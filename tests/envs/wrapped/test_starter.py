@@ -1,0 +1,146 @@
+"""A first TOML file: it can be attacked as it is, and says what was guessed."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from typer.testing import CliRunner
+
+from sada_gym.attack import attack
+from sada_gym.cli import app
+from sada_gym.envs.wrapped.starter import starter_file
+from sada_gym.errors import UserError
+from sada_gym.files import read_toml
+
+
+class Slide(gym.Env):
+    """A block on a slope: what is a parameter, what is state, what is refused, what is dead."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (1,))
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self, gravity: float = -10.0, friction: float = 0.5, render_mode=None, luck=True):
+        if not -12.0 < gravity < 0.0:
+            raise ValueError("another planet")
+        self.gravity, self.friction, self.pull, self.spare = gravity, friction, 4, 3.0
+        self.speed = 0.25
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.speed = 1.0
+        return np.array([1.0], np.float32), {}
+
+    def step(self, action):
+        self.speed = 0.9 * self.speed - 0.1 * self.gravity * self.friction + self.pull * action
+        return np.array([self.speed], np.float32), float(self.speed), False, False, {}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def slide():
+    gym.register("Slide-v0", entry_point=Slide, max_episode_steps=8)
+    yield
+    del gym.registry["Slide-v0"]
+
+
+@pytest.fixture(scope="module")
+def agent(tmp_path_factory):
+    path = tmp_path_factory.mktemp("agents") / "ppo.zip"
+    PPO("MlpPolicy", gym.make("Slide-v0"), n_steps=64, seed=0, device="cpu").learn(64).save(path)
+    return path
+
+
+def invoke(*args):
+    return CliRunner().invoke(app, ["init", *map(str, args)], env={"COLUMNS": "200"})
+
+
+def test_a_file_names_what_can_change_and_is_attacked_as_it_is(agent, tmp_path):
+    file = tmp_path / "slide.toml"
+    result = invoke("Slide-v0", "--agent", agent, "--out", file)
+    assert result.exit_code == 0, result.output
+    table = read_toml(file)
+    parameters = table["parameters"]
+    assert parameters["gravity"] == [-11.0, -9.09]  # half to twice is refused
+    assert parameters["friction"] == [0.25, 1.0]
+    assert parameters["pull"] == {"kind": "attribute", "low": 2, "high": 8, "integer": True}
+    assert {"speed", "spare"}.isdisjoint(parameters)
+    assert "# spare = [1.5, 6.0]  # now 3  # changed nothing when it was tried" in file.read_text()
+    assert f"Then: sada-gym attack {file}" in result.stdout
+    done = attack(str(file), "random", out=tmp_path / "run", budget=0, samples=8, pictures=False)
+    assert len(done.samples) == 8
+
+
+def test_the_threshold_lies_between_the_agent_and_random_actions(tmp_path, agent, monkeypatch):
+    # the best agent of all pulls each time
+    monkeypatch.setattr(PPO, "predict", lambda self, seen, **_: (np.ones(len(seen), int), None))
+    starter = starter_file("Slide-v0", agent)
+    score, threshold = read(starter.text, tmp_path)
+    limit = score[1] + threshold * (score[2] - score[1])
+    best = sum(total_speeds(1))
+    assert sum(total_speeds(0)) < limit < best < score[2]
+    assert score[1] == 0.0  # no reward is below zero
+    assert "halfway between" in " ".join(starter.notes)
+
+
+def test_an_agent_that_is_no_better_than_chance_is_told(tmp_path, agent, monkeypatch):
+    monkeypatch.setattr(PPO, "predict", lambda self, seen, **_: (np.zeros(len(seen), int), None))
+    notes = " ".join(starter_file("Slide-v0", agent).notes)
+    assert "does no better than random actions" in notes
+
+
+def total_speeds(action, speed=1.0):
+    for _ in range(8):
+        speed = 0.9 * speed + 0.5 + 4 * action
+        yield speed
+
+
+def read(text, folder):
+    (folder / "starter.toml").write_text(text)
+    table = read_toml(folder / "starter.toml")
+    return table["score"], table["fooling_threshold"]
+
+
+def test_the_agents_path_is_relative_to_the_file(agent, tmp_path):
+    folder = agent.parent / "files"
+    starter = starter_file("Slide-v0", agent, folder=folder)
+    assert 'agent = "../ppo.zip"' in starter.text
+
+
+def test_without_an_agent_a_stand_in_is_trained(tmp_path):
+    file = tmp_path / "new.toml"
+    result = invoke("Slide-v0", "--steps", 1, "--out", file)
+    assert result.exit_code == 0, result.output
+    assert "a stand-in learns for 1 steps" in result.stderr
+    assert read_toml(file)["agent"] == "new.zip"
+    assert (tmp_path / "new.zip").is_file()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["Slide-v0", "--agent", "none.zip"], "Expected the file of an agent, got none.zip"),
+        (["Slid-v0"], "Did you mean 'Slide-v0'"),
+        (["SADA-UAV-v0"], "ready to attack: sada-gym attack SADA-UAV-v0"),
+        (["Slide-v0", "--out", "a.txt"], "one of .toml"),
+        (["Slide-v0", "--out", __file__.replace(".py", ".toml"), "stray"], "got 'stray'"),
+        (["Blackjack-v1", "--steps", "1"], "Expected PPO of Stable-Baselines3 to learn in Blackj"),
+    ],
+)
+def test_bad_input_is_a_sentence(args, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = invoke(*args)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_there_stays(agent, tmp_path):
+    file = tmp_path / "slide.toml"
+    file.write_text("mine")
+    result = invoke("Slide-v0", "--agent", agent, "--out", file)
+    assert result.exit_code == 2
+    assert file.read_text() == "mine"
+
+
+def test_an_attack_on_a_plain_environment_names_init(tmp_path):
+    with pytest.raises(UserError, match="sada-gym init Slide-v0"):
+        attack("Slide-v0", "random", out=tmp_path / "run")
