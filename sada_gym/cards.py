@@ -174,6 +174,12 @@ def cards() -> tuple[ApplicationCard, ...]:
     return tuple(load(f"sada_gym.envs.{folder}.card:CARD") for folder in APPLICATIONS)
 
 
+def fetchable(application: str | None = None) -> dict[str, FetchedAgent]:
+    """Return the agents that can be fetched by name, for one application or for all."""
+    chosen = (card for card in cards() if application in (None, card.name))
+    return {agent.name: agent for card in chosen for agent in card.fetched}
+
+
 def find_card(name: str) -> ApplicationCard | None:
     """Find the card of an application by its name; None where it is no application of ours."""
     return next((card for card in cards() if card.name == name), None)

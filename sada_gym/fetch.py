@@ -18,7 +18,7 @@ from typing import IO
 
 from platformdirs import user_data_path
 
-from sada_gym.cards import FetchedAgent, cards
+from sada_gym.cards import FetchedAgent, fetchable
 from sada_gym.errors import FileError, UserError, check_known
 from sada_gym.files import file_errors, write_file
 from sada_gym.lazy import load
@@ -34,12 +34,6 @@ def data_folder() -> Path:
     """Return the folder of fetched files: `SADA_GYM_DATA`, else the user's data folder."""
     named = os.environ.get(DATA_FOLDER)
     return Path(named).expanduser() if named else user_data_path("sada_gym", appauthor=False)
-
-
-def fetchable(application: str | None = None) -> dict[str, FetchedAgent]:
-    """Return what can be fetched by name, for one application or for all."""
-    chosen = (card for card in cards() if application in (None, card.name))
-    return {agent.name: agent for card in chosen for agent in card.fetched}
 
 
 def place(agent: FetchedAgent) -> Path:

@@ -21,10 +21,10 @@ from forked import run_script
 from stable_baselines3 import PPO
 
 from sada_gym import adversaries, agents
+from sada_gym.cards import fetchable
 from sada_gym.cli import app
 from sada_gym.envs.detection.shapes import CLASSES, benchmark_shapes
 from sada_gym.envs.wrapped.toml import read_application
-from sada_gym.fetch import fetchable
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -184,7 +184,7 @@ def _parse(words: list[str]) -> None:
             given = inner.params
     if name != "submit":  # which takes any name
         assert given.get("adversary", "random") in adversaries.names()
-    if given.get("agent") is not None:
+    if name != "init" and given.get("agent") is not None:  # which takes a file
         assert given["agent"] in {*agents.names(), *fetchable()}
     subject = given.get("subject", "")
     if subject.endswith(".py") or subject.startswith("examples/"):

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from sada_gym.agents.identity import check_agent_id, check_finite_weights, fingerprint, identity
-from sada_gym.cards import AgentCard, cards, find_card
+from sada_gym.cards import AgentCard, FetchedAgent, cards, fetchable, find_card
 from sada_gym.errors import FileError, UserError
-from sada_gym.fetch import fetchable, fetched
 from sada_gym.lazy import load as load_object
 
 _WEIGHTS = ".safetensors"
@@ -76,12 +75,17 @@ def load(agent: str | Path, application: str) -> Any:
     if source in application_card.agent_sources:
         return load_object(application_card.agent_sources[source])(name)
     if agent in (others := fetchable(application)):
-        return load_object(others[str(agent)].loader)(fetched(others[str(agent)]))
+        return load_object(others[str(agent)].loader)(_fetched(others[str(agent)]))
     if isinstance(agent, str) and not agent.endswith(_WEIGHTS):
         shipped = card(agent, application)
         verify(shipped)
         path, loader = shipped.path, shipped.loader or loader
     return load_object(loader)(path)
+
+
+def _fetched(agent: FetchedAgent) -> Path:
+    path: Path = load_object("sada_gym.fetch:fetched")(agent)  # which needs pydantic
+    return path
 
 
 def check_agent(agent: str | Path, application: str) -> None:
@@ -98,7 +102,7 @@ def check_agent(agent: str | Path, application: str) -> None:
     others = fetchable(application)
     known, path = (*names(application), *others), Path(agent)
     if agent in others:
-        fetched(others[str(agent)])
+        _fetched(others[str(agent)])
         return
     if isinstance(agent, str) and agent in known:
         return

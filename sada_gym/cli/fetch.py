@@ -23,6 +23,7 @@ def fetch(
     """Fetch a trained agent that does not come with this package; without NAME, list them."""
     with errors_as_sentences():
         from sada_gym import fetch as fetching
+        from sada_gym.cards import fetchable
         from sada_gym.errors import UserError
 
         if name is not None:
@@ -41,7 +42,7 @@ def fetch(
                 "fetched": fetching.place(agent).is_file(),
                 "file": str(fetching.place(agent)),
             }
-            for agent in fetching.fetchable().values()
+            for agent in fetchable().values()
         ]
         if as_json:
             typer.echo(json.dumps(rows, indent=2))

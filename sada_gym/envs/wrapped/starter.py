@@ -249,7 +249,7 @@ def _keywords(kind: type, factory: EnvFactory) -> dict[str, float]:
 def _steady(env: gym.Env[Any, Any], world: Any) -> dict[str, tuple[str, float]]:
     """List the numbers of an environment that an episode leaves as they are: name, path, value."""
     paths = {name: name for name in vars(world) if not name.startswith("_")}
-    model = getattr(world, "model", None)
+    model: Any = getattr(world, "model", None)
     if hasattr(model, "opt") and hasattr(model, "body_mass"):  # MuJoCo's
         paths["gravity"] = "model.opt.gravity[2]"
         heaviest = np.argsort(-np.asarray(model.body_mass), kind="stable")[:2].tolist()
@@ -277,7 +277,7 @@ def _is_physics(name: str, value: Any) -> bool:
     return bool(is_one) and not _NO_PHYSICS.search(name.lower())
 
 
-def _around(name: str, /, kind: type[ParameterBinding], value: float, **target: str) -> _Candidate:
+def _around(name: str, /, kind: Any, value: float, **target: str) -> _Candidate:
     """Propose half to twice a value; whole numbers stay whole."""
     low, high = sorted((value / 2, value * 2))
     name = re.sub(r"\W", "_", name)
@@ -336,7 +336,7 @@ def _score(
     if all("is_success" in episode.infos[-1] for episode in (*agents, *chance)):
         rate = np.mean([bool(episode.infos[-1]["is_success"]) for episode in agents])
         said = f'Score: "success". The agent succeeds in {rate:.0%} of {EPISODES} nominal episodes.'
-        return json.dumps("success"), 0.5, (said, *_doubt(1 - rate))
+        return json.dumps("success"), 0.5, (said, *_doubt(float(1 - rate)))
     ours, random = _returns(agents), _returns(chance)
     good, bad = float(np.median(ours)), float(np.median(random))
     worst, best = float(min(ours.min(), random.min())), float(max(ours.max(), random.max()))
