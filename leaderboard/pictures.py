@@ -69,25 +69,22 @@ class Pictures:
             for track in tracks:
                 digest.update(f"{track} {samples_sha256(results[track].samples)}".encode())
             chosen = {track: applications[track] for track in tracks}
-            for kind, text in (
-                ("marginals", f"Where the samples lie along each parameter. Tracks: {names}."),
-                ("fooled", f"Worlds that fool the agent. Tracks: {names}."),
+            for kind, draw, text in (
+                ("marginals", _marginals, "Where the samples lie along each parameter."),
+                ("fooled", _fooled, "Worlds that fool the agent."),
             ):
                 path = f"{FOLDER}/{digest.hexdigest()[:32]}.{kind}.png"
-                content = self._earlier(path)
-                if content is None:
-                    draw = _marginals if kind == "marginals" else _fooled
+                known = self.earlier / path
+                if known.is_file():
+                    content = read_file(known, MAX_BYTES)
+                else:
                     content = draw(chosen, samples, card)
                 if content:
                     self.files[path] = content
-                    pictures.append(Picture(path, text))
+                    pictures.append(Picture(path, f"{text} Tracks: {names}."))
         for target in opened.values():
             target.close()
         return tuple(pictures)
-
-    def _earlier(self, path: str) -> bytes | None:
-        file = self.earlier / path
-        return read_file(file, MAX_BYTES) if file.is_file() else None
 
 
 def _alike(applications: Mapping[str, Application]) -> Iterator[list[str]]:
