@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +19,7 @@ from platformdirs import user_data_path
 
 from sada_gym.cards import FetchedAgent, fetchable
 from sada_gym.errors import FileError, UserError, check_known
-from sada_gym.files import file_errors, write_file
+from sada_gym.files import file_errors, shown, write_file
 from sada_gym.lazy import load
 
 DATA_FOLDER = "SADA_GYM_DATA"
@@ -28,6 +27,8 @@ DATA_FOLDER = "SADA_GYM_DATA"
 
 MAX_MEMBER_BYTES = 256 * 2**20
 _TIMEOUT_S = 600
+_WORDS = 5
+"""A line of a client's complaint that has more words than this is a sentence, not a code."""
 
 
 def data_folder() -> Path:
@@ -118,12 +119,12 @@ def _download(agent: FetchedAgent, folder: Path) -> Path:
         "npm": [
             str(npm),
             "pack",
-            "--silent",
+            "--loglevel=error",
             "--ignore-scripts",
             f"{agent.package}@{agent.version}",
         ],
         "pip": [
-            *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"),
+            *(sys.executable, "-m", "pip", "download", "-qq", "--no-deps"),
             *("--only-binary", ":all:", f"{agent.package}=={agent.version}"),
         ],
     }
@@ -145,8 +146,9 @@ def _download(agent: FetchedAgent, folder: Path) -> Path:
             f"answer. {by_hand}"
         ) from error
     except subprocess.CalledProcessError as error:
-        lines = [line for line in error.stderr.splitlines() if line.strip()]
-        said = lines[-1].strip() if lines else f"exit code {error.returncode}"
+        lines = [line.strip() for line in error.stderr.splitlines() if line.strip()]
+        sentences = [line for line in lines if len(line.split()) > _WORDS]
+        said = shown((sentences or lines or [f"exit code {error.returncode}"])[0])
         raise UserError(
             f"Expected {agent.client} to download {agent.package} {agent.version}, got: {said}. "
             f"{by_hand}"
@@ -202,8 +204,10 @@ def _archive(source: Path, members: Mapping[str, str]) -> Iterator[tuple[str, IO
 def _damage(source: Path, mend: str) -> Iterator[None]:
     try:
         yield
-    except (tarfile.TarError, zipfile.BadZipFile, zlib.error, EOFError) as error:
-        reason, *_ = str(error).splitlines()
+    except (OSError, UserError):
+        raise
+    except Exception as error:  # readers of archives raise anything for damaged ones
+        reason = shown(next(iter(str(error).splitlines()), type(error).__name__))
         raise FileError(
             f"Expected an archive in {source}, got a damaged or another file ({reason}). {mend}"
         ) from error

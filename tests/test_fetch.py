@@ -10,6 +10,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from toy_fetch import FILES, TOY, convert, offer, pack
 from typer.testing import CliRunner
@@ -100,6 +101,26 @@ def test_other_files_are_refused_and_the_earlier_one_is_kept(toy, archive, tmp_p
     assert toy.read_bytes() == convert(FILES)
 
 
+def test_damage_anywhere_is_a_sentence(toy, archive, tmp_path):
+    zipped = tmp_path / "toy.zip"
+    with zipfile.ZipFile(zipped, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in FILES.items():
+            packed.writestr(name, content)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        damaged = bytearray(rng.choice([archive, zipped]).read_bytes())
+        for place in rng.integers(len(damaged), size=3):
+            damaged[place] = rng.integers(256)
+        (tmp_path / "damaged").write_bytes(damaged[: rng.integers(20, 2 * len(damaged))])
+        found, said = None, ""
+        try:
+            found = fetch.package_files("toy-net", tmp_path / "damaged")
+        except UserError as error:
+            said = str(error)
+        assert found == FILES or said
+        assert "\n" not in said
+
+
 def test_a_conversion_that_gives_other_bytes_writes_nothing(monkeypatch, toy, archive):
     offer(monkeypatch, replace(TOY, sha256="0" * 64))
     with pytest.raises(FileError, match=r"Expected the converted toy-net with SHA-256 000"):
@@ -167,7 +188,8 @@ def test_npm_is_asked_for_exactly_this_version(toy, bin_folder, archive):
     program(
         bin_folder,
         "import shutil, sys\n"
-        "assert sys.argv[1:] == ['pack', '--silent', '--ignore-scripts', '@toys/net@1.2.3']\n"
+        "command = ['pack', '--loglevel=error', '--ignore-scripts', '@toys/net@1.2.3']\n"
+        "assert sys.argv[1:] == command\n"
         f"shutil.copy({str(archive)!r}, 'toys-net-1.2.3.tgz')\n",
     )
     assert fetch.fetch("toy-net").read_bytes() == convert(FILES)
@@ -175,8 +197,12 @@ def test_npm_is_asked_for_exactly_this_version(toy, bin_folder, archive):
 
 @pytest.mark.skipif(os.name == "nt", reason="the program that stands for npm is a script")
 def test_what_npm_says_is_passed_on(toy, bin_folder, monkeypatch):
-    program(bin_folder, "import sys\nsys.exit('npm error\\nnpm error code E404\\n\\n')\n")
-    with pytest.raises(UserError, match=r"got: npm error code E404\. Get toys-net-1\.2\.3\.tgz"):
+    said = "npm error code E404\nnpm error 404 No such version of it.\nnpm error A log: file\n"
+    program(bin_folder, f"import sys\nsys.exit({said!r})\n")
+    with pytest.raises(UserError, match=r"got: npm error 404 No such version of it\.\. Get toys"):
+        fetch.fetch("toy-net")
+    program(bin_folder, "import sys\nsys.exit(7)\n")
+    with pytest.raises(UserError, match=r"got: exit code 7\. Get toys-net-1\.2\.3\.tgz"):
         fetch.fetch("toy-net")
     program(bin_folder, "pass")
     with pytest.raises(UserError, match=r"there is no such file"):
