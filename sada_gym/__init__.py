@@ -14,6 +14,7 @@ from sada_gym.parameters import Parameter, ParameterSpace
 from sada_gym.registration import env_ids, register_environments, tracks
 
 if TYPE_CHECKING:
+    from sada_gym.agents.remote.server import serve
     from sada_gym.envs.wrapped.application import GymnasiumApplication
 
 __version__ = "0.1.0"
@@ -30,9 +31,13 @@ __all__ = [
     "env_ids",
     "make_application",
     "register_environments",
+    "serve",
     "tracks",
 ]
 
-__getattr__ = lazy_names(__name__, {"GymnasiumApplication": "envs.wrapped.application"})
+__getattr__ = lazy_names(
+    __name__,
+    {"GymnasiumApplication": "envs.wrapped.application", "serve": "agents.remote.server"},
+)
 
 register_environments()

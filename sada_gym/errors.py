@@ -70,6 +70,10 @@ class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
 
 
+class AgentLost(WorkerError):  # noqa: N818 - reads as what happened
+    """An agent in a process of its own that died, stalled or answered nonsense."""
+
+
 def check_integer(name: str, value: object, minimum: int, maximum: int | None = None) -> None:
     """Raise `UserError` for anything but a whole number from minimum to maximum, if there is one.
 

@@ -41,6 +41,7 @@ def load_agent_file(
     *,
     allow_pickle: bool,
     has_statistics: bool,
+    environment: str = "",
 ) -> Any:
     """Load the agent in a file for an environment of these spaces.
 
@@ -50,6 +51,7 @@ def load_agent_file(
         action_space: The environment's actions.
         allow_pickle: Whether an SB3 zip may be unpickled.
         has_statistics: Whether it is known by which statistics observations are normalised.
+        environment: The environment's id: RL Zoo keeps statistics in a folder of that name.
 
     Raises:
         UserError: If it is no such file, for other spaces, or statistics lie beside a zip.
@@ -60,15 +62,15 @@ def load_agent_file(
         reader: Callable[..., Any] = load(f"sada_gym.agents.{kind}:load_{kind}")
         return reader(path, observation_space, action_space)
     if not has_statistics:
-        _check_statistics(path)
+        _check_statistics(path, environment)
     load_sb3 = load("sada_gym.agents.sb3_zip:load_sb3")
     return load_sb3(path, observation_space, action_space, allow_pickle=allow_pickle)
 
 
-def _check_statistics(path: Path) -> None:
+def _check_statistics(path: Path, environment: str) -> None:
     """Raise `UserError` if the statistics of a `VecNormalize` lie where training leaves them."""
-    beside = [*path.parent.glob("*.p*k*l*"), *path.parent.glob("*/vecnormalize.pkl")]
-    for file in sorted(beside):
+    folders = (path.parent, path.parent / path.stem, path.parent / (environment or path.stem))
+    for file in sorted(file for folder in folders for file in folder.glob("*.p*k*l*")):
         if file.suffix in (".pkl", ".pickle") and _holds_statistics(file):
             raise UserError(
                 f"Expected to know whether the agent in {path} was trained under the VecNormalize "

@@ -26,7 +26,7 @@ from sada_gym.agents.model_call import (
     is_torchs_refusal,
     mask_size,
 )
-from sada_gym.agents.tile import Batch, keyed, tiled
+from sada_gym.agents.tile import Batch, fits_batches, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
 from sada_gym.determinism import one_thread
 from sada_gym.errors import UserError
@@ -67,7 +67,7 @@ class Policy:
         deterministic: bool = True,
     ) -> None:
         observation_space, action_space = episodes.observation_space, episodes.action_space
-        if not _fits_models(observation_space):
+        if not fits_batches(observation_space):
             raise UserError(
                 f"Expected observations of {episodes.task_id} that are numbers or a flat "
                 f"dictionary of them (Box, Discrete, MultiDiscrete, MultiBinary, Dict), got "
@@ -281,12 +281,6 @@ def as_policy(given: Any, episodes: Any) -> Agent[Any, Any]:
     """
     kinds = f"an SB3 model trained on {episodes.task_id}"
     return as_agent(given, partial(Policy, episodes=episodes), kinds)
-
-
-def _fits_models(space: Any) -> bool:
-    kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
-    parts = space.values() if isinstance(space, spaces.Dict) else [space]
-    return all(isinstance(part, kinds) for part in parts)
 
 
 def _for_acting(model: Any) -> Any:

@@ -28,6 +28,13 @@ def keyed(space: spaces.Space[Any]) -> spaces.Dict:
     return space if isinstance(space, spaces.Dict) else spaces.Dict({ALONE: space})
 
 
+def fits_batches(space: Any) -> bool:
+    """Say whether observations are numbers, or a flat dictionary of them."""
+    kinds = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)
+    parts = space.values() if isinstance(space, spaces.Dict) else [space]
+    return all(isinstance(part, kinds) for part in parts)
+
+
 def as_batch(observations: Sequence[Any], space: spaces.Space[Any]) -> Batch:
     """Lay observations of a space behind one another, each key (n, ...)."""
     if isinstance(space, spaces.Dict):

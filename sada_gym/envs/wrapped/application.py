@@ -22,6 +22,8 @@ from sada_gym.agents.agent_files import find_agent_file, load_agent_file
 from sada_gym.agents.contract import Agent, Interface
 from sada_gym.agents.given import agent_of
 from sada_gym.agents.identity import check_agent_id
+from sada_gym.agents.remote.client import RemoteAgent
+from sada_gym.agents.remote.places import Address, Program, place_of
 from sada_gym.application import INFEASIBLE, INVALID_SCORE, OnError, Scored, check_declared
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
 from sada_gym.envs.checks import has_nan, is_number
@@ -65,7 +67,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         environment: An environment's id, `module:id`, or a function that makes one. A function gets
             `env_kwargs` and the parameters that are keywords, and `render_mode` where it takes it.
         agent: An SB3 model, the path of an SB3 zip, any object with `predict` for batches, a
-            function `observation -> action`, or an agent with `fingerprint`, `start` and `act`.
+            function `observation -> action`, or an agent with `fingerprint`, `start` and `act`. An
+            agent in a process of its own is an address, "tcp://127.0.0.1:7788", or a command that
+            starts it, ["python", "serve.py"].
             A function is called for one observation at a time, and must remember nothing, because
             many episodes go on at once. A class or function without arguments, or with the one
             argument `seed`, makes an agent for each episode; of an object with `reset` each episode
@@ -107,6 +111,8 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         timeout: Seconds that the environment may take for an episode. A worker process is stopped
             in a call that takes longer, so use `workers=2` or more; a single process cannot
             interrupt a call.
+        agent_timeout: How many seconds an agent in a process of its own may take to start, and to
+            answer.
 
     Raises:
         UserError: If the environment, the agent, a parameter or the score is not as described.
@@ -143,6 +149,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         valid: Callable[[Any], bool | str] | None = None,
         feasible: FeasibleLike | None = None,
         timeout: float | None = None,
+        agent_timeout: float = 300.0,
     ) -> None:
         check_integer("episodes", episodes, 1)
         check_integer("sample_size", sample_size, 1)
@@ -162,6 +169,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._episode_count, self._allow_pickle = episodes, allow_pickle
+        if not is_number(agent_timeout) or not 0.0 < agent_timeout < np.inf:
+            raise UserTypeError(
+                f"Expected agent_timeout to be a number of seconds above 0, got {agent_timeout!r}."
+            )
         if not isinstance(deterministic, bool):
             raise UserTypeError(f"Expected deterministic to be a bool, got {deterministic!r}.")
         self._deterministic = deterministic
@@ -176,7 +187,12 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         if name is not None:
             self.name = name  # type: ignore[misc]
         check_declared(self)
-        if isinstance(agent, str | Path):
+        place = place_of(agent)
+        if place is not None:
+            remote = self._reached(place, agent_timeout)
+            super().__init__(remote, agent_id)
+            self.agent_name = agent_id or remote.name
+        elif isinstance(agent, str | Path):
             file = find_agent_file(agent)
             super().__init__(self._load(file), agent_id)
             self.agent_name = agent_id or file.stem
@@ -257,6 +273,22 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             return None
         return np.array([self._feasible(values) for values in self._values(mu)], np.bool_)
 
+    @property
+    def _interface(self) -> Interface:
+        spec = self.episode_spec
+        return Interface(
+            spec.factory.name,
+            spec.observation_space,
+            spec.action_space,
+            self._wrapped_by,
+            self._has_masks,
+        )
+
+    def _reached(self, place: Address | Program, timeout_s: float) -> RemoteAgent:
+        return RemoteAgent(
+            place, self._interface, timeout_s=timeout_s, deterministic=self._deterministic
+        )
+
     def _load(self, path: Path) -> Any:
         spec = self.episode_spec
         return load_agent_file(
@@ -265,20 +297,13 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             spec.action_space,
             allow_pickle=self._allow_pickle,
             has_statistics=self._vec_normalize is not None,
+            environment=spec.factory.name,
         )
 
     def _as_agent(self, given: Any) -> Agent[GymnasiumEpisodes, npt.NDArray[Any]]:
-        spec = self.episode_spec
-        interface = Interface(
-            spec.factory.name,
-            spec.observation_space,
-            spec.action_space,
-            self._wrapped_by,
-            self._has_masks,
-        )
         return agent_of(
             given,
-            interface,
+            self._interface,
             self.agent_name,
             normalisation=self._vec_normalize,
             deterministic=self._deterministic,
@@ -293,6 +318,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         """Take the model from its policy."""
         self.__dict__.update(state)
         self.agent = getattr(self.policy, "model", None) if self.agent is None else self.agent
+
+    def close(self) -> None:
+        """End an agent's process, if it has one of its own."""
+        if isinstance(self.policy, RemoteAgent):
+            self.policy.close()
 
     @property
     def settings(self) -> dict[str, Any]:

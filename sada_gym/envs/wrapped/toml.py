@@ -17,6 +17,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sada_gym.agents.agent_files import SUFFIXES
+from sada_gym.agents.remote.places import place_of
 from sada_gym.envs.wrapped import bindings, disturbances
 from sada_gym.envs.wrapped.application import GymnasiumApplication
 from sada_gym.errors import UserError, UserTypeError, check_known
@@ -51,6 +52,7 @@ _WORDS: Mapping[type, str] = {
 _TOML_TYPES = {**{kind: kind for kind in _WORDS}, Path: str, tuple: list, Mapping: dict}
 _WORDS_OF_KEYS = {
     "score": '["return", low, high], ["length", maximum] or "success"',
+    "agent": "a text in quotes, or a command as an array of texts",
     "vec_normalize": "the path of a file in quotes, or false",
     "paths": 'a path in quotes or an array of them, such as ["a", "b[1]"]',
 }
@@ -97,7 +99,7 @@ def application_keys() -> tuple[dict[str, list[type]], list[str]]:
     constructor: Any = GymnasiumApplication.__init__
     hints = {
         **get_type_hints(constructor, localns=_NAMES),
-        "agent": str,
+        "agent": str | list[str],
         "valid": str,
         "feasible": str | list[str],
     }
@@ -163,7 +165,10 @@ def _check_types(
             )
 
 
-def _agent(text: str, path: Path) -> Any:
+def _agent(text: str | list[Any], path: Path) -> Any:
+    place = place_of(text, path.parent)
+    if place is not None or isinstance(text, list):
+        return place
     file = path.parent / os.path.expanduser(text)
     if file.suffix.lower() in SUFFIXES or ":" not in text:
         return file

@@ -47,14 +47,22 @@ def test_the_home_folder_and_a_missing_ending_are_understood(model, tmp_path, mo
         cart_pole(agent="other")
 
 
-@pytest.mark.parametrize(
-    "place", ["vecnormalize.pkl", "model_vecnormalize_64_steps.pkl", "Run-v1/vecnormalize.pkl"]
+PLACES = (
+    "vecnormalize.pkl",
+    "model_vecnormalize_64_steps.pkl",
+    "agent/vecnormalize.pkl",
+    "Pendulum-v1/vecnormalize.pkl",
 )
+
+
+@pytest.mark.parametrize("place", PLACES)
 def test_statistics_beside_a_zip_are_not_overlooked(place, tmp_path):
     vec = VecNormalize(make_vec_env("Pendulum-v1", 1, seed=0))
     agent = tmp_path / "agent.zip"
     PPO("MlpPolicy", vec, seed=0, device="cpu").save(agent)
     (tmp_path / "model_replay_buffer_64_steps.pkl").write_bytes(pickle.dumps([1]))
+    (tmp_path / "another run").mkdir()
+    vec.save(str(tmp_path / "another run" / "vecnormalize.pkl"))
     assert pendulum(agent=agent)
     file = tmp_path / place
     file.parent.mkdir(exist_ok=True)

@@ -1,0 +1,1 @@
+"""Agents in a process of their own, which may have another Python and other packages."""

@@ -1,0 +1,242 @@
+"""An agent in a process of its own, asked over a socket."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any, NoReturn
+
+import numpy as np
+
+from sada_gym.agents.contract import Indices, Interface
+from sada_gym.agents.remote.messages import (
+    OBSERVATION,
+    PROTOCOL,
+    Array,
+    Message,
+    Nonsense,
+    space_to_json,
+)
+from sada_gym.agents.remote.places import Address, Link, Program, Unreachable, printed
+from sada_gym.agents.tile import ALONE, Batch, fits_batches, keyed
+from sada_gym.errors import AgentLost, UserError
+
+USUAL_ROWS = 16
+"""The observations in a message to a server that does not say how many it takes."""
+
+
+class RemoteAgent:
+    """Sends the observations of episodes to an agent's process, and gets their actions.
+
+    A server that says `rows` always gets so many observations in a message; missing ones are copies
+    of the first, with the episode -1. One that says 0 gets any number.
+
+    Args:
+        place: Where the process is. Each of our processes has a connection of its own, or starts
+            the program itself.
+        interface: What the agent sees and does.
+        timeout_s: How long to wait for the program's start, and for an answer.
+        deterministic: Whether it takes its best action; otherwise it gets seeds to draw by.
+
+    Raises:
+        UserError: If nobody is there, or the server refuses, or observations cannot be sent.
+    """
+
+    def __init__(
+        self,
+        place: Address | Program,
+        interface: Interface,
+        *,
+        timeout_s: float,
+        deterministic: bool = True,
+    ) -> None:
+        if not fits_batches(interface.observation_space):
+            raise UserError(
+                f"Expected observations of {interface.task_id} that are numbers or a flat "
+                f"dictionary of them, to send them to {place}, got {interface.observation_space}. "
+                "Flatten them by a wrapper."
+            )
+        self.place, self._interface = place, interface
+        self._timeout_s, self._deterministic = timeout_s, deterministic
+        self._link: Link | None = None
+        self._count, self._first = 0, False
+        try:
+            self._hello = self._connect()
+        except AgentLost as error:
+            raise UserError(str(error)) from error
+        self._rows = int(self._hello["rows"])
+        if self._rows > 1 and not self._same_in_every_place():
+            self._rows = 1
+
+    @property
+    def name(self) -> str:
+        """What the server calls the agent, else what its place is called."""
+        return self._hello["name"] or self.place.name
+
+    @property
+    def fingerprint(self) -> str | None:
+        """SHA-256 over what the server says of the agent's identity, None where it says nothing."""
+        told = {key: self._hello[key] for key in ("name", "fingerprint") if self._hello[key]}
+        if not told:
+            return None
+        return hashlib.sha256(json.dumps({"remote": told}, sort_keys=True).encode()).hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the connection: another process opens its own."""
+        return {**self.__dict__, "_link": None}
+
+    def start(self, count: int) -> None:
+        """Begin `count` new episodes."""
+        self._count, self._first = count, True
+
+    def act(self, episodes: Any, which: Indices) -> Array:
+        """Return the actions in some episodes, (n, ...).
+
+        It raises `AgentLost` if the process died, stalled or answered nonsense, and `UserError` if
+        the agent itself raised an error.
+        """
+        arrays = {
+            f"{OBSERVATION}.{key}" if key != ALONE else OBSERVATION: value
+            for key, value in episodes.observe(which).items()
+        }
+        if self._hello["action_masks"]:
+            arrays["action_masks"] = episodes.action_masks(which)
+        if not self._deterministic:
+            arrays["seeds"] = episodes.agent_seeds(which)
+        if self._first:
+            starts = [episodes.agent_seed(i) for i in which.tolist()]
+            arrays["episode_seeds"] = np.array(starts, np.uint32)
+        return self._asked(arrays, which)
+
+    def close(self) -> None:
+        """Close the connection, and end the program; the next question opens them again."""
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
+
+    def _asked(self, arrays: Batch, which: Indices) -> Array:
+        rows, answers = self._rows or len(which), []
+        for first in range(0, len(which), rows):
+            chosen = slice(first, first + rows)
+            real = len(which[chosen])
+            part = {key: _filled(value[chosen], rows) for key, value in arrays.items()}
+            episodes = which[chosen].tolist() + [-1] * (rows - real)
+            header = {
+                "type": "act",
+                "start": self._first,
+                "count": self._count,
+                "episodes": episodes,
+            }
+            answers.append(self._actions(self._exchange(header, part), rows)[:real])
+            self._first = False
+        return np.concatenate(answers) if len(answers) > 1 else answers[0]
+
+    def _actions(self, message: Message, rows: int) -> Array:
+        shape = (rows, *(self._interface.action_space.shape or ()))
+        actions = message[1].get("actions")
+        if actions is None or actions.shape != shape:
+            got = "none" if actions is None else f"shape {actions.shape}"
+            self._lose(f"the array actions: shape {shape} was expected, {got} came")
+        return actions
+
+    def _exchange(self, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> Message:
+        """Send a message and return the answer to it."""
+        try:
+            if self._link is None:
+                if not self._first:
+                    self._lose("a new connection in the middle of an episode")
+                if self._connect() != self._hello:
+                    self._lose(f"another agent than at first, which was {self.name}")
+            assert self._link is not None
+            self._link.channel.send(header, arrays)
+            answer = self._link.channel.receive()
+        except TimeoutError:
+            self._lose(f"no answer within {self._timeout_s:g} s")
+        except (OSError, Nonsense) as error:
+            self._lose(f"{error}")
+        except BaseException:
+            self.close()  # the answer may still come, and would be taken for the next one
+            raise
+        if answer is None:
+            self._lose("the end of the connection: the process died, or closed it")
+        if answer[0].get("type") == "error":
+            self.close()
+            raise UserError(
+                f"Expected actions from {self.place}, got an error: {answer[0].get('message')}"
+            )
+        return answer
+
+    def _connect(self) -> dict[str, Any]:
+        """Open a connection, say hello, and return what the server says of its agent."""
+        try:
+            self._link = self.place.open(self._timeout_s)
+        except Unreachable as error:
+            raise AgentLost(f"Expected an agent in {self.place}, but {error}.") from error
+        interface = self._interface
+        hello = {
+            "type": "hello",
+            "protocol": PROTOCOL,
+            "environment": interface.task_id,
+            "observation_space": space_to_json(interface.observation_space),
+            "action_space": space_to_json(interface.action_space),
+            "wrapped_by": [kind.__name__ for kind in interface.wrapped_by],
+            "action_masks": interface.has_masks,
+            "deterministic": self._deterministic,
+        }
+        told, _ = self._exchange(hello, {})
+        if told.get("type") != "hello" or told.get("protocol") != PROTOCOL:
+            self._lose(f"the answer {str(told)[:100]} to a hello of protocol {PROTOCOL}")
+        rows = told.get("rows", USUAL_ROWS)
+        names = [told.get(key) for key in ("name", "fingerprint")]
+        if type(rows) is not int or not 0 <= rows <= 2**16:
+            self._lose(f"rows={rows!r}, where a whole number was expected")
+        if not all(name is None or isinstance(name, str) for name in names):
+            self._lose(f"name and fingerprint {names!r}, where texts were expected")
+        return {
+            "name": names[0],
+            "fingerprint": names[1],
+            "rows": rows,
+            "action_masks": told.get("action_masks") is True,
+        }
+
+    def _lose(self, got: str) -> NoReturn:
+        """Close the connection, and raise `AgentLost`."""
+        link, self._link = self._link, None
+        last = "" if link is None else printed(link.close())
+        raise AgentLost(
+            f"Expected answers from the agent in {self.place}, got {got}{last}. Mend or restart "
+            "it; a run with --resume then goes on."
+        )
+
+    def _same_in_every_place(self) -> bool:
+        """Whether each of a message's observations keeps its action when they are reversed."""
+        parts = deepcopy(keyed(self._interface.observation_space))
+        parts.seed(0)
+        drawn = [parts.sample() for _ in range(self._rows)]
+        tile = {
+            f"{OBSERVATION}.{key}" if key != ALONE else OBSERVATION: np.stack(
+                [one[key] for one in drawn]
+            )
+            for key in parts
+        }
+        if self._hello["action_masks"]:
+            from sada_gym.agents.model_call import mask_size
+
+            size = mask_size(self._interface.action_space)
+            tile["action_masks"] = np.ones((self._rows, size), np.bool_)
+        tile["seeds"] = tile["episode_seeds"] = np.zeros(self._rows, np.uint32)
+        which = np.arange(self._rows)
+        answers = []
+        for step in (1, -1):
+            self.start(self._rows)
+            turned = {key: value[::step] for key, value in tile.items()}
+            answers.append(self._asked(turned, which)[::step])
+        return np.array_equal(answers[0], answers[1], equal_nan=True)
+
+
+def _filled(value: Array, rows: int) -> Array:
+    if len(value) == rows:
+        return value
+    return np.concatenate([value, np.repeat(value[:1], rows - len(value), axis=0)])

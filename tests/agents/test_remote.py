@@ -1,0 +1,413 @@
+"""Agents in a process of their own: served by us, by thirty lines, and by servers that fail."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import venv
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from wrapped_toys import Reach, approach, balance, cart_pole, pendulum, reach, worlds
+
+import sada_gym
+from sada_gym.agents.remote.messages import Channel, Nonsense, space_from_json, space_to_json
+from sada_gym.agents.remote.places import place_of
+from sada_gym.attack import attack
+from sada_gym.envs.wrapped.toml import read_application
+from sada_gym.errors import AgentLost, UserError
+from sada_gym.testing.purity import assert_pure
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "agent-process.md"
+SUPPORT = ROOT / "tests" / "support"
+
+
+def thirty_lines():
+    page = PAGE.read_text(encoding="utf-8")
+    (program,) = [
+        block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "def receive" in block
+    ]
+    return program
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return taken.getsockname()[1]
+
+
+def scores(application):
+    return application.evaluate(*worlds(application)).score
+
+
+@contextmanager
+def served(agent, **options):
+    """Serve an agent from a thread, and give its address."""
+    port = free_port()
+    threading.Thread(
+        target=sada_gym.serve, args=(agent,), kwargs={"port": port, **options}, daemon=True
+    ).start()
+    for _ in range(100):
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.05)
+    yield f"tcp://127.0.0.1:{port}"
+
+
+@pytest.fixture
+def bare_python(tmp_path):
+    """A Python that has NumPy, and nothing else that is installed here."""
+    venv.create(tmp_path / "bare", with_pip=False)
+    packages = next((tmp_path / "bare").rglob("site-packages"))
+    home = Path(np.__file__).parents[1]
+    for name in ("numpy", "numpy.libs"):
+        if (home / name).exists():
+            (packages / name).symlink_to(home / name)
+    return str(next((tmp_path / "bare").glob("[bS]*/python*")))
+
+
+def test_thirty_lines_serve_from_a_python_without_this_package(bare_python, tmp_path, monkeypatch):
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    code = [bare_python, "-c", "import sada_gym"]
+    assert subprocess.run(code, cwd=tmp_path, capture_output=True, check=False).returncode
+    program = tmp_path / "my serve.py"
+    program.write_text(thirty_lines())
+    assert len(thirty_lines().splitlines()) <= 31
+    monkeypatch.chdir(tmp_path)
+    application = cart_pole(agent=[bare_python, "my serve.py"], agent_id=None)
+    with closing(application):
+        assert (scores(application) == scores(cart_pole())).all()
+        assert application.agent_name == "balancer-1"
+        assert application.fingerprint
+        assert_pure(application, n=3, sizes=(1, 2), other_process=False)
+
+
+class Counts:
+    """Balances, but every third time it does the other thing."""
+
+    def __init__(self):
+        self.times = 0
+
+    def __call__(self, seen):
+        self.times += 1
+        return balance(seen) if self.times % 3 else 1 - balance(seen)
+
+
+class Masked(Reach):
+    def action_masks(self):
+        return np.array([self.position[0] > 0.0, self.position[0] <= 0.0])
+
+
+class FirstValid:
+    def predict(self, observation, deterministic, action_masks=None):
+        return action_masks.argmax(axis=1), None
+
+
+def draws(seen):
+    return int(np.random.random() > 0.5)  # noqa: NPY002
+
+
+@pytest.mark.parametrize(
+    ("make", "agent", "more"),
+    [
+        (cart_pole, balance, {}),
+        (cart_pole, Counts, {}),
+        (reach, approach, {}),
+        (lambda **more: reach(Masked, **more), FirstValid(), {}),
+        (cart_pole, draws, {"deterministic": False}),
+        (pendulum, PPO("MlpPolicy", "Pendulum-v1", seed=0, device="cpu"), {}),
+    ],
+    ids=["a function", "a class", "a dictionary", "masks", "draws", "SB3"],
+)
+def test_a_served_agent_scores_as_it_does_in_this_process(make, agent, more):
+    with served(agent, name="one") as address, closing(make(agent=address, **more)) as application:
+        assert (scores(application) == scores(make(agent=agent, **more))).all()
+        assert_pure(application, n=3, sizes=(1, 2), other_process=False)
+
+
+def test_the_name_that_a_server_tells_identifies_the_agent(tmp_path):
+    model = PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu")
+    model.save(tmp_path / "agent.zip")
+    with served(tmp_path / "agent.zip") as weights, served(balance) as nameless:
+        by_weights = cart_pole(agent=weights, agent_id=None)
+        assert by_weights.fingerprint
+        assert by_weights.agent_name == weights.removeprefix("tcp://")
+        unknown = cart_pole(agent=nameless, agent_id=None)
+        with pytest.raises(ValueError, match="Pass agent_id='a name you change with the agent'"):
+            attack(unknown, "random", budget=4, samples=4, out=tmp_path / "run")
+        assert cart_pole(agent=nameless, agent_id="mine").agent_name == "mine"
+
+
+def test_a_server_answers_several_connections_and_outlives_nonsense():
+    with served(Counts, name="counts") as address:
+        first, second = (cart_pole(agent=address) for _ in range(2))
+        host, port = address.removeprefix("tcp://").split(":")
+        with socket.create_connection((host, int(port))) as odd:
+            odd.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            assert odd.recv(100) == b""
+        assert (scores(first) == scores(second)).all()
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_attack_with_workers_has_the_same_bits(workers, tmp_path):
+    file = tmp_path / "serve.py"
+    file.write_text(thirty_lines())
+    with served(balance, name="balancer-1") as address:
+        for i, agent in enumerate((["python", str(file)], address)):
+            application = cart_pole(agent=agent, agent_id="one")
+            out = tmp_path / f"run{i}"
+            attack(application, "random", budget=8, samples=4, seed=0, workers=workers, out=out)
+            application.close()
+    plain = cart_pole(agent_id="one")
+    attack(plain, "random", budget=8, samples=4, seed=0, out=tmp_path / "plain")
+    found = [np.load(tmp_path / name / "samples.npz") for name in ("plain", "run0", "run1")]
+    assert all((found[0]["score"] == other["score"]).all() for other in found)
+
+
+BREAKING = """
+import pathlib, sys, time
+asked = 0
+{program}
+"""
+
+
+def breaking(tmp_path, how, after):
+    """Write a server that breaks at its `after`-th answer until the file `mended` is there."""
+    program = thirty_lines().replace(
+        '        send({"type": "actions"}',
+        f"""        asked += 1
+        if asked > {after} and not pathlib.Path({str(tmp_path / "mended")!r}).exists():
+            {how}
+        send({{"type": "actions"}}""",
+    )
+    file = tmp_path / "serve.py"
+    file.write_text(BREAKING.format(program=program))
+    return ["python", str(file)]
+
+
+FAULTS = {
+    "dies": ("print('out of memory'); sys.exit(3)", "the process died.*out of memory"),
+    "is killed": ("import os; os.kill(os.getpid(), 9)", "the process died|reset"),
+    "stalls": ("time.sleep(60)", "no answer within 1 s"),
+    "answers half": ("connection.sendall(b'\\0\\0\\0\\x10{'); sys.exit()", "half a message"),
+    "answers HTTP": ("connection.sendall(b'HTTP/1.1 400')", "a header of 1,213,486,160 bytes"),
+    "answers no JSON": ("connection.sendall(b'\\0\\0\\0\\2{x')", "a header that is no JSON"),
+    "answers no object": ("connection.sendall(b'\\0\\0\\0\\2[]')", "a header that is no object"),
+    "answers another shape": (
+        "send({'type': 'actions'}, actions=np.zeros((2, 7)))",
+        r"shape \(16,\) was expected, shape \(2, 7\) came",
+    ),
+    "answers without actions": ("send({'type': 'actions'})", "was expected, none came"),
+    "answers objects": (
+        'text = b\'{"arrays": [{"name": "actions", "dtype": "|O8", "shape": [16]}]}\'; '
+        "connection.sendall(len(text).to_bytes(4, 'big') + text)",
+        r"an array described by .*\|O8",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_server_that_fails_gets_a_sentence(fault, tmp_path):
+    how, message = FAULTS[fault]
+    command = breaking(tmp_path, how, after=2)
+    with (
+        closing(cart_pole(agent=command, agent_timeout=1.0)) as application,
+        pytest.raises(AgentLost, match=message) as caught,
+    ):
+        application.evaluate([[0.0, 0.0]], [0])
+    assert "--resume then goes on" in str(caught.value)
+
+
+def test_a_run_resumes_where_a_server_died_to_the_same_bits(tmp_path):
+    run = {"budget": 8, "samples": 4, "seed": 0, "resume": True}
+    command = breaking(tmp_path, "sys.exit(3)", after=500)
+    application = cart_pole(agent=command, agent_id=None)
+    with closing(application), pytest.raises(AgentLost):
+        attack(application, "random", out=tmp_path / "run", **run)
+    (tmp_path / "mended").touch()
+    with closing(application):
+        attack(application, "random", out=tmp_path / "run", **run)
+        attack(application, "random", out=tmp_path / "whole", **run)
+    files = [np.load(tmp_path / name / "samples.npz") for name in ("run", "whole")]
+    assert (files[0]["score"] == files[1]["score"]).all()
+
+
+def test_an_error_of_the_agent_itself_is_told():
+    def fails(seen):
+        raise ZeroDivisionError("no way")
+
+    with (
+        served(fails) as address,
+        pytest.raises(UserError, match=r"got an error: Expected an action .*ZeroDivisionError"),
+    ):
+        cart_pole(agent=address).evaluate([[0.0, 0.0]], [0])
+
+
+def test_another_agent_at_the_same_address_is_noticed():
+    port = free_port()
+    listening = socket.create_server(("127.0.0.1", port))
+
+    def answer(*names):
+        for name in names:
+            channel = Channel(listening.accept()[0])
+            channel.receive()
+            hello = {"type": "hello", "protocol": 1, "name": name, "rows": 0}
+            channel.send(hello, {})
+
+    threading.Thread(target=answer, args=("first", "second"), daemon=True).start()
+    application = cart_pole(agent=f"tcp://127.0.0.1:{port}")
+    application.close()
+    with listening, pytest.raises(AgentLost, match="another agent than at first, which was first"):
+        application.evaluate([[0.0, 0.0]], [0])
+
+
+@pytest.mark.parametrize(
+    ("hello", "message"),
+    [
+        ({"type": "error", "message": "not today"}, "got an error: not today"),
+        ({"type": "hello", "protocol": 2}, "to a hello of protocol 1"),
+        ({"type": "hello", "protocol": 1, "rows": -1}, "rows=-1, where a whole number"),
+        ({"type": "hello", "protocol": 1, "name": 3}, "where texts were expected"),
+    ],
+)
+def test_a_hello_that_is_none_gets_a_sentence(hello, message):
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def answer():
+            channel = Channel(listening.accept()[0])
+            channel.receive()
+            channel.send(hello, {})
+
+        threading.Thread(target=answer, daemon=True).start()
+        with pytest.raises(UserError, match=message):
+            cart_pole(agent=f"tcp://127.0.0.1:{listening.getsockname()[1]}")
+
+
+@pytest.mark.parametrize(
+    ("agent", "message"),
+    [
+        ("tcp://127.0.0.1", "an address such as 'tcp://127.0.0.1:7788'"),
+        ("tcp://127.0.0.1:99999", "an address such as"),
+        (["no-such-program", "x"], "there is no program 'no-such-program' on the path"),
+        ([], "a list of texts such as"),
+        (["python", 3], "a list of texts such as"),
+        (["python", "-c", "print('I go'); exit(4)"], "ended with status 4 .*at last: I go"),
+        (["python", "-c", "import time; time.sleep(9)"], "did not connect to SADA_GYM_CONNECT wi"),
+    ],
+)
+def test_what_names_no_agent_gets_a_sentence(agent, message):
+    with pytest.raises(UserError, match=message):
+        cart_pole(agent=agent, agent_timeout=1.0)
+
+
+def test_nobody_at_an_address_gets_a_sentence():
+    with pytest.raises(UserError, match=r"nobody is there .*Start the agent's server"):
+        cart_pole(agent=f"tcp://127.0.0.1:{free_port()}")
+    with pytest.raises(UserError, match="agent_timeout to be a number of seconds above 0, got 0"):
+        cart_pole(agent_timeout=0)
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="it kills processes as POSIX does")
+def test_the_program_ends_with_its_parent_even_where_both_hang(tmp_path):
+    started = tmp_path / "pids"
+    (tmp_path / "serve.py").write_text(
+        "import os, subprocess, sys, time\n"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(99)'])\n"
+        f"open({str(started)!r}, 'w').write(f'{{os.getpid()}} {{child.pid}}')\n"
+        "time.sleep(99)\n"
+    )
+    parent = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import wrapped_toys\n"
+            f"wrapped_toys.cart_pole(agent=['python', {str(tmp_path / 'serve.py')!r}])",
+        ],
+        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{SUPPORT}"},
+    )
+    until = time.monotonic() + 60.0
+    while not (started.exists() and started.read_text().count(" ") == 1):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    pids = [int(pid) for pid in started.read_text().split()]
+    assert all(alive(pid) for pid in pids)
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait()
+    while any(alive(pid) for pid in pids):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def alive(pid):
+    """Whether a process runs, and is no zombie that nobody has waited for."""
+    try:
+        os.kill(pid, 0)
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
+def test_a_toml_file_names_a_command_or_an_address(tmp_path, monkeypatch):
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    (folder / "serve.py").write_text(thirty_lines())
+    text = """environment = "CartPole-v1"
+agent = {agent}
+agent_timeout = 60
+score = ["length", 500]
+fooling_threshold = 0.5
+[parameters]
+gravity = [5.0, 20.0]
+"""
+    (folder / "pole.toml").write_text(text.format(agent='["python", "serve.py"]'))
+    monkeypatch.chdir(tmp_path)
+    with closing(read_application(folder / "pole.toml")) as application:
+        assert application.agent_name == "balancer-1"
+        assert application.evaluate([[0.0]], [0]).score.shape == (1,)
+    with served(balance, name="there") as address:
+        (folder / "pole.toml").write_text(text.format(agent=json.dumps(address)))
+        assert read_application(folder / "pole.toml").agent_name == "there"
+    for agent, message in (("[]", "a list of texts"), ("3", "a command as an array of texts")):
+        (folder / "pole.toml").write_text(text.format(agent=agent))
+        with pytest.raises(UserError, match=message):
+            read_application(folder / "pole.toml")
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Box(-1.0, 1.0, (2, 3), np.float32),
+        spaces.Box(np.float32([-np.inf, 0.1]), np.float32([0.3, np.inf])),
+        spaces.Box(0, 255, (4, 4, 3), np.uint8),
+        spaces.Box(-1.0, 1.0, (), np.float64),
+        spaces.Discrete(3, start=-1),
+        spaces.MultiDiscrete([2, 3]),
+        spaces.MultiBinary((2, 2)),
+        spaces.Dict({"a b": spaces.Discrete(2), "(alone)": spaces.Box(0.0, 1.0, (1,))}),
+    ],
+)
+def test_spaces_survive_the_way(space):
+    assert space_from_json(json.loads(json.dumps(space_to_json(space)))) == space
+
+
+@pytest.mark.parametrize("entry", [None, {}, {"kind": "Text"}, {"kind": "Box", "shape": [2]}, []])
+def test_what_describes_no_space_is_refused(entry):
+    with pytest.raises(Nonsense):
+        space_from_json(entry)
+
+
+def test_a_program_of_python_is_the_one_that_runs_here():
+    assert place_of(["python", "x.py"])._executable == sys.executable
+    assert place_of("agent.zip") is None
