@@ -216,6 +216,9 @@ def test_statistics_are_relative_to_the_file_and_need_trust(pole, tmp_path):
     pole.write_text("allow_pickle = true\n" + with_statistics)
     trusted = read_application(pole)
     pole.write_text(POLE)
+    with pytest.raises(UserError, match=r"VecNormalize in .*statistics.pkl: without its statist"):
+        read_application(pole)
+    pole.write_text("vec_normalize = false\n" + POLE)
     assert trusted.fingerprint != read_application(pole).fingerprint
 
 
