@@ -48,6 +48,8 @@ class Point:
     """
 
     row: Row
+    coverage: Figure
+    afr: Figure
     front: bool
     x: float
     y: float
@@ -63,11 +65,8 @@ class Point:
     @property
     def title(self) -> str:
         """Its figures in words."""
-        coverage, afr = _shares(self.row)
-        return (
-            f"{self.row.label}: AFR {100 * afr.value:.1f} %, coverage {100 * coverage.value:.1f} % "
-            "of ideal"
-        )
+        afr, coverage = f"{100 * self.afr.value:.1f} %", f"{100 * self.coverage.value:.1f} %"
+        return f"{self.row.label}: AFR {afr}, coverage {coverage} of ideal"
 
 
 @dataclass(frozen=True)
@@ -147,37 +146,32 @@ class Chart:
 
 def make_chart(rows: Sequence[Row], title: str) -> Chart | None:
     """Lay out the adversaries that have both figures; None where fewer than two have."""
-    rows = [row for row in rows if row.afr and row.relative_coverage]
-    if len(rows) < 2:
+    shown = [
+        (row, row.relative_coverage, row.afr) for row in rows if row.afr and row.relative_coverage
+    ]
+    if len(shown) < 2:
         return None
-    shares = [_shares(row) for row in rows]
-    end = max(1.0, *(_ends(coverage)[1] for coverage, _ in shares))
-    lowest = min(_ends(afr)[0] for _, afr in shares)
+    end = max(1.0, *(_ends(coverage)[1] for _, coverage, _ in shown))
+    lowest = min(_ends(afr)[0] for _, _, afr in shown)
     floor = max(0.0, math.floor(10 * lowest - 0.5) / 10)
-    places = [(_across(coverage.value, end), _up(afr.value, floor)) for coverage, afr in shares]
-    sizes = np.array([(_LETTER * len(row.label), _LINE) for row in rows])
+    places = [(_across(coverage.value, end), _up(afr.value, floor)) for _, coverage, afr in shown]
+    sizes = np.array([(_LETTER * len(row.label), _LINE) for row, _, _ in shown])
     labels = place_labels(np.array(places), sizes, (_LEFT, _TOP, _RIGHT, _BOTTOM))
     front = front_of(rows)
-    points = [
-        Point(
-            row,
-            front.get(row.entry, False),
-            x,
-            y,
-            tuple(_bars(row, x, y, end, floor)),
-            round(float(label_x), 1),
-            round(float(label_y), 1),
-        )
-        for row, (x, y), (label_x, label_y) in zip(rows, places, labels, strict=True)
-    ]
+    points = []
+    for (row, coverage, afr), (x, y), label in zip(shown, places, labels.tolist(), strict=True):
+        bars = []
+        if coverage.interval_95:
+            low, high = coverage.interval_95
+            bars.append((_across(max(low, 0.0), end), y, _across(high, end), y))
+        if afr.interval_95:
+            low, high = afr.interval_95
+            bars.append((x, _up(max(low, 0.0), floor), x, _up(min(high, 1.0), floor)))
+        label_x, label_y = (round(middle, 1) for middle in label)
+        is_on_front = front.get(row.entry, False)
+        points.append(Point(row, coverage, afr, is_on_front, x, y, tuple(bars), label_x, label_y))
     on_front = sorted((point for point in points if point.front), key=lambda point: point.x)
     return Chart(title, tuple(points), tuple(on_front), end, floor)
-
-
-def _shares(row: Row) -> tuple[Figure, Figure]:
-    assert row.relative_coverage is not None
-    assert row.afr is not None
-    return row.relative_coverage, row.afr
 
 
 def _ends(figure: Figure) -> tuple[float, float]:
@@ -191,18 +185,6 @@ def _across(coverage: float, end: float) -> float:
 def _up(rate: float, floor: float) -> float:
     share = (float(rate) - floor) / (1.0 - floor)
     return round(_BOTTOM - (_BOTTOM - _TOP) * share / 1.06, 1)
-
-
-def _bars(
-    row: Row, x: float, y: float, end: float, floor: float
-) -> Iterator[tuple[float, float, float, float]]:
-    coverage, afr = _shares(row)
-    if coverage.interval_95:
-        low, high = coverage.interval_95
-        yield _across(max(low, 0.0), end), y, _across(high, end), y
-    if afr.interval_95:
-        low, high = afr.interval_95
-        yield x, _up(max(low, 0.0), floor), x, _up(min(high, 1.0), floor)
 
 
 def _drawn(point: Point, root: str | None) -> Iterator[str]:
