@@ -32,6 +32,10 @@ _CHECKS: Mapping[str, Callable[[Application], str]] = {
 }
 
 
+_PARAGRAPH = 120
+"""Shorter sentences are told at each check that finds them."""
+
+
 @dataclass(frozen=True)
 class Check:
     """One check and its finding: of a failed one, what was expected and what came."""
@@ -92,7 +96,8 @@ def _told_once(checks: Sequence[Check]) -> Iterator[Check]:
 
 
 def _gist(check: Check) -> str:
-    return check.sentence.partition(", but")[0]  # behind it stand values, which chance changes
+    gist = check.sentence.partition(", but")[0]  # behind it stand values, which chance changes
+    return gist if len(check.sentence) > _PARAGRAPH else check.name
 
 
 def check_environment(env_id: str, **env_kwargs: Any) -> list[CheckReport]:
