@@ -17,6 +17,7 @@ from sphinx.util.docutils import SphinxDirective
 
 import sada_gym
 from sada_gym.cards import find_card
+from sada_gym.lazy import load as load_object
 
 # pages show docstrings of `studies`, which is not installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -91,12 +92,18 @@ class Environment(SphinxDirective):
         if card is None or "q" not in self.options:
             raise self.error("Expected the name of an application, and what its Q is as `:q:`.")
         ids = [card.id, *card.track_ids]
-        applications = [sada_gym.make_application(env_id) for env_id in ids]
+        # without its parts an application tells what its class declares
+        applications = (
+            [load_object(card.application)]
+            if card.missing
+            else [sada_gym.make_application(env_id) for env_id in ids]
+        )
         spaces = [application.parameters for application in applications]
         sizes = sorted({len(space) for space in spaces})
         d, seen = ("d", "d + 2") if len(sizes) > 1 else (sizes[0], sizes[0] + 2)
         various = f" with d = {', '.join(map(str, sizes))}" if len(sizes) > 1 else ""
-        agents = [f"`{agent.name}`: {agent.summary}" for agent in card.agents] or ["none"]
+        named = card.agents or card.fetched
+        agents = [f"`{agent.name}`: {agent.summary}" for agent in named] or ["none"]
         rows = {
             "id": _few(ids, 5),
             "action": f"`Box(-1, 1, ({d},), float32)`{various}: {_few(spaces[0].names, 16)}",
@@ -108,7 +115,7 @@ class Environment(SphinxDirective):
         }
         if card.tasks:
             rows["training"] = f"on `{'`, `'.join(card.tasks)}`"
-        for application in applications:
+        for application in () if card.missing else applications:
             application.close()
         first, *others = (f"| {name} | {text} |" for name, text in rows.items())
         table = "\n".join([first, "| --- | --- |", *others])

@@ -139,6 +139,6 @@ def make_board(
         chosen = [entry.keeping(is_current) for entry in entries]
         results = {tier: results_of(chosen, tier=tier) for tier in TIERS}
         with_results = tuple(entry for entry in chosen if entry.results)
-        if with_results or late or card.suite:
+        if with_results or late or (card.suite and card.suite.overview):
             boards.append(GroupBoard(card, with_results, results, late))
     return Board(tuple(entries), tuple(boards), tuple(elsewhere))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sada_gym import agents
 from sada_gym.benchmark.results import Comparison, Results
 from sada_gym.cards import ApplicationCard
 from sada_gym.experiment.record import place_of, slug
@@ -120,7 +121,7 @@ def paper_sheet(card: ApplicationCard) -> Sheet | None:
 
 
 def _default_agent(card: ApplicationCard) -> str:
-    return next((agent.name for agent in card.agents), "")
+    return next(iter(agents.names(card.name)), "")
 
 
 def _by_track(
@@ -256,7 +257,7 @@ def strongest_sheet(groups: Iterable[tuple[ApplicationCard, Sequence[Entry], Res
     """
     lines = []
     for card, entries, verified in groups:
-        nominal = {agent.name: agent.nominal for agent in card.agents} or {"": ""}
+        nominal = {agent.name: agent.nominal for agent in card.agents or card.fetched} or {"": ""}
         for agent, track in itertools.product(nominal, card.board_tracks):
             cells = {
                 "agent": text_cell(agent or "-"),

@@ -77,7 +77,7 @@ HEADLINES = {
         next(iter(agents.names(card.name)), ""),
     )
     for card in cards()
-    if (suite := card.suite) is not None
+    if (suite := card.suite) is not None and suite.overview
 }
 """The comparisons that pages show, by the names of their suites."""
 
@@ -139,7 +139,7 @@ def robustness(entries: Sequence[Entry]) -> Iterator[str]:
     """Show how often uniform worlds, and those of some adversaries, fool each shipped agent."""
     lines = []
     for card in cards():
-        default = HEADLINES[card.suite.name] if card.suite else None
+        default = HEADLINES.get(card.suite.name) if card.suite else None
         for agent in agents.names(card.name) if default else ():
             assert default is not None
             other = replace(default, table="other-agents", agent=agent)

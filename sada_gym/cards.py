@@ -85,6 +85,7 @@ class SuiteCard:
             with the default agent, is the comparison that the overviews show.
         seeds_of: Other numbers of seeds than `seeds` for some tracks, by suffix.
         images: Samples whose neighbours are compared as images too, on the first seed; 0 for none.
+        overview: Whether pages that compare all applications show it.
     """
 
     name: str
@@ -92,6 +93,7 @@ class SuiteCard:
     seeds: int = 1
     seeds_of: Mapping[str, int] = field(default_factory=dict)
     images: int = 4
+    overview: bool = True
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,8 @@ class ApplicationCard:
         name: The general id without its version, such as `SADA-Detection`.
         summary: A sentence on what the adversary changes and what the agent has to do.
         application: `module:class` of the `Application`.
+        requirements: `module:function` that says in a sentence which parts have to be installed
+            before its ids work, empty where all are there; empty where none are needed.
         clip: `module:function` that plays a world again as a clip, see `sada_gym.clips`;
             empty where the frames of `replay` are enough.
         tracks: The keywords that each track of the leaderboard fixes, by what its id adds to the
@@ -123,6 +127,7 @@ class ApplicationCard:
     title: str
     summary: str
     application: str
+    requirements: str = ""
     clip: str = ""
     version: int = 0
     tracks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -138,6 +143,11 @@ class ApplicationCard:
     reference_seeds: int = 3
     sobol_seed: int = 0
     suite: SuiteCard | None = None
+
+    @property
+    def missing(self) -> str:
+        """What has to be installed before its ids work, as a sentence; empty where all is there."""
+        return str(load(self.requirements)()) if self.requirements else ""
 
     @property
     def id(self) -> str:

@@ -42,9 +42,10 @@ def env_ids() -> tuple[str, ...]:
     return tuple(ids_of())
 
 
-def tracks() -> tuple[str, ...]:
-    """Return the leaderboard's tracks."""
-    return tuple(env_id for card in cards() for env_id in card.track_ids)
+def tracks(*, installed: bool = False) -> tuple[str, ...]:
+    """Return the leaderboard's tracks; `installed` leaves out those that lack a part."""
+    chosen = (card for card in cards() if not (installed and card.missing))
+    return tuple(env_id for card in chosen for env_id in card.track_ids)
 
 
 def task_ids() -> tuple[str, ...]:

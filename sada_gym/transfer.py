@@ -14,7 +14,8 @@ from typing_extensions import Self
 
 from sada_gym import agents
 from sada_gym.application import Application
-from sada_gym.arrays import Floats
+from sada_gym.arrays import Bools, Floats
+from sada_gym.cards import fetchable
 from sada_gym.errors import FileError, UserError, UserTypeError, check_integer, check_keywords
 from sada_gym.evaluation.evaluator import Evaluator
 from sada_gym.evaluations import Evaluations, evaluation_seeds
@@ -73,6 +74,7 @@ class Comparison(Strict):
         new: Of the samples that did not fool here, the share that fools there; None where all did.
         rank_correlation: Spearman's, of the scores here and there; None where all scores of one
             world are equal, or for fewer than three samples.
+        invalid: How many samples count in no figure, because their world broke here or there.
         clipped: By parameter, how many samples lie outside its range there. They are moved to the
             nearest end of it.
     """
@@ -88,6 +90,7 @@ class Comparison(Strict):
     both: Rate | None
     new: Rate | None
     rank_correlation: float | None
+    invalid: int = 0
     clipped: dict[str, int]
 
 
@@ -296,7 +299,7 @@ class _Run:
         if seed is not None:
             check_integer("seed", seed, 0)
             seeds = evaluation_seeds(seed, "validation", 0, len(samples))
-        samples = Evaluations(mu, samples.score, samples.seed)
+        samples = Evaluations(mu, samples.score, samples.seed, samples.invalid)
         return cls(folder, settings, samples, seeds, opened.parameters)
 
 
@@ -320,10 +323,19 @@ class _Task:
     def compare(self, settled: _Progress) -> tuple[Comparison, Evaluations]:
         run, there = self.run, self.there
         with settled.counting() as report:
-            score = _scores(there.evaluator, self.mu, run.seeds, run.folder / STORE_FILE, report)
-        scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64))
-        here = run.samples.fooled(run.target.fooling_threshold)
-        fooled = scored.fooled(there.target.fooling_threshold)
+            score, invalid = _scores(
+                there.evaluator, self.mu, run.seeds, run.folder / STORE_FILE, report
+            )
+        scored = Evaluations(self.mu, score, np.array(run.seeds, np.int64), invalid)
+        valid = ~(run.samples.invalid | invalid)
+        if not valid.any():
+            raise UserError(
+                f"Expected samples of {run.folder} whose worlds are valid there as well, got none "
+                f"in {there.target}. Choose another one."
+            )
+        old, new = run.samples[valid], scored[valid]
+        here = old.fooled(run.target.fooling_threshold)
+        fooled = new.fooled(there.target.fooling_threshold)
         known, others = int(here.sum()), int((~here).sum())
         comparison = Comparison(
             run=str(run.folder),
@@ -336,7 +348,8 @@ class _Task:
             afr_there=Rate.of(int(fooled.sum()), len(here)),
             both=Rate.of(int((here & fooled).sum()), known) if known else None,
             new=Rate.of(int((~here & fooled).sum()), others) if others else None,
-            rank_correlation=_rank_correlation(run.samples.score, score),
+            rank_correlation=_rank_correlation(old.score, new.score),
+            invalid=int((~valid).sum()),
             clipped=self.clipped,
         )
         return comparison, scored
@@ -394,14 +407,17 @@ def _scores(
     seeds: list[int],
     store: Path,
     report: Callable[[int, int], None],
-) -> Floats:
+) -> tuple[Floats, Bools]:
     # an application that nothing identifies is scored without a store
     if evaluator.application is not None and evaluator.application.fingerprint is not None:
         evaluator.attach(store)
     try:
-        return evaluator.evaluate(mu, seeds, report)[0]
+        answer = evaluator.evaluate(mu, seeds, report)
     finally:
         evaluator.detach()
+    invalid = np.zeros(len(mu), np.bool_)
+    invalid[[*answer.invalid]] = True
+    return answer.scores, invalid
 
 
 def _rank_correlation(here: Floats, there: Floats) -> float | None:
@@ -445,7 +461,8 @@ def _own_agent(here: Target, target: str | Application | None) -> str | None:
     if not isinstance(target, str) or names_file(target):
         return None
     card = card_of(target)
-    return here.agent if card is not None and here.agent in agents.names(card.name) else None
+    known = () if card is None else (*agents.names(card.name), *fetchable(card.name))
+    return here.agent if here.agent in known else None
 
 
 def _check_agent(

@@ -41,7 +41,7 @@ def main() -> None:
     ends = np.linspace(PITCH.low, PITCH.high, FIFTHS + 1)
     mounts = [head("track", "camera", *(f"{a:g} to {b:g}°" for a, b in itertools.pairwise(ends)))]
     weathers = [head("track", *WEATHER.choices)]
-    for track in tracks():
+    for track in tracks(installed=True):
         if not track.startswith(DrivingApplication.name):
             continue
         application = make_application(track, agent=agent)

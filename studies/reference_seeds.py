@@ -80,7 +80,7 @@ def luck_of(weights: Numbers, seeds: int) -> tuple[float, float, float]:
 def luck() -> None:
     print("| track | agent | seeds of the set | " + " | ".join(map(str, SEEDS)) + " |")
     print("| --- " * (len(SEEDS) + 3) + "|")
-    for track in tracks():
+    for track in tracks(installed=True):
         for agent in agents.names(make_application(track).name):
             reference = load_reference(track, make_application(track, agent=agent))
             if reference is not None:

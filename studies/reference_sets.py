@@ -93,7 +93,7 @@ def evaluate_block(track: str, names: Sequence[str], block: int, path: Path) -> 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tracks", nargs="*", default=list(tracks()))
+    parser.add_argument("--tracks", nargs="*", default=list(tracks(installed=True)))
     parser.add_argument("--agents", nargs="*", help="of the tracks' applications; all by default")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--work", type=Path, default=Path("runs/reference-sets"))

@@ -20,7 +20,7 @@ from sada_gym.registration import tracks
 def main() -> None:
     print("| track | agent | points | seeds | evaluations that fool | fooling set | fools again |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
-    for track in tracks():
+    for track in tracks(installed=True):
         for agent in agents.names(make_application(track).name):
             reference = load_reference(track, make_application(track, agent=agent))
             if reference is None:

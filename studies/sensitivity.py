@@ -22,7 +22,7 @@ from sada_gym.application import Application
 from sada_gym.evaluation.problems import make_application
 from sada_gym.registration import tracks
 
-DETECTION = [track for track in tracks() if track.startswith("SADA-Detection")]
+DETECTION = [track for track in tracks() if track.startswith("SADA-Detection-")]
 
 
 def indices(application: Application, rows: int, seed: int) -> np.ndarray:

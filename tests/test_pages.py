@@ -22,8 +22,12 @@ def card_of(folder: str) -> ApplicationCard:
     return load(f"sada_gym.envs.{folder}.card:CARD")
 
 
+def page_name(folder: str) -> str:
+    return folder.replace("_", "-")
+
+
 def page_of(folder: str) -> str:
-    return (FOLDER / f"{folder}.md").read_text(encoding="utf-8")
+    return (FOLDER / f"{page_name(folder)}.md").read_text(encoding="utf-8")
 
 
 @everywhere
@@ -51,7 +55,8 @@ def test_a_page_leaves_out_no_part_of_its_docstring(folder: str) -> None:
 @everywhere
 def test_the_gallery_shows_it(folder: str) -> None:
     gallery = page_of("index")
-    assert f"(../images/gallery-{folder}.png)]({folder}.md)" in gallery
+    name = page_name(folder)
+    assert f"(../images/gallery-{name}.png)]({name}.md)" in gallery
     card = card_of(folder)
     named = re.findall(r"`([\w-]+-v\d)`", gallery)
     full = {track if track.startswith("SADA") else card.name + track for track in named}

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from breaking_worlds import breaking, breaks
 from toy import Toy
 
 from sada_gym import Parameter, ParameterSpace, make_application
 from sada_gym.attack import attack
 from sada_gym.errors import FileError, UserError
-from sada_gym.experiment.folder import read_samples, write_samples
+from sada_gym.experiment.folder import SOURCE_FILE, read_samples, write_samples
 from sada_gym.files import read_model
 from sada_gym.measures.rates import attack_fooling_rate
 from sada_gym.transfer import Comparison, Transfers, confirm, map_samples, transfer
@@ -210,9 +211,11 @@ length = { kind = "attribute", low = 0.25, high = %s, unit = "m" }
     for file, high in zip(files, ("2.0", "1.0"), strict=True):
         file.write_text(text % high)
     folder = run(tmp_path / "run", str(files[0]), samples=6)
+    (row,) = transfer(folder, files[1]).comparisons
+    (folder / SOURCE_FILE).unlink()  # as runs of other machines have none
     with pytest.raises(UserError, match=r"name that by --application FILE.toml"):
         transfer(folder, str(files[1]))
-    (row,) = transfer(folder, files[1], application=str(files[0])).comparisons
+    assert (row,) == transfer(folder, files[1], application=str(files[0])).comparisons
     outside = read_samples(folder / "samples.npz").mu[:, 0] > -1 + 2 * 0.75 / 1.75
     assert row.clipped == {"length": outside.sum()}
     with pytest.raises(UserError, match=r"sada-gym transfer --to FILE.toml"):
@@ -266,3 +269,14 @@ def test_a_confirmation_that_changes_nothing_is_refused(analytic):
         confirm(analytic, {"volume": 0.2}, out="confirmed.txt")
     with pytest.raises(FileError, match="Expected a folder that `sada-gym attack` wrote"):
         confirm("nowhere", {"volume": 0.2})
+
+
+def test_worlds_that_break_there_count_in_no_figure(tmp_path):
+    healthy = breaking("none")
+    folder = run(tmp_path / "run", healthy, samples=60)
+    samples = read_samples(folder / "samples.npz")
+    (row,) = transfer(folder, breaking("raises"), application=healthy).comparisons
+    broken = breaks(healthy.parameters.physical(samples.mu)[:, 0])
+    assert 0 < row.invalid == broken.sum()
+    assert row.afr_there.samples == row.afr_here.samples == (~broken).sum()
+    assert row.afr_there == row.afr_here  # the others are the same worlds

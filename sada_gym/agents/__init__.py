@@ -30,8 +30,12 @@ __all__ = [
 
 
 def names(application: str | None = None) -> tuple[str, ...]:
-    """List the names of the shipped agents, of one application or of all."""
-    return tuple(agent.name for agent in _agent_cards(application))
+    """List the names of the shipped agents, of one application or of all.
+
+    An application that ships none is attacked with the agents that are fetched for it.
+    """
+    chosen = [card for card in cards() if application in (None, card.name)]
+    return tuple(agent.name for card in chosen for agent in card.agents or card.fetched)
 
 
 def card(name: str, application: str | None = None) -> AgentCard:
@@ -100,7 +104,7 @@ def check_agent(agent: str | Path, application: str) -> None:
             still has to be fetched.
     """
     others = fetchable(application)
-    known, path = (*names(application), *others), Path(agent)
+    known, path = tuple(dict.fromkeys((*names(application), *others))), Path(agent)
     if agent in others:
         _fetched(others[str(agent)])
         return

@@ -28,12 +28,16 @@ def envs(
         if env_id is not None:
             _show_environment(env_id, env_kwargs)
             return
+        from sada_gym.cards import cards
         from sada_gym.registration import ids_of
 
         table = _table("id", "keywords it fixes")
         for known_id, keywords in ids_of().items():
             table.add_row(known_id, ", ".join(f"{k}={v}" for k, v in keywords.items()))
         out.print(table)
+        for card in cards():
+            if card.missing:
+                say(f"{card.name}: {card.missing}", lead="[dim]")
         say("An id that fixes a keyword is a track of the leaderboard.", lead="[dim]")
         say("To see one in detail: sada-gym envs ID", lead="[dim]")
 

@@ -16,7 +16,7 @@ from sada_gym.cli.console import (
     scores_progress,
     workers_option,
 )
-from sada_gym.cli.transfer import show_clipped
+from sada_gym.cli.transfer import show_notes
 
 
 def confirm(
@@ -70,5 +70,5 @@ def confirm(
         say(f"  new                         {found.new} of the {found.new.samples} that do not")
     if found.rank_correlation is not None:
         say(f"  rank correlation of scores  {found.rank_correlation:.2f}")
-    show_clipped(found)
+    show_notes(found)
     say(f"Results: {confirmation.path}, {confirmation.path.with_suffix('.npz').name}")

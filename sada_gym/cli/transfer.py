@@ -92,7 +92,7 @@ def transfer(
 
 
 def _show(run: str, rows: Sequence[Comparison]) -> None:
-    first = rows[0]
+    first = min(rows, key=lambda row: row.invalid)
     lines = [
         ("", "AFR", "fool in both", "rank correlation"),
         ("in the run", str(first.afr_here), "", ""),
@@ -108,7 +108,7 @@ def _show(run: str, rows: Sequence[Comparison]) -> None:
         cells = "   ".join(text.ljust(width) for text, width in zip(line, widths, strict=True))
         out.print(f"  {cells}".rstrip(), markup=False, highlight=False, soft_wrap=True)
     for row in rows:
-        show_clipped(row)
+        show_notes(row)
 
 
 def _place(row: Comparison) -> str:
@@ -124,10 +124,17 @@ def _rank(row: Comparison) -> str:
     return "-" if row.rank_correlation is None else f"{row.rank_correlation:.2f}"
 
 
-def show_clipped(comparison: Comparison) -> None:
-    """Say which samples were moved into the ranges of another world."""
+def show_notes(comparison: Comparison) -> None:
+    """Say which samples were moved into the ranges of another world, or count in no figure."""
+    if comparison.invalid:
+        say(
+            f"{comparison.invalid} samples of {comparison.adversary} are left out: their worlds "
+            f"broke in the run or in {comparison.there}.",
+            lead="[dim]",
+            console=err,
+        )
     for name, count in comparison.clipped.items():
-        total = comparison.afr_here.samples
+        total = comparison.afr_here.samples + comparison.invalid
         say(
             f"{count} of {total} samples of {comparison.adversary} lie outside the range of {name} "
             f"in {comparison.there}: they were moved to its end.",

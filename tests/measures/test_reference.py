@@ -134,7 +134,7 @@ def test_every_class_and_digit_has_a_set_for_each_shipped_agent():
     wanted = {
         (track, agent)
         for track in tracks()
-        if track.startswith("SADA-Detection")
+        if track.startswith("SADA-Detection-")
         for agent in agents.names("SADA-Detection")
     }
     assert len(wanted) == 24

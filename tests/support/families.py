@@ -16,6 +16,9 @@ SHIPPED = tuple(
 )
 """One id of each application: its other tracks run the same code in other worlds."""
 
+MISSING = {env_id: card.missing for card in cards() for env_id in (card.id, *card.track_ids)}
+"""By id: what has to be installed before it works; empty where all is there."""
+
 
 def family(members: Iterable[Any], *fast: Any) -> list[Any]:
     """Mark the members of a family as slow, except for those that stand for the others.
@@ -27,4 +30,10 @@ def family(members: Iterable[Any], *fast: Any) -> list[Any]:
     everyone = list(members)
     missing = [name for name in fast if name not in everyone]
     assert not missing, f"Expected {missing} among {everyone}."
-    return [pytest.param(name, marks=() if name in fast else pytest.mark.slow) for name in everyone]
+    return [pytest.param(name, marks=_marks(name, fast)) for name in everyone]
+
+
+def _marks(name: Any, fast: tuple[Any, ...]) -> list[pytest.MarkDecorator]:
+    reason = MISSING.get(name, "") if isinstance(name, str) else ""
+    skipped = [pytest.mark.skip(reason=reason)] if reason else []
+    return skipped if name in fast else [*skipped, pytest.mark.slow]

@@ -21,6 +21,7 @@ from sada_gym.envs.detection.parameter_sets import (
     DEFAULT_PARAMETERS,
     DEFAULT_PITCH_DEG,
     PARAMETER_SETS,
+    POLE_SHIFT,
     find_parameters,
 )
 from sada_gym.envs.detection.renderers.base import (
@@ -91,21 +92,24 @@ class DetectionApplication(Application):
     ## Arguments
     - `object_class="car"`: aeroplane, bench, bicycle, boat, bottle, bus, car, chair, diningtable,
       motorbike, train or truck; each has an id of its own, such as `SADA-Detection-Car-v0`.
-    - `agent="photographer"`: a shipped detector (`photographer`, `surveyor`), a fetched one
+    - `agent=None`: a shipped detector (`photographer`, the default, or `surveyor`), a fetched one
       (`coco-centernet`, `efficientnet-lite0`), `torchvision:NAME`, a safetensors file, or any model
       with torchvision's calling convention, with `labels={"car": 3}`.
     - `agent_id=None`: names an in-memory model in evaluation stores; by default a hash of its
       weights.
     - `shapes=None`: the name of a set of shapes; by default `benchmark`, our 100. Or a folder of
       CAD files of your own, one folder a class, with `skip_unreadable=False`.
-    - `image_size=128`: pixels a side, a multiple of 16 for the shipped detectors.
+    - `image_size=None`: pixels a side, by default 128; a multiple of 16 for the shipped detectors.
     - `renderer=None`: the name of a renderer, by default `rasteriser`; or a `Renderer` of your own,
       as an object or as `module:Class`.
     - `tile=None`: images in one call of the detector; by default 1 for a model of your own, and 4
       for the shipped architecture.
     - `parameters="paper"`: the eight above. `viewpoint` has four, camera azimuth and pitch, light
-      azimuth and pitch; the camera's distance is then 11.25 and the paint blue. `unpainted` has the
-      five without paint, which is grey (0.5, 0.5, 0.5) where a shape takes any.
+      azimuth and pitch; the camera's distance is then 11.25 and the paint blue. `occlusion` has
+      three, camera azimuth and pitch, and the shift of a pole in the foreground, -1 to 1 from edge
+      to edge of the picture; distance and paint are those of `viewpoint`, both angles of the light
+      45. `unpainted` has the five without paint, which is grey (0.5, 0.5, 0.5) where a shape takes
+      any.
     - `camera_pitch_deg=None`: another range of the camera's pitch than 0 to 51.6, such as (5, 30).
     - `shape=None`: the name of the only shape to show, such as `car/saloon-0`.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
@@ -119,29 +123,33 @@ class DetectionApplication(Application):
     fooling_threshold = 0.3
     sample_size = 250
     parameters = PARAMETER_SETS[DEFAULT_PARAMETERS].parameters
+    default_agent: ClassVar[str] = "photographer"
+    default_shapes: ClassVar[str] = DEFAULT_SHAPES
+    default_image_size: ClassVar[int] = 128
 
     def __init__(
         self,
         object_class: str = "car",
         *,
-        agent: str | Path | DetectorLike = "photographer",
+        agent: str | Path | DetectorLike | None = None,
         labels: Mapping[str, int] | None = None,
         agent_id: str | None = None,
         shapes: str | Path | None = None,
         skip_unreadable: bool = False,
-        image_size: int = 128,
+        image_size: int | None = None,
         renderer: str | Renderer | None = None,
         tile: int | None = None,
         parameters: str = DEFAULT_PARAMETERS,
         camera_pitch_deg: Sequence[float] | None = None,
         shape: str | None = None,
     ) -> None:
+        image_size = self.default_image_size if image_size is None else image_size
         check_integer("image_size", image_size, 32, MAX_IMAGE_SIZE)
         self._parameters_name = parameters
         self._parameter_set = find_parameters(parameters, camera_pitch_deg)
         self.parameters = self._parameter_set.parameters
         self.object_class, self.image_size = object_class, image_size
-        self._shapes_source = DEFAULT_SHAPES if shapes is None else shapes
+        self._shapes_source = self.default_shapes if shapes is None else shapes
         self.shapes = find_shapes(
             self._shapes_source, object_class, skip_unreadable=skip_unreadable
         )
@@ -149,7 +157,9 @@ class DetectionApplication(Application):
         if shape is not None:
             check_known("shape", [shape], [known.name for known in self.shapes])
             self.shapes = tuple(known for known in self.shapes if known.name == shape)
-        self.agent_name, self.agent = agents.resolve(agent, self.name, agent_id)
+        self.agent_name, self.agent = agents.resolve(
+            self.default_agent if agent is None else agent, self.name, agent_id
+        )
         self.label = _label(object_class, self.agent, labels)
         self._detector = DetectorAgent(self.agent, tile, image_size, label=self.label)
         self._agent_id = agent_id
@@ -219,7 +229,9 @@ class DetectionApplication(Application):
         placed: dict[str, Any] = {name: values[name] for name in PLACEMENT}
         red, green, blue = (values[name] for name in COLOUR)
         backdrop = random_backdrop(rng)
-        return Scene(shape, (red, green, blue), backdrop=backdrop, seed=seed, **placed)
+        pole = values.get(POLE_SHIFT)
+        colour = red, green, blue
+        return Scene(shape, colour, backdrop=backdrop, seed=seed, occluder=pole, **placed)
 
     def _evaluate(self, mu: Mu, seeds: Sequence[int]) -> Scored:
         scenes = self._scenes(mu, seeds)

@@ -15,6 +15,7 @@ from sada_gym.parameters import Parameter, ParameterSpace
 
 DEFAULT_PARAMETERS = "paper"
 DEFAULT_PITCH_DEG = 0.0, 51.6
+POLE_SHIFT = "pole_shift"
 COLOUR = ("colour_red", "colour_green", "colour_blue")
 
 _PAPER = ParameterSpace(
@@ -67,17 +68,22 @@ class ParameterSet:
         return ParameterSet(ParameterSpace(*space), self.fixed)
 
 
-def _without(**fixed: float) -> ParameterSet:
+def _without(fixed: Mapping[str, float], *more: Parameter) -> ParameterSet:
     chosen = (parameter for parameter in _PAPER.parameters if parameter.name not in fixed)
-    return ParameterSet(ParameterSpace(*chosen), fixed)
+    return ParameterSet(ParameterSpace(*chosen, *more), fixed)
 
 
 PARAMETER_SETS = {
-    "paper": _without(),
-    "viewpoint": _without(**_MIDDLE, **_BLUE),
-    "unpainted": _without(**_GREY),
+    "paper": _without({}),
+    "viewpoint": _without({**_MIDDLE, **_BLUE}),
+    "occlusion": _without(
+        {**_MIDDLE, **_FROM_THE_SIDE, **_BLUE},
+        Parameter(POLE_SHIFT, -1.0, 1.0, "half pictures"),
+    ),
+    "unpainted": _without(_GREY),
 }
-"""The paper's eight; of its case studies the four of the viewpoint; and the five without paint."""
+"""The paper's eight, those of its two case studies (appendix, "Diagnosis"), and the five without
+paint."""
 
 
 def find_parameters(name: str, camera_pitch_deg: Sequence[float] | None) -> ParameterSet:

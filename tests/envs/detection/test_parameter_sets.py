@@ -47,8 +47,19 @@ def test_a_set_is_a_slice_of_the_papers_box(name):
         )
 
 
+def test_a_pole_moves_from_edge_to_edge():
+    application = DetectionApplication("car", parameters="occlusion", image_size=64)
+    assert application.parameters.names == ("camera_azimuth_deg", "camera_pitch_deg", "pole_shift")
+    scenes = [application.scene(np.array([0, 0, shift], np.float32), 0) for shift in (-1, 0, 1)]
+    assert [scene.occluder for scene in scenes] == [-1.0, 0.0, 1.0]
+    scene = scenes[0]
+    assert (scene.light_azimuth_deg, scene.light_pitch_deg) == (45.0, 45.0)
+    assert (scene.camera_distance, scene.colour) == (11.25, (0.0, 0.0, 1.0))
+    assert CAR.scene(np.zeros(8, np.float32), 0).occluder is None
+
+
 def test_no_parameter_of_a_set_is_dead():
-    for name in ("viewpoint", "unpainted"):
+    for name in ("viewpoint", "occlusion", "unpainted"):
         application = DetectionApplication("car", parameters=name, image_size=64)
         middle = np.zeros(len(application.parameters), np.float32)
         seen = application.observation(middle, 0)
