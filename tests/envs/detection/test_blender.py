@@ -193,3 +193,24 @@ def test_glass_lets_light_through_and_paint_takes_the_scenes_colour(blender):
     for colour, strongest in (((0.1, 0.1, 0.9), 2), ((0.1, 0.9, 0.1), 1)):
         pixel = seen(blender, painted, colour=colour).image[middle].mean((0, 1))
         assert int(pixel.argmax()) == strongest
+
+
+@pytest.mark.parametrize("shift", [-0.6, 0.0, 0.9])
+@pytest.mark.parametrize("pitch", [0.0, 50.0])
+def test_the_pole_stands_where_the_rasteriser_draws_it(blender, shift, pitch):
+    placed = {"camera_pitch_deg": pitch, "aim": (0.2, -0.1), "colour": (0.9, 0.2, 0.1)}
+    covered = []
+    for renderer in (blender, find_renderer("rasteriser")):
+        plain, hidden = (
+            renderer.render(scene(**placed, occluder=occluder), 80) for occluder in (None, shift)
+        )
+        np.testing.assert_array_equal(plain.mask, hidden.mask)
+        np.testing.assert_array_equal(plain.box, hidden.box)
+        covered.append(np.abs(plain.image.astype(int) - hidden.image).max(2) > 10)
+    middle, half = 40 * (1 + shift), 40 * 0.15
+    columns = np.arange(80) + 0.5
+    beside = np.abs(columns - middle) > half + 2
+    for changed in covered:
+        # what lies far beside the pole stays as it is, but for noise
+        assert changed[:, beside].mean() < 0.1
+        assert changed[:, np.abs(columns - middle) < half - 1].mean() > 0.5

@@ -28,7 +28,14 @@ from sada_gym.envs.detection.renderers.blender_process import (
 )
 from sada_gym.envs.detection.renderers.gbuffer import MATERIALS, painted
 from sada_gym.envs.detection.renderers.rasteriser import Rasteriser
-from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, Scene, camera_of
+from sada_gym.envs.detection.scene import (
+    FIELD_OF_VIEW_DEG,
+    OCCLUDER_COLOUR,
+    OCCLUDER_WIDTH,
+    Pinhole,
+    Scene,
+    camera_of,
+)
 from sada_gym.envs.detection.shapes import fingerprint
 from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.errors import UserError, check_integer
@@ -40,7 +47,10 @@ SUN = (52.3, 46.0, 42.9)
 SUN_WIDTH_DEG = 0.6
 SKY = 2.5
 """How much brighter than Blender's the sky is: that one knows no light scattered twice."""
+HAZE = 0.3
+"""How bright air at the horizon is, as a share of white paper on the ground."""
 EXPOSURE = 1.4
+POLE_DISTANCE = 0.3
 _COLOUR_AND_METAL = [0, 1, 2, 4]  # the columns of `MATERIALS`
 DEFAULT_SAMPLES, DEFAULT_TIMEOUT_S = 16, 300.0
 
@@ -156,10 +166,29 @@ def _order(scene: Scene) -> dict[str, Any]:
             "angle": math.radians(FIELD_OF_VIEW_DEG),
             "shift": [0.5 * offset for offset in camera.offset],
         },
+        "pole": None if scene.occluder is None else _pole(scene.occluder, camera),
         "sun": _sun(scene),
         "materials": painted(scene.colour)[:, _COLOUR_AND_METAL].tolist(),
         "backdrop": scene.backdrop.to_dict(),
         "seed": int(scene.seed) % 2**31,
+    }
+
+
+def _pole(shift: float, camera: Pinhole) -> dict[str, Any]:
+    """Place `Scene.occluder`: nearer than it is and as much smaller, so that no ground hides it."""
+    right, up, back = camera.axes
+    x, y = (
+        POLE_DISTANCE * camera.tangent * place
+        for place in (shift + camera.offset[0], camera.offset[1])
+    )
+    # beside the picture's middle, perspective widens a cylinder
+    widened = math.hypot(1.0, x / POLE_DISTANCE)
+    radius = OCCLUDER_WIDTH * POLE_DISTANCE * camera.tangent / widened
+    length = 2 * POLE_DISTANCE * camera.tangent
+    return {
+        "middle": (camera.eye - POLE_DISTANCE * back + x * right + y * up).tolist(),
+        "axes": [(radius * right).tolist(), (length * up).tolist(), (radius * back).tolist()],
+        "colour": [0.02 + 0.9 * channel**2.2 for channel in OCCLUDER_COLOUR],
     }
 
 
@@ -204,6 +233,7 @@ def _sun(scene: Scene) -> dict[str, Any]:
         "angle": math.radians(SUN_WIDTH_DEG),
         "dust": dust,
         "sky": SKY * gain,
+        "haze": [HAZE * (beam[1] * slope + 2.0) / SKY * c for c in scene.backdrop.horizon],
         "colour": [math.pi * gain * channel for channel in beam],
     }
 

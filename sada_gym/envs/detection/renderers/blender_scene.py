@@ -28,6 +28,7 @@ PREFIX = "sada-gym:"
 
 PR_SET_PDEATHSIG = 1
 GROUND_HALF = 1500.0
+MATT = 5
 TEXTURE = "texture"
 # By number of `Material`: roughness, and how much clear lacquer covers it.
 FINISH = ((0.32, 0.9), (0.75, 0.0), (0.04, 0.0), (0.22, 0.0), (0.2, 0.6), (0.6, 0.0), (0.55, 0.1))
@@ -148,24 +149,29 @@ class Stage:
         self.sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
         self.scene.collection.objects.link(self.sun)
         self._configure()
-        self.world = bpy.data.worlds.new("sky")
-        self.scene.world = self.world
-        self.world.use_nodes = True
-        tree = self.world.node_tree
-        self.sky = tree.nodes.new("ShaderNodeTexSky")
+        self._make_sky()
+        self.materials = [_surface(f"material {n}", n) for n in range(len(FINISH))]
+        self.painted: list[Any] = []
+        self.ground = self._plane()
+        self.walls, self.pole = _walls(), _pole()
+
+    def _make_sky(self) -> None:
+        world = bpy.data.worlds.new("sky")
+        self.scene.world = world
+        nodes = Nodes(world)
+        self.sky = nodes.add("TexSky")
         kinds = [item.identifier for item in self.sky.bl_rna.properties["sky_type"].enum_items]
         # Nishita's model; Blender 5 calls it by what it computes
         self.sky.sky_type = "NISHITA" if "NISHITA" in kinds else "SINGLE_SCATTERING"
         self.sky.sun_disc = False  # a lamp of its own gives less noise
-        self.background = tree.nodes["Background"]
-        tree.links.new(self.sky.outputs[0], self.background.inputs["Color"])
-        # a small map of where light comes from: the sky is smooth
-        self.world.cycles.sampling_method = "MANUAL"
-        self.world.cycles.sample_map_resolution = 256
-        self.materials = [_surface(f"material {n}", n) for n in range(len(FINISH))]
-        self.painted: list[Any] = []
-        self.ground = self._plane()
-        self.walls = _walls()
+        self.haze = nodes.add("RGB")
+        up = nodes.add("SeparateXYZ", Vector=nodes.add("TexCoord").outputs["Generated"]).outputs[2]
+        low = (nodes.number(up).math("ABSOLUTE") * -1.0 + 1.0).math("POWER", 8.0)
+        light = nodes.vector("MULTIPLY_ADD", self.haze.outputs[0], low.socket, self.sky.outputs[0])
+        self.background = nodes.add("Background", Color=light)
+        nodes.put(nodes.add("OutputWorld").inputs["Surface"], self.background.outputs[0])
+        # paths that leave the scene find a smooth sky with less noise than rays sent there
+        world.cycles.sampling_method = "NONE"
 
     def _configure(self) -> None:
         scene, render = self.scene, self.scene.render
@@ -210,6 +216,10 @@ class Stage:
         self.shown = [self._buildings(order["backdrop"]["buildings"])]
         if order["shape"] is not None:
             self.shown.append(self.models[order["shape"]])
+        if order["pole"] is not None:
+            self.shown.append(self.pole)
+            self.pole.matrix_world = _matrix(order["pole"]["axes"], order["pole"]["middle"])
+            _colour(self.pole.data.materials[0], order["pole"]["colour"])
         for shown in self.shown:
             self.scene.collection.objects.link(shown)
         self._lay_ground(order["backdrop"])
@@ -228,9 +238,7 @@ class Stage:
         lens.angle = placed["angle"]
         lens.shift_x, lens.shift_y = placed["shift"]
         lens.clip_start, lens.clip_end = 0.05, 4 * GROUND_HALF
-        right, up, back = placed["axes"]
-        rows = zip(right, up, back, placed["eye"], strict=True)
-        self.camera.matrix_world = Matrix((*rows, (0, 0, 0, 1)))
+        self.camera.matrix_world = _matrix(placed["axes"], placed["eye"])
 
     def _light(self, sun: dict[str, Any]) -> None:
         sky, lamp = self.sky, self.sun.data
@@ -238,6 +246,7 @@ class Stage:
         sky.sun_elevation, sky.sun_rotation = pitch, math.pi / 2 - azimuth
         sky.dust_density, sky.air_density, sky.ozone_density = sun["dust"], 1.0, 2.0
         self.background.inputs["Strength"].default_value = sun["sky"]
+        self.haze.outputs[0].default_value = (*sun["haze"], 1.0)
         lamp.energy, lamp.angle = 1.0, sun["angle"]
         lamp.color = sun["colour"]
         self.sun.rotation_euler = (0.0, math.pi / 2 - pitch, azimuth)  # its beam runs along -z
@@ -330,6 +339,26 @@ class Stage:
                 self.painted.append(material)
             made.append(material)
         return made
+
+
+def _matrix(axes: list[list[float]], origin: list[float]) -> Any:
+    """Return the transformation to a frame with three axes, x, y and z, at an origin."""
+    return Matrix((*zip(*axes, origin, strict=True), (0, 0, 0, 1)))
+
+
+def _pole() -> Any:
+    """Make a pole of radius 1 along y, from -1 to 1, which throws no shadow and no light."""
+    sides = 64
+    turns = [2 * math.pi * i / sides for i in range(sides)]
+    corners = [(math.cos(turn), y, math.sin(turn)) for y in (-1.0, 1.0) for turn in turns]
+    faces = [(i, i + sides, (i + 1) % sides + sides, (i + 1) % sides) for i in range(sides)]
+    mesh = bpy.data.meshes.new("pole")
+    mesh.from_pydata(corners, [], faces)
+    mesh.polygons.foreach_set("use_smooth", array("b", [1]) * sides)
+    mesh.materials.append(_surface("pole", MATT))
+    pole = bpy.data.objects.new("pole", mesh)
+    pole.visible_shadow = pole.visible_diffuse = pole.visible_glossy = False
+    return pole
 
 
 def _surface(name: str, kind: int, opacity: float = 1.0, image: Any = None) -> Any:
