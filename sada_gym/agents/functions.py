@@ -5,13 +5,15 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import nullcontext
 from copy import deepcopy
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sada_gym.agents.contract import Indices
-from sada_gym.determinism import one_thread
+from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError, UserTypeError, explained
 
 
@@ -30,7 +32,7 @@ class _OneByOne(ABC):
         """Return the list of the actions in some episodes, asked for one by one."""
         actions = []
         seeds = None if self._deterministic else episodes.agent_seeds(which)
-        with one_thread():
+        with one_thread(), nullcontext() if seeds is None else generators_kept():
             for row, i in enumerate(which.tolist()):
                 observation = deepcopy(episodes.observation(i))
                 if seeds is not None:
@@ -100,7 +102,8 @@ class EpisodeAgents(_OneByOne):
         super().__init__(name, deterministic=deterministic)
         self._given, self._is_factory = given, is_factory(given)
         self._agents: list[Any] = []
-        made = self._make(0)
+        with generators_kept():
+            made = self._make(0)
         if not hasattr(made, "predict") and not callable(made):
             raise UserTypeError(
                 f"Expected {name} to make an agent, an object with predict or a function of an "
@@ -151,7 +154,7 @@ class EpisodeAgents(_OneByOne):
 
 def is_factory(given: Any) -> bool:
     """Say whether an object makes agents: a class or function without arguments, or with `seed`."""
-    if not (isinstance(given, type) or inspect.isroutine(given) or hasattr(given, "func")):
+    if not (isinstance(given, type) or inspect.isroutine(given) or isinstance(given, partial)):
         return False
     try:
         signature = inspect.signature(given)
@@ -160,7 +163,10 @@ def is_factory(given: Any) -> bool:
     fixed = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     parameters = [one for one in signature.parameters.values() if one.kind not in fixed]
     required = {one.name for one in parameters if one.default is one.empty}
-    if isinstance(given, type):
+    made_of: Any = given
+    while isinstance(made_of, partial):
+        made_of = made_of.func
+    if isinstance(made_of, type):
         return required <= {"seed"}
     return not signature.parameters or [one.name for one in parameters] == ["seed"]
 

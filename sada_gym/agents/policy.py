@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import nullcontext
 from copy import deepcopy
 from functools import partial
 from typing import Any, Literal
@@ -28,7 +29,7 @@ from sada_gym.agents.model_call import (
 )
 from sada_gym.agents.tile import Batch, fits_batches, keyed, tiled
 from sada_gym.agents.wrappers import Predictor, normalisation_bytes, observation_transforms
-from sada_gym.determinism import one_thread
+from sada_gym.determinism import generators_kept, one_thread
 from sada_gym.errors import UserError
 
 POLICY_TILE = 16
@@ -107,8 +108,9 @@ class Policy:
             )
         self._tile = POLICY_TILE
         self.start(0)
-        if not self._same_in_every_place(keyed(observation_space)):
-            self._tile = 1
+        with generators_kept():
+            if not self._same_in_every_place(keyed(observation_space)):
+                self._tile = 1
 
     @property
     def fingerprint(self) -> str | None:
@@ -163,7 +165,8 @@ class Policy:
             batch[MASKS] = episodes.action_masks(which)
         if not self._deterministic:
             batch[SEEDS] = episodes.agent_seeds(which)
-        actions = self._answers(batch, which)
+        with nullcontext() if self._deterministic else generators_kept():
+            actions = self._answers(batch, which)
         wrong = np.flatnonzero(~np.isfinite(actions).reshape(len(actions), -1).all(axis=1))
         if wrong.size and episodes.finite_only:
             first = int(wrong[0])

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
 from wrapped_toys import Reach, approach, balance, cart_pole, pendulum, reach, worlds
 
 import sada_gym
@@ -242,6 +244,19 @@ def test_a_run_resumes_where_a_server_died_to_the_same_bits(tmp_path):
         attack(application, "random", out=tmp_path / "whole", **run)
     files = [np.load(tmp_path / name / "samples.npz") for name in ("run", "whole")]
     assert (files[0]["score"] == files[1]["score"]).all()
+
+
+def test_statistics_belong_to_the_server(tmp_path):
+    vec = VecNormalize(make_vec_env("Pendulum-v1", 1, seed=0))
+    vec.obs_rms.mean += 0.5
+    vec.save(str(tmp_path / "statistics.pkl"))
+    PPO("MlpPolicy", "Pendulum-v1", seed=0, device="cpu").save(tmp_path / "agent.zip")
+    known = {"vec_normalize": tmp_path / "statistics.pkl", "allow_pickle": True}
+    here = pendulum(agent=tmp_path / "agent.zip", **known)
+    with served(tmp_path / "agent.zip", **known) as address:
+        assert (scores(pendulum(agent=address)) == scores(here)).all()
+        with pytest.raises(UserError, match=r"no vec_normalize .*Pass it to sada_gym.serve"):
+            pendulum(agent=address, **known)
 
 
 def test_an_error_of_the_agent_itself_is_told():

@@ -30,6 +30,7 @@ from sada_gym.agents.remote.messages import (
 )
 from sada_gym.agents.tile import ALONE, Batch, keyed
 from sada_gym.errors import UserError, check_integer
+from sada_gym.lazy import load
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecNormalize
@@ -44,7 +45,7 @@ def serve(
     port: int = PORT,
     name: str | None = None,
     allow_pickle: bool = False,
-    vec_normalize: VecNormalize | Literal[False] | None = None,
+    vec_normalize: str | Path | VecNormalize | Literal[False] | None = None,
 ) -> None:
     """Serve an agent to attacks, until it is interrupted.
 
@@ -65,6 +66,9 @@ def serve(
         UserError: If the port cannot be listened on, or there is no such file.
     """
     file = find_agent_file(agent) if isinstance(agent, str | Path) else None
+    if vec_normalize:
+        load_statistics = load("sada_gym.agents.wrappers:load_vec_normalize")
+        vec_normalize = load_statistics(vec_normalize, allow_pickle=allow_pickle)
     served = _Served(file or agent, name, allow_pickle, vec_normalize)
     asked_by = os.environ.get(CONNECT)
     if asked_by:

@@ -285,6 +285,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         )
 
     def _reached(self, place: Address | Program, timeout_s: float) -> RemoteAgent:
+        if self._vec_normalize:
+            raise UserError(
+                f"Expected no vec_normalize with the agent in {place}, got one. Pass it to "
+                "sada_gym.serve there."
+            )
         return RemoteAgent(
             place, self._interface, timeout_s=timeout_s, deterministic=self._deterministic
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from functools import partial
 from typing import ClassVar
 
 import gymnasium as gym
@@ -129,6 +130,7 @@ def opaque(times):
 KINDS = {
     "a class": Counts,
     "a function that makes one": lambda: Counts(),
+    "a part of a class": partial(Counts),
     "an object with reset": CountsInPredict(),
     "a state of arrays": CountsInState(),
     "a state with episodes on the second axis": CountsInState(
@@ -252,6 +254,19 @@ def test_stochastic_policies_are_pure_and_other_applications():
             for application in (best, drawn, pickle.loads(pickle.dumps(drawn)))
         ]
         assert extras[0] != extras[1] == extras[2]
+
+
+def test_drawing_leaves_the_callers_generators_alone():
+    model = PPO("MlpPolicy", "CartPole-v1", seed=0, device="cpu")
+    for agent, best in ((model, False), (draws, False), (Draws, True)):
+        np.random.seed(5)  # noqa: NPY002
+        torch.manual_seed(5)
+        before = np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()  # noqa: NPY002
+        application = cart_pole(agent=agent, deterministic=best)
+        application.evaluate([[0.0, 0.0]], [0])
+        application.rollouts([0.0, 0.0], 0)
+        after = np.random.get_state()[1].tolist(), torch.get_rng_state().tolist()  # noqa: NPY002
+        assert before == after
 
 
 def test_a_greedy_policy_explores_by_the_evaluations_seed():
