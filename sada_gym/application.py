@@ -97,8 +97,6 @@ class Application(ABC):
         sample_size: Number of test samples drawn from a trained adversary (M in the paper).
         agent: The agent under test, or None if it is part of the world.
         render_fps: Frames of `replay` in a second of its episode.
-        on_error: What a world becomes in which a worker process dies, see `OnError`.
-        timeout: Seconds after which a worker process is stopped in one world; None never stops it.
     """
 
     name: ClassVar[str]
@@ -109,8 +107,8 @@ class Application(ABC):
     parameters: ParameterSpace
     agent: Any = None
     agent_name: str = ""
-    on_error: OnError = "raise"
-    timeout: float | None = None
+    _on_error: OnError = "raise"  # where a worker process dies in a world, see `watch`
+    _timeout: float | None = None  # seconds that a worker process may take for a world
     _other_cause: ClassVar[str] = ""  # of different answers in one world, for messages
 
     @property

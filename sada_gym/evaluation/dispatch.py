@@ -45,6 +45,11 @@ class Chunk:
     mu: Mu
     seeds: list[int]
 
+    @property
+    def keys(self) -> list[int]:
+        """The keys of its worlds, see `watch`."""
+        return [watch.world_key(*world) for world in zip(self.mu, self.seeds, strict=True)]
+
     def part(self, positions: list[int]) -> Chunk:
         """Return the chunk of some of its worlds."""
         return Chunk(self.rows[positions], self.mu[positions], [self.seeds[i] for i in positions])
@@ -198,7 +203,8 @@ class Dispatcher:
         died = {} if self._pool is None else self._pool.deaths()
         self.close(now=True)
         self._died_in.update(died.keys())
-        if died:
+        keys = {key for chunk in suspects for key in chunk.keys}
+        if died := {key: how for key, how in died.items() if key in keys}:
             return died
         deaths.update(suspects)
         if hopeless or max(deaths.values()) >= MAX_DEATHS:
@@ -211,7 +217,7 @@ class Dispatcher:
 
     def _without(self, chunk: Chunk, died: dict[int, str], settle: Settle) -> list[Chunk]:
         """Split off the worlds in which workers died; settle those that are the cause."""
-        keys = [watch.world_key(*world) for world in zip(chunk.mu, chunk.seeds, strict=True)]
+        keys = chunk.keys
         rest = [i for i, key in enumerate(keys) if key not in died]
         if len(rest) == len(keys):
             return [chunk]

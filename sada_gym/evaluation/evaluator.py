@@ -86,8 +86,8 @@ class Evaluator:
         self.dimension, self.threshold = _described(self._scorer, dimension, threshold)
         self._dispatcher: Dispatcher | None = None
         if workers > 1 or executor is not None:
-            on_error = "raise" if self.application is None else self.application.on_error
-            timeout = None if self.application is None else self.application.timeout
+            on_error = "raise" if self.application is None else self.application._on_error
+            timeout = None if self.application is None else self.application._timeout
             self._dispatcher = Dispatcher(
                 PortableScorer.of(source), workers, executor, on_error=on_error, timeout=timeout
             )

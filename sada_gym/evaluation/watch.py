@@ -36,6 +36,11 @@ def join(memory: Any, worker: int) -> None:
     _place[0] = os.getpid()
 
 
+def is_watched() -> bool:
+    """Return whether this process is such a worker."""
+    return _place is not None
+
+
 def begin(world: int) -> None:
     """Say that the world of a key is being computed."""
     if _place is not None:

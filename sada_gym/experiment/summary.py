@@ -100,9 +100,11 @@ def _uniform_rate(report: RunReport) -> str:
         return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
     if adversary == "random":
         return f"{_percent(report.afr)} (these samples are uniform)"
-    rate = report.search.fooling_rate
+    unknown = 0 if report.invalid is None else report.invalid.queries + report.invalid.infeasible
+    worlds = report.search.queries - unknown
+    rate = report.search.fooled / worlds if worlds else None
     if rate is not None and _asks_uniformly(adversary):
-        return f"{_percent(rate)} (its {report.search.queries:,} training queries are uniform)"
+        return f"{_percent(rate)} (its {worlds:,} training queries are uniform)"
     return "not known: run --adversary random"
 
 

@@ -117,6 +117,7 @@ def uniform(n, seed=0):
 def one_that_breaks():
     mu = uniform(12) * np.float32(0.5)
     mu[7, 0] = 0.87
+    mu[3, 0] = 0.96  # it has neighbours that break
     return mu
 
 

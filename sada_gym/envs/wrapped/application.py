@@ -35,7 +35,7 @@ from sada_gym.envs.wrapped.factory import EnvFactory, EnvLike, code_name, functi
 from sada_gym.envs.wrapped.feasible import Feasible, FeasibleLike
 from sada_gym.envs.wrapped.scores import FunctionScore, Score, ScoreLike, as_score
 from sada_gym.errors import UserError, UserTypeError, check_integer, check_known, explained
-from sada_gym.evaluation.watch import world_key
+from sada_gym.evaluation.watch import is_watched, world_key
 from sada_gym.frames import Frame, LegendEntry
 from sada_gym.lazy import load
 from sada_gym.parameters import Mu, ParameterSpace
@@ -165,7 +165,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             )
         if timeout is not None and (not is_number(timeout) or not 0 < timeout < np.inf):
             raise UserError(f"Expected timeout to be a number of seconds above 0, got {timeout!r}.")
-        self.on_error, self.timeout, self._valid = on_error, timeout, valid
+        self._on_error, self._timeout, self._valid = on_error, timeout, valid
         factory = EnvFactory(environment, {} if env_kwargs is None else env_kwargs, max_steps)
         self.fooling_threshold, self.sample_size = fooling_threshold, sample_size
         self._episode_count, self._allow_pickle = episodes, allow_pickle
@@ -240,9 +240,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             env.action_space,
             score,
             "the agent",
-            self.on_error,
+            self._on_error,
             self._valid,
-            self.timeout,
+            self._timeout,
             nan_observed,
         )
 
@@ -335,10 +335,10 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         factory, bindings = self.episode_spec.factory, self.episode_spec.bindings
         # only what differs from the default: stores keep their keys
         edges = {
-            "on_error": None if self.on_error == "invalid" else self.on_error,
+            "on_error": None if self._on_error == "invalid" else self._on_error,
             "valid": None if self._valid is None else code_name(self._valid),
             "feasible": self._feasible.settings or None,
-            "timeout": None if self.timeout is None else float(self.timeout),
+            "timeout": None if self._timeout is None else float(self._timeout),
         }
         return {
             **{key: value for key, value in edges.items() if value is not None},
@@ -441,20 +441,21 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             broken = next((episode.broken for episode in together if episode.broken), "")
             score = float(scores[first : first + count].mean())
             extra = {
-                "invalid": broken if self.on_error == "invalid" else "",
+                "invalid": broken if self._on_error == "invalid" else "",
                 "return": float(np.mean([sum(episode.rewards) for episode in together])),
                 "length": float(np.mean([len(episode.rewards) for episode in together])),
                 "clipped": any(episode.clipped for episode in together),
                 **self._discrete_values(together[0].start.values),
             }
-            played.append((0.0 if broken and self.on_error == "fooled" else score, extra))
+            played.append((0.0 if broken and self._on_error == "fooled" else score, extra))
         return played
 
     def _check_deterministic(self, mu: Mu, seeds: list[int]) -> None:
         """Play worlds together and then alone, before the first score counts."""
         if "_asked_twice" in self.__dict__:
             return
-        if len(mu) < _TRIED:  # beside neighbours of the first, which likely can exist, too
+        # beside neighbours of the first, but for a worker: it might die in a world of no query
+        if len(mu) < _TRIED and not is_watched():
             shares = np.linspace(0.9, 0.7, _TRIED - len(mu), dtype=np.float32)[:, None]
             others = shares * mu[0] - np.float32(0.01)
             permitted = self.permits(others)
@@ -590,7 +591,7 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
             self._rendering(mu, seed)
         frames, score = super().replay(mu, seed)
         if np.isnan(score):  # the world broke
-            score = 0.0 if self.on_error == "fooled" else INVALID_SCORE
+            score = 0.0 if self._on_error == "fooled" else INVALID_SCORE
         return frames, score
 
     def _frames(self, rollouts: list[Rollout[Any]]) -> list[Frame]:

@@ -220,7 +220,7 @@ wind = [-0.5, 0.5]
     application = read_application(file)
     assert application.settings["feasible"] == ["mass < 1.5", "wind < mass"]
     assert application.settings["on_error"] == "fooled"
-    assert application.timeout == 10
+    assert application.settings["timeout"] == 10.0
     mu = uniform(40)
     mass = application.parameters.physical(mu)[:, 0]
     outcomes = application.evaluate(mu, range(40))

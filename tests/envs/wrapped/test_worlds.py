@@ -148,7 +148,9 @@ def test_a_worker_that_dies_in_one_world_costs_that_world_alone(tmp_path):
     seeds = evaluation_seeds(0, "train", 0, 12)
     bad = breaking("raises").evaluate(mu, seeds).invalid
     assert [*bad] == [7]
-    with Oracle(breaking(fault), budget=12, workers=2, store=tmp_path / "a.sqlite") as oracle:
+    with Oracle(
+        breaking(fault), budget=12, workers=2, chunk_size=1, store=tmp_path / "a.sqlite"
+    ) as oracle:
         scores = oracle(mu)
         assert {*oracle.invalid} == {*bad}
         assert toys.REASONS[fault] in next(iter(oracle.invalid.values()))
