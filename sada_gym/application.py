@@ -86,6 +86,7 @@ class Application(ABC):
     - the agent: `agent`, `agent_name`, `privileged_score`;
     - pictures: `render` and its `legend`, `render_batch`, `replay` and its `render_fps`,
       `observation`;
+    - what a run costs: `seconds_per_world`;
     - `close`, where it holds anything.
 
     It inherits `evaluate` and `can_render` for its callers and does not override them.
@@ -169,6 +170,14 @@ class Application(ABC):
         """Return which worlds of mu, (n, d), can exist at all; None where all can, as by default.
 
         The others are never computed, and no test sample is drawn there.
+        """
+        return None
+
+    @property
+    def seconds_per_world(self) -> float | None:
+        """About how many seconds a world takes in one process; None where worlds are fast.
+
+        It may be measured. A run whose worlds are slow tells its cost before it starts.
         """
         return None
 

@@ -153,6 +153,7 @@ def attack(
         if outcome is None:
             try:
                 opened.evaluator.attach(folder / STORE_FILE)
+                opened.evaluator.expect(budget + count)
                 run = Run(
                     settings,
                     solver,

@@ -66,6 +66,10 @@ class BudgetExhausted(RuntimeError):  # noqa: N818 - reads as what happened
     """More queries were asked for than are left; none of them was evaluated."""
 
 
+class SlowWorlds(UserWarning):
+    """Worlds that take so long that a run should not begin without a word about it."""
+
+
 class WorkerError(RuntimeError):
     """A worker process died or could not load what it should evaluate."""
 

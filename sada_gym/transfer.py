@@ -181,6 +181,8 @@ def transfer(
                     opened[key] = stack.enter_context(there)
                 tasks.append(_Task.of(run, opened[key], keywords))
         settled.total = sum(len(task.mu) for task in tasks)
+        for there in opened.values():
+            there.evaluator.expect(sum(len(task.mu) for task in tasks if task.there is there))
         return Transfers(comparisons=tuple(task.compare(settled)[0] for task in tasks))
 
 
@@ -236,6 +238,7 @@ def confirm(
             )
         task = _Task.of(opened_run, there, given)
         _check_same(path, task)
+        there.evaluator.expect(len(task.mu))
         settled = _Progress(on_scores, len(task.mu))
         comparison, scores = task.compare(settled)
     write_samples(path.with_suffix(".npz"), scores)

@@ -8,15 +8,16 @@ import shlex
 import signal
 import sys
 import textwrap
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TextIO
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from sada_gym.errors import BudgetExhausted, UserError, WorkerError
+from sada_gym.errors import BudgetExhausted, SlowWorlds, UserError, WorkerError
 
 out = Console()
 err = Console(stderr=True)
@@ -72,12 +73,28 @@ def errors_as_sentences() -> Iterator[None]:
     Any other exception is a bug and keeps its traceback.
     """
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            yield
     except (UserError, BudgetExhausted, WorkerError) as error:
         if _debug:
             raise
         say(str(error), lead="[bold red]Error:[/] ", console=err)
         raise typer.Exit(1 if isinstance(error, WorkerError) else 2) from error
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,  # noqa: ARG001
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    if issubclass(category, SlowWorlds):
+        say(str(message), console=err)
+    else:
+        sys.stderr.write(warnings.formatwarning(str(message), category, filename, lineno))
 
 
 def say(text: str, *, lead: str = "", console: Console = out) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from sada_gym.application import INFEASIBLE, Application, check_declared
 from sada_gym.arrays import Floats
-from sada_gym.errors import StoreError, UserError, UserTypeError, check_integer
+from sada_gym.errors import SlowWorlds, StoreError, UserError, UserTypeError, check_integer
 from sada_gym.evaluation.dispatch import Chunk, Dispatcher
 from sada_gym.evaluation.key import ApplicationKey
 from sada_gym.evaluation.problems import Answer, BatchFunction, Problem, Registered, score
@@ -24,6 +25,8 @@ from sada_gym.parameters import Mu
 
 MAX_CHUNK = 64
 """A crash can cost a whole chunk, so a chunk is no larger than batching needs."""
+SLOW_S, SLOW_CHUNK_S = 0.5, 30.0
+"""Worlds that take longer are slow; a chunk of them takes about so long."""
 
 MOST_INVALID = 0.2
 """The share of invalid worlds from which on nothing can be said about the agent."""
@@ -128,6 +131,15 @@ class Evaluator:
         if store is not None:
             store.close()
 
+    def expect(self, worlds: int) -> None:
+        """Warn what so many worlds cost, if they are slow, and commit these in short chunks."""
+        seconds = None if self.application is None else self.application.seconds_per_world
+        if seconds is None or seconds < SLOW_S or not worlds:
+            return
+        if self._chunk_size is None:
+            self._chunk_size = max(1, min(MAX_CHUNK, round(SLOW_CHUNK_S / seconds)))
+        warnings.warn(cost_text(seconds, worlds, self.workers), SlowWorlds, stacklevel=2)
+
     def evaluate(
         self, mu: Mu, seeds: Sequence[int], report: Callable[[int, int], None]
     ) -> Evaluated:
@@ -206,6 +218,21 @@ def too_many_invalid(
         f"has {application.parameters.text(mu)}: {reason}. Narrow the ranges, leave the region "
         "out by feasible=, or count such worlds as failures of the agent by on_error='fooled'."
     )
+
+
+def cost_text(seconds: float, worlds: int, workers: int) -> str:
+    """Say how long worlds take: `About 3 s a world; 250 worlds: 13 minutes`."""
+    total = seconds * worlds / workers
+    unit, length = next(
+        (
+            (unit, length)
+            for unit, length in (("hours", 3600), ("minutes", 60))
+            if total > 2 * length
+        ),
+        ("s", 1),
+    )
+    by = f" by {workers} workers" if workers > 1 else ""
+    return f"About {seconds:.2g} s a world; {worlds:,} worlds: {total / length:,.0f} {unit}{by}."
 
 
 def _chunk_size(count: int, workers: int) -> int:

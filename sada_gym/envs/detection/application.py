@@ -184,6 +184,11 @@ class DetectionApplication(Application):
         return default_renderer() if self._renderer is None else self._renderer
 
     @property
+    def seconds_per_world(self) -> float | None:
+        """The seconds of a picture, where the renderer is slow."""
+        return self.renderer.seconds_per_picture(self.image_size)
+
+    @property
     def settings(self) -> dict[str, Any]:
         """The resolved keywords that a score depends on."""
         settings = {

@@ -2,20 +2,26 @@
 
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from sada_gym.attack import attack
+from sada_gym.cli import app
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.renderers import find_renderer
 from sada_gym.envs.detection.renderers.blender import Blender
-from sada_gym.errors import UserError
+from sada_gym.errors import SlowWorlds, UserError
+from sada_gym.evaluation.evaluator import cost_text
 from sada_gym.evaluation.problems import make_application
 from sada_gym.oracle import Oracle
 
@@ -253,3 +259,35 @@ def test_blender_goes_with_its_parent(fake, tmp_path, sign):
     parent.stdout.close()
     (pid,) = pids(tmp_path)
     assert gone(pid)
+
+
+def test_the_cost_of_a_run_is_told_before_it_starts(fake, tmp_path, monkeypatch):
+    monkeypatch.setattr("sada_gym.evaluation.evaluator.SLOW_S", 0.0)
+    given = {"out": tmp_path / "run", "budget": 4, "samples": 3, "pictures": False}
+    with pytest.warns(SlowWorlds, match=r"About .* s a world; 7 worlds: \d+ s\.$"):
+        attack("SADA-Detection-v0", "random", env_kwargs={"renderer": "blender"}, **given)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SlowWorlds)
+        attack("SADA-Detection-v0", "random", **given | {"out": tmp_path / "fast"})
+
+
+@pytest.mark.parametrize(
+    ("seconds", "worlds", "workers", "text"),
+    [
+        (3.12, 250, 1, "About 3.1 s a world; 250 worlds: 13 minutes."),
+        (5.0, 10_000, 2, "About 5 s a world; 10,000 worlds: 7 hours by 2 workers."),
+        (4.0, 5, 1, "About 4 s a world; 5 worlds: 20 s."),
+    ],
+)
+def test_costs_are_told_in_the_unit_that_fits(seconds, worlds, workers, text):
+    assert cost_text(seconds, worlds, workers) == text
+
+
+def test_the_command_line_tells_the_cost_in_a_line(fake, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sada_gym.evaluation.evaluator.SLOW_S", 0.0)
+    command = [*("attack", "SADA-Detection-Car-v0", "-a", "random"), "--budget", "2"]
+    command += ["--samples", "2", "--workers", "1", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(app, [*command, "--env-kwargs", "renderer=blender"])
+    assert result.exit_code == 0, result.output
+    said = result.output + capsys.readouterr().err
+    assert len(re.findall(r"^About \S+ s a world; 4 worlds: \d+ s\.$", said, re.MULTILINE)) == 1

@@ -74,6 +74,10 @@ class Renderer(ABC):
         """Make the picture of one scene."""
         return self.render_batch([scene], image_size)[0]
 
+    def seconds_per_picture(self, image_size: int) -> float | None:  # noqa: ARG002
+        """Return about how long a picture takes; None, the default, where it is fast."""
+        return None
+
     def close(self) -> None:  # noqa: B027 - most renderers hold nothing
         """Free what the renderer holds; calling it twice is fine."""
 

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import threading
+import time
 import weakref
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from sada_gym.envs.detection.backdrop import Backdrop
+from sada_gym.envs.detection.backdrop import Backdrop, random_backdrop
 from sada_gym.envs.detection.renderers.base import Renderer, Rendering
 from sada_gym.envs.detection.renderers.blender_process import (
     SCRIPT,
@@ -91,6 +92,7 @@ class Blender(Renderer):
         self._flat = Rasteriser()
         self._process: BlenderProcess | None = None
         self._known: set[str] = set()
+        self._seconds: dict[int, float] = {}
         self._lock = threading.Lock()
 
     @property
@@ -111,6 +113,17 @@ class Blender(Renderer):
                 Rendering(self._picture(scene, image_size), outline.mask, outline.box)
                 for scene, outline in zip(scenes, outlines, strict=True)
             ]
+
+    def seconds_per_picture(self, image_size: int) -> float:
+        """Draw an empty place of this size to find out how long a picture takes."""
+        if image_size not in self._seconds:
+            backdrop = random_backdrop(np.random.default_rng(0))
+            scene = Scene(None, (0.5, 0.5, 0.5), 10.0, 0.0, 15.0, 60.0, 40.0, backdrop)
+            self.render(scene, 16)  # the start of the program counts once, not for each world
+            start = time.monotonic()
+            self.render(scene, image_size)
+            self._seconds[image_size] = time.monotonic() - start
+        return self._seconds[image_size]
 
     def _picture(self, scene: Scene, size: int) -> npt.NDArray[np.uint8]:
         order = {**_order(scene), "size": size, "samples": self.samples}
