@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mesh_files import CORNERS, LIST, ROWS, TWO, VERTEX, XYZ, Glb, plain
 
 from sada_gym.envs.detection.shapes.mesh_file import read_mesh
 from sada_gym.errors import UserError
@@ -82,17 +83,14 @@ OBJ = [
     _obj("unknown statements", SQUARE + "0.5 1 2\nf 1 2 3\n", refusal="no OBJ statement in line 5"),
 ]
 
-_CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 4]], "<f4")
-_TWO = np.array([[0, 1, 2], [0, 2, 3]])
-
 
 def _binary_stl(header: bytes = b"", tail: bytes = b"", count: int = 2) -> bytes:
-    body = b"".join(bytes(12) + _CORNERS[face].tobytes() + bytes(2) for face in _TWO)
+    body = b"".join(bytes(12) + CORNERS[face].tobytes() + bytes(2) for face in TWO)
     return header.ljust(80) + struct.pack("<I", count) + body + tail
 
 
 def _facet(face: np.ndarray) -> str:
-    corners = "".join("  VERTEX {} {} {}\n".format(*corner) for corner in _CORNERS[face])
+    corners = "".join("  VERTEX {} {} {}\n".format(*corner) for corner in CORNERS[face])
     return f" facet normal 0 0 0\n outer loop\n{corners} endloop\n endfacet\n"
 
 
@@ -111,9 +109,9 @@ STL = [
         refusal="134 bytes after its 2 faces",
     ),
     _stl("binary, cut off", _binary_stl(count=7), refusal="ends after 2 of 7 faces"),
-    _stl("ASCII", f"solid a b\n{_facet(_TWO[0])}endsolid a b\n", 1),
-    _stl("ASCII, several solids", "".join(f"solid\n{_facet(f)}endsolid\n" for f in _TWO), 2),
-    _stl("ASCII, cut off", f"solid a\n{_facet(_TWO[0])}", refusal="ends before its endsolid"),
+    _stl("ASCII", f"solid a b\n{_facet(TWO[0])}endsolid a b\n", 1),
+    _stl("ASCII, several solids", "".join(f"solid\n{_facet(f)}endsolid\n" for f in TWO), 2),
+    _stl("ASCII, cut off", f"solid a\n{_facet(TWO[0])}", refusal="ends before its endsolid"),
     _stl(
         "ASCII, facets of four corners",
         f"solid a\n{_facet(np.array([0, 1, 2, 3]))}endsolid\n",
@@ -136,18 +134,12 @@ def _ply(
     return Case(feature, "a.ply", header + content, faces, area, refusal)
 
 
-XYZ = "property float x\nproperty float y\nproperty float z\n"
-VERTEX = f"element vertex 4\n{XYZ}"
-LIST = "property list uchar int vertex_indices\n"
-ROWS = "0 0 0\n2 0 0\n2 3 0\n0 3 0\n"
-
-
 def _packed(order: str, size: str, index: str, polygons: list[list[int]]) -> bytes:
     rows = [
         np.array([len(row)], order + size).tobytes() + np.array(row, order + index).tobytes()
         for row in polygons
     ]
-    return _CORNERS[:4].astype(order + "f4").tobytes() + b"".join(rows)
+    return CORNERS[:4].astype(order + "f4").tobytes() + b"".join(rows)
 
 
 PLY = [
@@ -246,102 +238,44 @@ PLY = [
 ]
 
 
-class _Glb:
-    """Collects accessors, and writes a GLB."""
-
-    def __init__(self) -> None:
-        self.accessors: list[dict] = []
-        self.views: list[dict] = []
-        self.body = b""
-        self.top: dict[str, Any] = {}
-
-    def view(self, content: bytes, **more: int) -> int:
-        self.views.append(
-            {"buffer": 0, "byteOffset": len(self.body), "byteLength": len(content), **more}
-        )
-        self.body += content + b"\0" * (-len(content) % 4)
-        return len(self.views) - 1
-
-    def add(self, array: np.ndarray, **more: Any) -> int:
-        kinds = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-        width = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-        self.accessors.append(
-            {
-                "bufferView": self.view(np.ascontiguousarray(array).tobytes()),
-                "componentType": kinds[array.dtype.str[1:]],
-                "count": len(array),
-                "type": width[array[0].size],
-                **more,
-            }
-        )
-        return len(self.accessors) - 1
-
-    def json(self, primitive: dict, nodes: list[dict] | None = None, **top: Any) -> dict:
-        primitives = primitive if isinstance(primitive, list) else [primitive]
-        return {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": nodes or [{"mesh": 0}],
-            "meshes": [{"primitives": primitives}],
-            "accessors": self.accessors,
-            "bufferViews": self.views,
-            "buffers": [{"byteLength": len(self.body)}],
-            **top,
-        }
-
-    def bytes(self, primitive: dict, nodes: list[dict] | None = None, **top: Any) -> bytes:
-        text = json.dumps(self.json(primitive, nodes, **top)).encode()
-        text += b" " * (-len(text) % 4)
-        body = struct.pack("<I4s", len(self.body), b"BIN\0") + self.body if self.body else b""
-        size = 20 + len(text) + len(body)
-        return struct.pack("<4sIII4s", b"glTF", 2, size, len(text), b"JSON") + text + body
-
-
-def _plain(glb: _Glb, kind: str = "<u2", **more: Any) -> dict:
-    position = glb.add(_CORNERS[:4])
-    index = glb.add(_TWO.ravel().astype(kind))
-    return {"attributes": {"POSITION": position}, "indices": index, **more}
-
-
 def _gltf(
     feature: str,
-    make: Callable[[_Glb], bytes],
+    make: Callable[[Glb], bytes],
     faces: int = 0,
     area: float = 0.0,
     refusal: str = "",
     name: str = "a.glb",
 ) -> Case:
-    return Case(feature, name, make(_Glb()), faces, area, refusal)
+    return Case(feature, name, make(Glb()), faces, area, refusal)
 
 
-def _indexed(kind: str) -> Callable[[_Glb], bytes]:
-    return lambda glb: glb.bytes(_plain(glb, kind))
+def _indexed(kind: str) -> Callable[[Glb], bytes]:
+    return lambda glb: glb.bytes(plain(glb, kind))
 
 
-def _mode(mode: int) -> Callable[[_Glb], bytes]:
-    def make(glb: _Glb) -> bytes:
+def _mode(mode: int) -> Callable[[Glb], bytes]:
+    def make(glb: Glb) -> bytes:
         order = {5: [0, 1, 3, 2], 6: [0, 1, 2, 3]}.get(mode, [0, 1, 2])
         index = glb.add(np.array(order, "u1"))
-        lines = {"attributes": {"POSITION": glb.add(_CORNERS[:4])}, "indices": index, "mode": mode}
-        return glb.bytes([_plain(glb), lines] if mode < 4 else lines)
+        lines = {"attributes": {"POSITION": glb.add(CORNERS[:4])}, "indices": index, "mode": mode}
+        return glb.bytes([plain(glb), lines] if mode < 4 else lines)
 
     return make
 
 
-def _strided(glb: _Glb) -> bytes:
+def _strided(glb: Glb) -> bytes:
     wide = np.zeros((4, 5), "<f4")
-    wide[:, 1:4] = _CORNERS[:4]
-    primitive = _plain(glb)
+    wide[:, 1:4] = CORNERS[:4]
+    primitive = plain(glb)
     view = glb.view(wide.tobytes(), byteStride=20)
     glb.accessors[0] |= {"bufferView": view, "byteOffset": 4}
     return glb.bytes(primitive)
 
 
-def _sparse(glb: _Glb, zeros: bool = False) -> bytes:
-    primitive = _plain(glb)
+def _sparse(glb: Glb, zeros: bool = False) -> bytes:
+    primitive = plain(glb)
     rows = np.arange(4, dtype="<u2") if zeros else np.array([2, 3], "<u2")
-    changed = _CORNERS[:4] if zeros else _CORNERS[2:4] * 2
+    changed = CORNERS[:4] if zeros else CORNERS[2:4] * 2
     sparse = {
         "count": len(rows),
         "indices": {"bufferView": glb.view(rows.tobytes()), "componentType": 5123},
@@ -353,29 +287,29 @@ def _sparse(glb: _Glb, zeros: bool = False) -> bytes:
     return glb.bytes(primitive)
 
 
-def _quantized(glb: _Glb) -> bytes:
+def _quantized(glb: Glb) -> bytes:
     values = np.array([[0, 0, 0, 0], [127, 0, 0, 0], [127, 127, 0, 0], [0, 127, 0, 0]], "i1")
     view = glb.view(values.tobytes(), byteStride=4)
-    primitive = _plain(glb)
+    primitive = plain(glb)
     glb.accessors[0] |= {"bufferView": view, "componentType": 5120, "normalized": True}
     nodes = [{"mesh": 0, "scale": [2, 3, 1]}]
     return glb.bytes(primitive, nodes, extensionsRequired=["KHR_mesh_quantization"])
 
 
-def _nodes(nodes: list[dict], **top: Any) -> Callable[[_Glb], bytes]:
-    return lambda glb: glb.bytes(_plain(glb), nodes, **top)
+def _nodes(nodes: list[dict], **top: Any) -> Callable[[Glb], bytes]:
+    return lambda glb: glb.bytes(plain(glb), nodes, **top)
 
 
-def _morphed(glb: _Glb) -> bytes:
+def _morphed(glb: Glb) -> bytes:
     shift = np.zeros((4, 3), "<f4")
     shift[2:, 1] = 3
     return glb.bytes(
-        {**_plain(glb), "targets": [{"POSITION": glb.add(shift)}]}, [{"mesh": 0, "weights": [2.0]}]
+        {**plain(glb), "targets": [{"POSITION": glb.add(shift)}]}, [{"mesh": 0, "weights": [2.0]}]
     )
 
 
-def _skinned(glb: _Glb) -> bytes:
-    primitive = _plain(glb)
+def _skinned(glb: Glb) -> bytes:
+    primitive = plain(glb)
     inverse = np.eye(4, dtype="<f4")
     inverse[3, 0] = -1
     primitive["attributes"] |= {
@@ -398,8 +332,8 @@ def _skinned(glb: _Glb) -> bytes:
     return glb.bytes(primitive, nodes, skins=[skin])
 
 
-def _instanced(glb: _Glb) -> bytes:
-    primitive = _plain(glb)
+def _instanced(glb: Glb) -> bytes:
+    primitive = plain(glb)
     places = {"TRANSLATION": glb.add(np.array([[0, 0, 0], [9, 0, 0]], "<f4"))}
     extension = {"EXT_mesh_gpu_instancing": {"attributes": places}}
     return glb.bytes(
@@ -409,20 +343,20 @@ def _instanced(glb: _Glb) -> bytes:
     )
 
 
-def _data_uri(glb: _Glb) -> bytes:
-    primitive = _plain(glb)
+def _data_uri(glb: Glb) -> bytes:
+    primitive = plain(glb)
     uri = "data:application/octet-stream;base64," + base64.b64encode(glb.body).decode()
     buffer = {"byteLength": len(glb.body), "uri": uri}
     return json.dumps(glb.json(primitive, buffers=[buffer])).encode()
 
 
-def _requires(*names: str) -> Callable[[_Glb], bytes]:
+def _requires(*names: str) -> Callable[[Glb], bytes]:
     return _nodes([{"mesh": 0}], extensionsRequired=list(names))
 
 
-def _broken(change: Callable[[_Glb, dict], None]) -> Callable[[_Glb], bytes]:
-    def make(glb: _Glb) -> bytes:
-        primitive = _plain(glb)
+def _broken(change: Callable[[Glb, dict], None]) -> Callable[[Glb], bytes]:
+    def make(glb: Glb) -> bytes:
+        primitive = plain(glb)
         change(glb, primitive)
         return glb.bytes(primitive)
 
@@ -437,7 +371,7 @@ GLTF = [
     _gltf("indices of 32 bits", _indexed("<u4"), 2, 6),
     _gltf(
         "no indices",
-        lambda glb: glb.bytes({"attributes": {"POSITION": glb.add(_CORNERS[:3])}}),
+        lambda glb: glb.bytes({"attributes": {"POSITION": glb.add(CORNERS[:3])}}),
         1,
         3,
     ),
@@ -525,7 +459,7 @@ GLTF = [
     ),
     _gltf(
         "missing vertices",
-        _broken(lambda glb, p: p["attributes"].update(POSITION=glb.add(_CORNERS[:3]))),
+        _broken(lambda glb, p: p["attributes"].update(POSITION=glb.add(CORNERS[:3]))),
         refusal="point at missing vertices",
     ),
     _gltf(
@@ -538,7 +472,7 @@ GLTF = [
         _broken(lambda glb, p: p.update(indices=9)),
         refusal="a reference to number 9 of 2 accessors",
     ),
-    _gltf("cut off", lambda glb: glb.bytes(_plain(glb))[:-9], refusal="the file is cut off"),
+    _gltf("cut off", lambda glb: glb.bytes(plain(glb))[:-9], refusal="the file is cut off"),
 ]
 CASES = [*OBJ, *STL, *PLY, *GLTF]
 
