@@ -66,7 +66,7 @@ class AttackResult:
 
 def attack(
     environment: str | Application,
-    adversary: str | type[Adversary] = "bbgan",
+    adversary: str | type[Adversary] = "level-set",
     *,
     out: str | Path,
     env_kwargs: Mapping[str, Any] | None = None,

@@ -90,6 +90,10 @@ class Adversary(ABC):
         """Say how many queries the paper adds to a budget of `queries`, as it does for boosting."""
         return 0
 
+    def uniform_part(self, queries: int) -> int:
+        """Say how many of so many training queries are uniform in the box: the first ones."""
+        return queries if self.uniform_queries else 0
+
     @abstractmethod
     def train(self, oracle: Query) -> None:
         """Spend the oracle's remaining budget to learn the fooling distribution."""

@@ -70,14 +70,18 @@ class LevelSet(FittedAdversary):
     options: LevelSetOptions
     level: float = 0.5
 
+    def uniform_part(self, queries: int) -> int:
+        """Say how many queries the first, uniform round has."""
+        first = max(int(self.options.uniform * queries), MIN_BUDGET)
+        return first if self.options.rounds else queries
+
     def _query(self, oracle: Query) -> Evaluations:
         budget = oracle.remaining
         if budget < MIN_BUDGET:
             raise BudgetTooSmall(
                 f"Expected a budget of at least {MIN_BUDGET} queries, got {budget}. Raise it."
             )
-        rounds = self.options.rounds
-        first = max(int(self.options.uniform * budget), MIN_BUDGET) if rounds else budget
+        rounds, first = self.options.rounds, self.uniform_part(budget)
         queries = evaluate_uniform(first, self.dimension, oracle, self.rng)
         for i in range(1, rounds + 1):
             part = first + (budget - first) * i // rounds - len(queries)

@@ -40,7 +40,7 @@ def attack(
         metavar="ID|FILE.toml",
         help="The environment; `sada-gym envs` lists them. Or a file that describes one.",
     ),
-    adversary: str = option("bbgan", "`sada-gym adversaries` lists them.", "--adversary", "-a"),
+    adversary: str = option("level-set", "`sada-gym adversaries` lists them.", "--adversary", "-a"),
     preset: str | None = option(None, "A named set of the adversary's options, such as `paper`."),
     env_kwargs: list[str] | None = env_kwargs_option(),
     agent: str | None = option(

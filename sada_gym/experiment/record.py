@@ -135,6 +135,17 @@ class RunSettings(Strict):
         return str(self.key)
 
 
+class UniformQueries(Strict):
+    """The training queries that were uniform in the box, in valid worlds.
+
+    Attributes:
+        fooled: How many of them fooled the agent.
+    """
+
+    worlds: int
+    fooled: int
+
+
 class RunReport(Measures):
     """The contents of result.json: the measures of a run, and its settings.
 
@@ -146,6 +157,7 @@ class RunReport(Measures):
         seeds: How the seeds follow from the settings' seed.
         flags: What a reader must know, such as that no training query fooled.
         invalid: The worlds that broke; None where there are none.
+        uniform: The training queries that were uniform; None where there are none.
     """
 
     settings: RunSettings
@@ -155,6 +167,7 @@ class RunReport(Measures):
     flags: tuple[OneLine, ...]
     where: FailureRegions
     invalid: InvalidWorlds | None = None
+    uniform: UniformQueries | None = None
 
     def measures(self) -> Measures:
         """Return the measures alone."""

@@ -29,7 +29,7 @@ from sada_gym.experiment.measure import (
     measure,
     summarise_distances,
 )
-from sada_gym.experiment.record import RunReport, RunSettings
+from sada_gym.experiment.record import RunReport, RunSettings, UniformQueries
 from sada_gym.measures.collapse import collapse_flag
 from sada_gym.measures.failure_regions import failure_regions
 from sada_gym.measures.novelty import Neighbours, image_neighbours
@@ -222,7 +222,15 @@ class Run:
                 self.application.parameters, samples.mu[samples.fooled(self._threshold)]
             ),
             invalid=invalid_worlds(self.application, self._train, self._test),
+            uniform=self._uniform_queries(),
         )
+
+    def _uniform_queries(self) -> UniformQueries | None:
+        part = self.adversary.uniform_part(len(self.queries))
+        if not part or not len(worlds := self.queries[np.arange(part)].valid):
+            return None
+        fooled = int(worlds.fooled(self._threshold).sum())
+        return UniformQueries(worlds=len(worlds), fooled=fooled)
 
     @cached_property
     def ideal_samples(self) -> Evaluations | None:

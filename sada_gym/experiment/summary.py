@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from sada_gym import adversaries
 from sada_gym.cards import find_card
-from sada_gym.errors import UserError
 from sada_gym.experiment.folder import RESULT_FILE
 from sada_gym.experiment.invalid import InvalidWorlds
 from sada_gym.experiment.record import RunReport
@@ -100,19 +98,12 @@ def _uniform_rate(report: RunReport) -> str:
         return f"{_percent(reference.uniform_rate)} (reference set of {reference.points:,} points)"
     if adversary == "random":
         return f"{_percent(report.afr)} (these samples are uniform)"
-    unknown = 0 if report.invalid is None else report.invalid.queries + report.invalid.infeasible
-    worlds = report.search.queries - unknown
-    rate = report.search.fooled / worlds if worlds else None
-    if rate is not None and _asks_uniformly(adversary):
-        return f"{_percent(rate)} (its {worlds:,} training queries are uniform)"
-    return "not known: run --adversary random"
-
-
-def _asks_uniformly(adversary: str) -> bool:
-    try:
-        return adversaries.find(adversary).uniform_queries
-    except UserError:  # a class that has no place in the registry
-        return False
+    uniform = report.uniform
+    if uniform is None:
+        return "not known: run --adversary random"
+    which = "its" if uniform.worlds == report.search.queries else "the first"
+    rate = _percent(uniform.fooled / uniform.worlds)
+    return f"{rate} ({which} {uniform.worlds:,} training queries are uniform)"
 
 
 def _percent(rate: float) -> str:
