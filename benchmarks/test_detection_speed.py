@@ -4,18 +4,24 @@ The yardstick is one bare TinyRenderer frame of the same scene with everything i
 buildings, object) and its own shadow, 128 pixels, over uniform mu.
 """
 
+import dataclasses
 import statistics
+import time
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 import sada_gym  # noqa: F401
 from sada_gym.adversaries import make
 from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.detector import DETECTOR_TILE
+from sada_gym.envs.detection.renderers import default_renderer
 from sada_gym.envs.detection.scene import FIELD_OF_VIEW_DEG, camera_of, light_of
+from sada_gym.envs.detection.shapes import Material, Surface
+from sada_gym.envs.detection.shapes.assembly import Part, assemble
 from sada_gym.evaluation.oracle import Oracle
 
 BATCH = 64
@@ -96,6 +102,31 @@ def test_bare_frame(benchmark):
     record(benchmark, "bare frame")
 
 
+def textured(faces):
+    """Make a ball of so many faces, with a texture of 1,024 pixels; it shows from both sides."""
+    ball = trimesh.creation.icosphere(6)
+    part = trimesh.Trimesh(ball.vertices, ball.faces[:faces], process=False)
+    shape = assemble("bench/ball", "car", [Part(part)])
+    pixels = np.random.default_rng(0).integers(0, 256, (1_024, 1_024, 4), dtype=np.uint8)
+    pixels[..., 3] = 255
+    surface = Surface(texture=pixels, material=Material.PAINT)
+    uv = shape.normals[:, :2]
+    return dataclasses.replace(shape, surfaces=(surface,), uv=uv, double_sided=True)
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize("faces", [0, 5_000, 60_000])
+def test_pictures_of_320_pixels(benchmark, faces):
+    """The default renderer alone: the benchmark's cars, and a textured model of so many faces."""
+    application = DetectionApplication("car")
+    scenes = [application.scene(mu, seed) for mu, seed in zip(MU[:16], SEEDS, strict=False)]
+    if faces:
+        shape = textured(faces)
+        scenes = [dataclasses.replace(this, shape=shape) for this in scenes]
+    benchmark.pedantic(default_renderer().render_batch, (scenes, 320), rounds=10, warmup_rounds=1)
+    record(benchmark, f"320 pixels, {faces:,} textured faces", len(scenes))
+
+
 def test_batch(benchmark):
     application = DetectionApplication("car")
     benchmark.pedantic(application.evaluate, (MU, SEEDS), rounds=10, warmup_rounds=1)
@@ -151,6 +182,8 @@ def test_ratios(capsys):
         ("scalar step", "batch of 64", "at most 3"),
         ("scalar step", "scalar step, unpadded", "at most 3"),
         ("make_vec of 64", "batch of 64", "at most 1.2"),
+        (*("320 pixels, 5,000 textured faces", "320 pixels, 0 textured faces"), "at most 2"),
+        (*("320 pixels, 60,000 textured faces", "320 pixels, 0 textured faces"), "at most 2.1"),
         ("oracle, 1 worker(s)", "oracle, 2 worker(s)", "at least 1.9"),
     )
     with capsys.disabled():

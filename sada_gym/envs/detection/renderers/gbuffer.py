@@ -102,7 +102,8 @@ class Skin(NamedTuple):
     before: `levels` (l, 3) are its first row of `texels`, its height and width. `texels` (t, 4)
     uint8 are sRGB and how much is solid, `linear` (256,) turns sRGB into light.
 
-    `panes` (h, w) is the face of glass before what `GBuffer.shown` shows, -1 where there is none.
+    `nearest` (h, w) is the inverse depth of what `GBuffer.shown` shows, and `panes` (h, w) the face
+    of glass before it, -1 where there is none.
     """
 
     cut: int
@@ -116,6 +117,7 @@ class Skin(NamedTuple):
     levels: Array
     texels: Array
     linear: Array
+    nearest: Array
     panes: Array
 
 

@@ -38,7 +38,7 @@ from sada_gym.envs.pixels import Triple, tone_table
 AMBIENT = 0.2
 LIGHT_SIZE = 64
 """Samples a side of the light's view, for shadows; textured models cast sharper ones."""
-TEXTURED_LIGHT_SIZE = 192
+TEXTURED_LIGHT_SIZE = 160
 LIGHT_HALF = 2.7
 LIGHT_DISTANCE = 30.0
 
@@ -162,12 +162,11 @@ def _rasterised(
     planes, nearest = np.empty((len(shape.faces), zbuffer.PLANES)), np.zeros(size)
     shown = np.full(size, -1, np.int32)
     skin = skin_of(shape) if shape.surfaces else None
-    faces, window = shape.faces, (shape.double_sided, corner, planes, nearest, shown)
-    if skin is not None:
-        faces = skin.faces[: skin.cut]
-    zbuffer.rasterise(points, faces, *window)
-    if skin is not None:
-        part = (skin.cut, skin.clear if dark_glass else skin.dark)
+    window = (shape.double_sided, corner, planes, nearest, shown)
+    if skin is None:
+        zbuffer.rasterise(points, shape.faces, *window)
+    else:
+        part = (0, skin.clear if dark_glass else skin.dark)
         zbuffer.rasterise(points, skin.faces, *window, skin, part)
     return planes, shown, nearest
 
@@ -182,7 +181,7 @@ def _with_panes(
     if part[0] < part[1]:
         window = (shape.double_sided, corner, planes, nearest.copy(), panes)
         zbuffer.rasterise(points, skin.faces, *window, skin, part)
-    return skin._replace(panes=panes)
+    return skin._replace(nearest=nearest, panes=panes)
 
 
 def _buildings_in_sight(buildings: Matrix, camera: Pinhole) -> Matrix:

@@ -315,6 +315,16 @@ def _skinned(
 
 
 @inlined
+def _goes_on(
+    camera: KernelCamera, g: GBuffer, skin: Skin, face: int, row: int, column: int
+) -> bool:
+    """Say whether a sample's surface lies in a face's plane, by a third of a sample's width."""
+    plane, inverse = g.planes[face], skin.nearest[row, column]
+    there = plane[6] * (g.column + column + 0.5) + plane[7] * (g.row + row + 0.5) + plane[8]
+    return bool(abs(there - inverse) < 0.35 * camera.step * inverse)
+
+
+@inlined
 def _skinned_pixel(
     i: int,
     j: int,
@@ -327,27 +337,34 @@ def _skinned_pixel(
 ) -> tuple[int, float, Triple]:
     """Light what a pixel shows of a textured model.
 
+    Samples of one surface are lit once, even those of several faces, if it goes on evenly.
+
     It returns how many samples show it, how many, in parts, the place behind it has, and the light.
     """
     samples = SUPERSAMPLING * SUPERSAMPLING
     left, top = SUPERSAMPLING * i - g.column, SUPERSAMPLING * j - g.row
-    covered, bare, sum_of_light = 0, float(samples), (0.0, 0.0, 0.0)
+    covered, bare, sum_of_light, taken = 0, float(samples), (0.0, 0.0, 0.0), 0
     for s in range(samples):
         y, x = top + s // SUPERSAMPLING, left + s % SUPERSAMPLING
         face, pane = g.shown[y, x], skin.panes[y, x]
-        if face < 0 and pane < 0:
+        if (taken >> s) & 1 or (face < 0 and pane < 0):
             continue
-        count, u, v = 0, 0, 0
-        for t in range(samples):
+        count, own, u, v = 0, 0, 0, 0
+        for t in range(s, samples):
             y, x = t // SUPERSAMPLING, t % SUPERSAMPLING
-            if g.shown[top + y, left + x] == face and skin.panes[top + y, left + x] == pane:
-                if t < s:
-                    break
-                count, u, v = count + 1, u + x, v + y
-        if count == 0:
-            continue
+            other, glass = g.shown[top + y, left + x], skin.panes[top + y, left + x]
+            if other == face and glass == pane:
+                own, u, v = own + 1, u + x, v + y
+            elif (
+                max(pane, glass) >= 0
+                or min(other, face) < 0
+                or skin.materials[other] != skin.materials[face]
+                or not _goes_on(camera, g, skin, face, top + y, left + x)
+            ):
+                continue
+            count, taken = count + 1, taken | (1 << t)
         covered += count
-        right, down = SUPERSAMPLING * i + u / count + 0.5, SUPERSAMPLING * j + v / count + 0.5
+        right, down = SUPERSAMPLING * i + u / own + 0.5, SUPERSAMPLING * j + v / own + 0.5
         through = 1.0
         for layer in range(2):
             drawn = pane if layer == 0 else face

@@ -76,6 +76,7 @@ def _prepared(shape: Shape) -> Skin:
         levels=np.concatenate(levels),
         texels=np.concatenate(texels),
         linear=LINEAR,
+        nearest=np.empty((0, 0)),
         panes=np.empty((0, 0), np.int32),
     )
 

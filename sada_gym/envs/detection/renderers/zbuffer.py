@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from sada_gym.compiled import inlined, uncounted
 from sada_gym.envs.detection.renderers.gbuffer import KernelCamera, Skin
-from sada_gym.envs.detection.renderers.texture import barycentric, texel, uv_at
+from sada_gym.envs.detection.renderers.texture import texel, uv_at
 from sada_gym.envs.pixels import Triple, dot, scaled
 
 NEAR = 0.05
@@ -91,7 +91,7 @@ def rasterise(
         faces: (f, 3), counter-clockwise seen from outside.
         double_sided: Whether faces show from behind too.
         corner: The window's first column and row, in samples.
-        planes: (f, PLANES), filled for the faces that are drawn.
+        planes: (f, PLANES), filled for the faces that are seen.
         nearest: (h, w) inverse depth of the nearest surface, 0 at first.
         shown: (h, w) the face that is seen, filled where `nearest` grows.
         skin: Textures, whose holes are left open.
@@ -108,7 +108,8 @@ def rasterise(
         q = (points[b, 0], points[b, 1], points[b, 2])
         r = (points[c, 0], points[c, 1], points[c, 2])
         first, last = 0, height
-        if min(p[2], q[2], r[2]) >= NEAR:
+        is_before = min(p[2], q[2], r[2]) >= NEAR
+        if is_before:
             u, v, w = points[a, 3], points[b, 3], points[c, 3]
             if _first(min(u, v, w), left, width) >= _first(max(u, v, w), left, width):
                 continue
@@ -124,28 +125,40 @@ def rasterise(
         if not 0.0 < volume < math.inf:  # seen from behind, without area, or not finite
             continue
         edge_a, edge_b, edge_c = scaled(edge_a, -side), scaled(edge_b, -side), scaled(edge_c, -side)
-        plane, share = planes[f], 1.0 / volume
-        for k in range(3):
-            plane[k], plane[3 + k] = edge_a[k] * share, edge_b[k] * share
-            plane[6 + k] = (edge_a[k] + edge_b[k] + edge_c[k]) * share
-        plane[9] = side
+        share, is_seen = 1.0 / volume, False
+        across = (edge_a[0] + edge_b[0] + edge_c[0]) * share
+        down = (edge_a[1] + edge_b[1] + edge_c[1]) * share
+        fixed = (edge_a[2] + edge_b[2] + edge_c[2]) * share
         if skin is not None:
+            line_a, line_b, line_c = _line(edge_a), _line(edge_b), _line(edge_c)
             level, is_small = _level_of_holes(points, faces[f], skin.materials[f], skin)
         for j in range(first, last):
             v = above + j + 0.5
-            low, high = _cut(edge_a, v, -math.inf, math.inf)
-            low, high = _cut(edge_b, v, low, high)
-            low, high = _cut(edge_c, v, low, high)
-            rest = plane[7] * v + plane[8]
+            if skin is not None and is_before:  # without a division or a branch a row
+                low = max(_at(line_a, 0, v), _at(line_b, 0, v), _at(line_c, 0, v))
+                high = min(_at(line_a, 2, v), _at(line_b, 2, v), _at(line_c, 2, v))
+            else:
+                low, high = _cut(edge_a, v, -math.inf, math.inf)
+                low, high = _cut(edge_b, v, low, high)
+                low, high = _cut(edge_c, v, low, high)
+            rest = down * v + fixed
             for i in range(_first(low, left, width), _first(high, left, width)):
-                inverse = plane[6] * (left + i + 0.5) + rest
+                u = left + i + 0.5
+                inverse = across * u + rest
                 if nearest[j, i] < inverse <= 1.0 / NEAR:
-                    u = left + i + 0.5
                     if skin is not None and level >= 0:
                         least = 0.125 + 0.25 * (2 * ((i + j) & 1) + (j & 1)) if is_small else 0.5
-                        if _solid_share(plane, u, v, f, level, skin) < least:
+                        x = share / inverse * (edge_a[0] * u + edge_a[1] * v + edge_a[2])
+                        y = share / inverse * (edge_b[0] * u + edge_b[1] * v + edge_b[2])
+                        x, y = uv_at(skin.uv, skin.faces[f], x, y)
+                        if texel(skin, level, x, y)[3] < least:
                             continue
-                    nearest[j, i], shown[j, i] = inverse, f
+                    nearest[j, i], shown[j, i], is_seen = inverse, f, True
+        if is_seen:  # of a large mesh most faces are hidden
+            plane = planes[f]
+            for k in range(3):
+                plane[k], plane[3 + k] = edge_a[k] * share, edge_b[k] * share
+            plane[6], plane[7], plane[8], plane[9] = across, down, fixed, side
 
 
 @uncounted
@@ -190,10 +203,19 @@ def _doubled_area(places: Floats, k: int, a: int, b: int, c: int) -> float:
 
 
 @inlined
-def _solid_share(plane: Floats, u: float, v: float, face: int, level: int, skin: Skin) -> float:
-    _, a, b = barycentric(plane, u, v)
-    x, y = uv_at(skin.uv, skin.faces[face], a, b)
-    return texel(skin, level, x, y)[3]
+def _line(edge: Triple) -> tuple[float, float, float, float]:
+    """Return where a row enters a triangle by an edge, and where it leaves by it, for `_at`."""
+    if abs(edge[0]) < 1e-30:  # along the rows: the face's rows end at it
+        return 0.0, -math.inf, 0.0, math.inf
+    slope, place = -edge[1] / edge[0], -edge[2] / edge[0]
+    if edge[0] > 0.0:
+        return slope, place, 0.0, math.inf
+    return 0.0, -math.inf, slope, place
+
+
+@inlined
+def _at(line: tuple[float, float, float, float], k: int, v: float) -> float:
+    return line[k] * v + line[k + 1]
 
 
 @inlined
