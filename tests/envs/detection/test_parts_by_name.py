@@ -98,11 +98,17 @@ def test_whoever_makes_a_renderer_closes_it(toy_rows, monkeypatch):
         ({"renderer": "no_module:Flat"}, r"Expected a renderer's name or module:Class.*no_module"),
         ({"renderer": "toy_parts:Missing"}, r"Expected a renderer's name or module:Class"),
         ({"renderer": "toy_parts:first_two"}, r"'toy_parts:first_two' to be a subclass of Render"),
-        ({"shapes": "benchmrk"}, r"name among benchmark or a folder .*mean 'benchmark'\?"),
+        (
+            {"shapes": "benchmrk"},
+            r"name among benchmark, .*, textured or a folder .*mean 'benchmark'\?",
+        ),
         ({"shapes": "no/folder"}, r"Expected a folder of CAD files, got no/folder"),
         ({"shapes": "toy_parts:missing"}, r"Expected a shape set's name or module:Class"),
         ({"shapes": "toy_parts:no_shapes"}, r"tuple of Shape objects from 'toy_parts:no_shapes'"),
-        ({"shapes": 3}, r"shapes to be a name among benchmark or the path of a folder, got 3"),
+        (
+            {"shapes": 3},
+            r"shapes to be a name among benchmark, .*, textured or the path of a folder, got 3",
+        ),
     ],
 )
 def test_unknown_parts_get_a_sentence(keywords, message, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """Textured models of others: where they are found, what they hold, and every way to lack them."""
 
 import hashlib
+import re
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +14,7 @@ from sada_gym.envs.detection.shapes import DIAGONAL, Material, find_shapes, fing
 from sada_gym.errors import FileError, UserError
 
 CLASSES = sorted({model.object_class for model in textured.listed_models()})
+PAGE = Path(__file__).parents[3] / "docs/environments/detection.md"
 OBJ = """mtllib side.mtl
 v 0 0 0
 v 1 0 0
@@ -148,3 +150,10 @@ def test_each_class_has_two_models_where_the_packages_are(object_class: str) -> 
         assert len(shape.faces) <= 60_000
         assert np.linalg.norm(high - low) == pytest.approx(DIAGONAL, rel=1e-5)
         np.testing.assert_allclose([*(low + high)[:2], low[2]], 0, atol=1e-5)
+
+
+def test_the_page_names_each_model_and_its_author() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for model in textured.listed_models():
+        (row,) = re.findall(rf"^\| {model.object_class} \| .*\(.*$", page, re.MULTILINE)
+        assert f"{model.name} ({model.author}, {model.licence})" in row

@@ -61,8 +61,9 @@ def load_folder(path: str | Path, *, skip_unreadable: bool = False) -> dict[str,
 
     Files are found at any depth below a class's folder, as ShapeNet nests them. Each becomes one
     shape: a scene's meshes are merged in their places, windings made outward, the whole turned by
-    the folder's `Orientation` and placed as `Shape` says. All faces are `Material.PAINT`. Some
-    2,000 triangles a file are best for rendering time, and 500,000 are the most.
+    the folder's `FolderSettings` and placed as `Shape` says. All faces are `Material.PAINT`, unless
+    the settings ask for the files' materials and textures. Some 2,000 triangles a file are best for
+    rendering time, and 500,000 are the most.
 
     A folder `cad/` holds `cad/car/saloon.obj`, `cad/chair/office.glb` and so on, and optionally
     `cad/shapes.json`, such as `{"up": "+z", "front": "+x"}`. With `skip_unreadable`, a file that
