@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -214,3 +216,21 @@ def test_the_pole_stands_where_the_rasteriser_draws_it(blender, shift, pitch):
         # what lies far beside the pole stays as it is, but for noise
         assert changed[:, beside].mean() < 0.1
         assert changed[:, np.abs(columns - middle) < half - 1].mean() > 0.5
+
+
+KILLED = """
+import os, signal
+import numpy as np
+from sada_gym.envs.detection import DetectionApplication
+from sada_gym.envs.detection.renderers.blender import Blender
+application = DetectionApplication("car", renderer=Blender(samples=1), image_size=32)
+application.observation(np.zeros(8), 1)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_run_leaves_no_folder_behind(tmp_path):
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", KILLED], env=environment, check=False)
+    assert done.returncode == -9
+    assert list(tmp_path.iterdir()) == []

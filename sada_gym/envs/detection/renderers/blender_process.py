@@ -33,7 +33,7 @@ _INSTALL = (
 )
 _KINDS = {"<f4": "f", "<i4": "i", "|u1": "B"}
 """The types of arrays, as Python's module `array` calls them."""
-_VERSION_S = 60.0
+_VERSION_S = _START_S = 60.0
 _LINE, _LAST_WORDS = 2**16, 250
 _ENDING_S = 5.0
 
@@ -121,7 +121,7 @@ class BlenderProcess:
             start_new_session=True,  # Ctrl-C is for us: Blender would hand out half a picture
         )
         try:
-            self._folder = str(self._exchange(b"").get("folder", ""))
+            self._folder = str(self._exchange(b"", max(timeout_s, _START_S)).get("folder", ""))
         except BaseException:
             self.close()
             raise
@@ -140,7 +140,7 @@ class BlenderProcess:
         line = json.dumps({**order, "arrays": listed}, allow_nan=False)
         content = b"".join([f"{line}\n".encode(), *(a.tobytes() for a in given.values())])
         try:
-            answer = self._exchange(content)
+            answer = self._exchange(content, self._timeout_s)
             size = int(answer.get("bytes", 0))
             picture: bytes = self._output.read(size)
             if len(picture) < size:
@@ -161,9 +161,9 @@ class BlenderProcess:
     def _output(self) -> Any:
         return self._process.stdout
 
-    def _exchange(self, content: bytes) -> dict[str, Any]:
+    def _exchange(self, content: bytes, limit_s: float) -> dict[str, Any]:
         """Send bytes and return the next message, in time."""
-        watch = threading.Timer(self._timeout_s, self._time_out)
+        watch = threading.Timer(limit_s, self._time_out)
         watch.daemon = True
         watch.start()
         try:

@@ -11,10 +11,13 @@ import ctypes
 import json
 import math
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import traceback
 from array import array
+from contextlib import suppress
 from typing import Any
 
 try:
@@ -141,6 +144,10 @@ class Stage:
     def __init__(self) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
+        self.folder = tempfile.mkdtemp(prefix="sada-gym-blender-")
+        for folder in (self.folder, bpy.app.tempdir):
+            with suppress(OSError):
+                os.rmdir(folder)
         self.models: dict[str, Any] = {}
         self.shown: list[Any] = []
         self.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -226,11 +233,15 @@ class Stage:
         render = self.scene.render
         render.resolution_x = render.resolution_y = order["size"]
         self.scene.cycles.samples, self.scene.cycles.seed = order["samples"], order["seed"]
-        render.filepath = os.path.join(bpy.app.tempdir, "picture.png")
-        bpy.ops.render.render(write_still=True)
-        with open(render.filepath, "rb") as file:
-            picture = file.read()
-        os.remove(render.filepath)
+        # a folder for the moment only: nobody cleans up after a process that is killed
+        os.mkdir(self.folder, 0o700)
+        render.filepath = os.path.join(self.folder, "picture.png")
+        try:
+            bpy.ops.render.render(write_still=True)
+            with open(render.filepath, "rb") as file:
+                picture = file.read()
+        finally:
+            shutil.rmtree(self.folder)
         return picture
 
     def _place_camera(self, placed: dict[str, Any]) -> None:
@@ -514,7 +525,7 @@ def serve() -> None:
     except Exception as error:  # such as a build without Cycles
         _send(channel, error=f"{type(error).__name__}: {error}")
         return
-    _send(channel, folder=bpy.app.tempdir)
+    _send(channel, folder=stage.folder)
     while line := stdin.readline():
         order = json.loads(line)
         arrays = {name: _read(stdin, *rest) for name, *rest in order.pop("arrays", [])}
