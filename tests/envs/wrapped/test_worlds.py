@@ -14,7 +14,7 @@ from sada_gym import GymnasiumApplication
 from sada_gym.application import INVALID_SCORE
 from sada_gym.attack import attack
 from sada_gym.envs.wrapped.episodes import MEMORY_BYTES
-from sada_gym.errors import UserError, WorkerError
+from sada_gym.errors import StoreError, UserError, WorkerError
 from sada_gym.evaluation.oracle import Oracle
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.testing.check import check_application
@@ -305,3 +305,14 @@ def test_checks_that_find_the_same_say_it_once():
 def test_actions_that_are_none_get_a_sentence(agent, message):
     with pytest.raises(UserError, match=message):
         breaking("none", agent=agent).evaluate(uniform(1), [0])
+
+
+def test_a_store_whose_invalid_worlds_are_damaged_is_refused(tmp_path):
+    path = tmp_path / "run.sqlite"
+    with Oracle(breaking("raises"), budget=40, store=path) as oracle:
+        oracle(uniform(40))
+        assert oracle.invalid
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript("DROP TABLE invalid; CREATE TABLE invalid (seed)")
+    with pytest.raises(StoreError, match=r"it lacks invalid\.context"):
+        Oracle(breaking("raises"), budget=40, store=path)
