@@ -26,7 +26,7 @@ def main(command: list[str]) -> int:
             start_new_session=True,
         )
     except OSError as error:
-        sys.stdout.write(str(error))
+        os.write(1, str(error).encode())
         return 127
     threading.Thread(target=_end_with_parent, args=(child,), daemon=True).start()
     assert child.stdout is not None
@@ -35,8 +35,7 @@ def main(command: list[str]) -> int:
         last = (last + chunk)[-_LAST_BYTES:]
     status = child.wait()
     with contextlib.suppress(OSError):
-        sys.stdout.buffer.write(last)
-        sys.stdout.flush()
+        os.write(1, last)  # sys.stdout would complain at exit where nobody reads any more
     return status
 
 

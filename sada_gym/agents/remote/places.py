@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -180,5 +179,5 @@ def _ended(program: subprocess.Popen[bytes]) -> str:
 
 def printed(last: str) -> str:
     """Return the last lines that a program printed, for a message."""
-    lines: Sequence[str] = last.splitlines()[-3:]
+    lines = [line.strip() for line in last.splitlines() if line.strip(" ^~")][-3:]
     return f". It printed at last: {' / '.join(lines)}" if lines else ""
