@@ -273,8 +273,8 @@ def load_vec_normalize(given: Any, *, allow_pickle: bool) -> VecNormalize:
         return given
     if not isinstance(given, str | Path):
         raise UserTypeError(
-            "Expected vec_normalize to be a VecNormalize, the path of its file, or False if the "
-            f"agent needs none, got {given!r}."
+            f"Expected vec_normalize to be a VecNormalize or the path of its file, got {given!r}. "
+            "Pass False if the agent needs none."
         )
     if not allow_pickle:
         raise UserError(

@@ -73,7 +73,7 @@ def test_statistics_beside_a_zip_are_not_overlooked(place, tmp_path):
     bare = pendulum(agent=agent, vec_normalize=False).evaluate(mu, seeds).score
     known = pendulum(agent=agent, vec_normalize=file, allow_pickle=True)
     assert known.evaluate(mu, seeds).score.shape == bare.shape
-    with pytest.raises(ValueError, match="or False if the agent needs none, got True"):
+    with pytest.raises(ValueError, match=r"the path of its file, got True\. Pass False if the"):
         pendulum(agent=agent, vec_normalize=True)
 
 
