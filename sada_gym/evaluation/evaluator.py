@@ -94,7 +94,7 @@ class Evaluator:
             self._dispatcher = Dispatcher(
                 PortableScorer.of(source), workers, executor, on_error=on_error, timeout=timeout
             )
-        self._chunk_size = chunk_size
+        self._chunk_size, self._most = chunk_size, MAX_CHUNK
         self._answered = self._invalid = 0
         self.store: EvaluationStore | None = None
         if store is not None:
@@ -136,8 +136,7 @@ class Evaluator:
         seconds = None if self.application is None else self.application.seconds_per_world
         if seconds is None or seconds < SLOW_S or not worlds:
             return
-        if self._chunk_size is None:
-            self._chunk_size = max(1, min(MAX_CHUNK, round(SLOW_CHUNK_S / seconds)))
+        self._most = max(1, min(MAX_CHUNK, round(SLOW_CHUNK_S / seconds)))
         warnings.warn(cost_text(seconds, worlds, self.workers), SlowWorlds, stacklevel=2)
 
     def evaluate(
@@ -174,7 +173,7 @@ class Evaluator:
             report(done, cached)
             self._check_valid(mu, cached, invalid, invalid)
         workers = 1 if self._dispatcher is None else self._dispatcher.workers
-        size = self._chunk_size or _chunk_size(len(missing), workers)
+        size = self._chunk_size or _chunk_size(len(missing), workers, self._most)
         parts = [missing[start : start + size] for start in range(0, len(missing), size)]
         chunks = [Chunk(rows, mu[rows], [seeds[i] for i in rows]) for rows in parts]
         if self._dispatcher is not None:
@@ -235,11 +234,11 @@ def cost_text(seconds: float, worlds: int, workers: int) -> str:
     return f"About {seconds:.2g} s a world; {worlds:,} worlds: {total / length:,.0f} {unit}{by}."
 
 
-def _chunk_size(count: int, workers: int) -> int:
+def _chunk_size(count: int, workers: int, most: int = MAX_CHUNK) -> int:
     if workers == 1:
-        return MAX_CHUNK
+        return most
     # at least two chunks for every worker: a slow one holds up less
-    return max(1, min(MAX_CHUNK, -(-count // (2 * workers))))
+    return max(1, min(most, -(-count // (2 * workers))))
 
 
 def _described(
