@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy.typing as npt
 
 from sada_gym.arrays import Floats, Floats32, as_array, real_numbers
 from sada_gym.errors import UserError, UserTypeError
+
+_MANTISSAS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 
 Mu = npt.NDArray[np.float32]
 """A batch of normalised semantic parameters, (n, d) float32 in [-1, 1]."""
@@ -28,6 +31,9 @@ class Parameter:
         directions: What lies at 0, 90, 180 and 270 degrees, if the parameter is an angle that goes
             all around, such as `("in front", "on the left", "behind", "on the right")`. Sentences
             use them.
+        whole: Whether whole numbers count: the range goes from half below the first to half above
+            the last.
+        log: Whether mu is even in the logarithm of the values, which all have one sign.
     """
 
     name: str
@@ -36,6 +42,8 @@ class Parameter:
     unit: str = ""
     choices: tuple[str, ...] = ()
     directions: tuple[str, ...] = ()
+    log: bool = False
+    whole: bool = False
 
     def __post_init__(self) -> None:
         """Check the name, the range and the directions."""
@@ -46,6 +54,12 @@ class Parameter:
             raise UserError(
                 f"Expected finite low < high for parameter {self.name!r}, "
                 f"got low={self.low} and high={self.high}. Give a non-empty range."
+            )
+        if self.log and (self.choices or self.directions or float(self.low) * self.high <= 0.0):
+            raise UserError(
+                f"Expected low and high of one sign, and not 0, for parameter {self.name!r} with "
+                f"log=True, and neither choices nor directions, got low={self.low} and "
+                f"high={self.high}. Raise low above 0, or leave log out."
             )
         around = abs(float(self.high) - float(self.low) - 360.0) < 1e-9
         if self.directions and (len(self.directions) != 4 or not around or self.choices):
@@ -60,11 +74,64 @@ class Parameter:
         suffix = f"_{self.unit.replace('/', '_')}" if self.unit else ""
         return self.name.removesuffix(suffix).replace("_", " ")
 
+    def shares(self, values: npt.ArrayLike) -> Floats:
+        """Return where in the range physical values lie: 0 at low, 1 at high, the same shape.
+
+        Where a logarithm has no value, on the far side of 0, the share is infinite.
+        """
+        physical, low, high = np.asarray(values, np.float64), float(self.low), float(self.high)
+        if not self.log:
+            linear: Floats = (physical - low) / (high - low)
+            return linear
+        sign = np.sign(low)
+        with np.errstate(divide="ignore"):
+            place = np.log(np.maximum(sign * physical, 0.0))
+        ends = np.log([sign * low, sign * high])
+        even: Floats = (place - ends[0]) / (ends[1] - ends[0])
+        return even
+
+    def values(self, shares: npt.ArrayLike) -> Floats:
+        """Return the physical values at shares of the range: the inverse of `shares`."""
+        share, low, high = np.asarray(shares, np.float64), float(self.low), float(self.high)
+        if not self.log:
+            linear: Floats = low + share * (high - low)
+            return linear
+        sign = np.sign(low)
+        first, last = np.log([sign * low, sign * high])
+        inside = np.clip(sign * np.exp(first + share * (last - first)), low, high)
+        values: Floats = np.where(share == 0.0, low, np.where(share == 1.0, high, inside))
+        return values
+
+    def round_values(self, most: int) -> Floats:
+        """Return at most so many round values inside the range, low to high; empty if none fit.
+
+        Along a logarithmic range they are of the kind 1, 2, 5, 10, 20; where that has less than
+        two of them, and along other ranges, they are evenly spaced.
+        """
+        low, high = float(self.low), float(self.high)
+        if self.log and max(low / high, high / low) >= 10.0:
+            first, last = sorted((abs(low), abs(high)))
+            tens = range(math.floor(math.log10(first)), math.floor(math.log10(last)) + 1)
+            for mantissas in _MANTISSAS:
+                found = np.array([float(f"{m}e{ten}") for ten in tens for m in mantissas])
+                found = found[(found > first) & (found < last)]
+                if len(found) <= most:
+                    break
+            found = found[:: max(1, -(-len(found) // most))]
+            return found if low > 0.0 else -found[::-1]
+        power = 10.0 ** math.floor(math.log10((high - low) / most))
+        steps = (step * power for step in (1, 2, 5, 10))
+        step = next(step for step in steps if (high - low) / step <= most)
+        first, last = math.floor(low / step + 1e-9) + 1, math.ceil(high / step - 1e-9)
+        return np.array([step * i for i in range(first, last)])
+
     def text(self, value: float) -> str:
         """Write a physical value as people say it, such as `camera pitch 35°` or `light low`."""
         if count := len(self.choices):
             place = (value - self.low) / (self.high - self.low) * count
             return f"{self.label} {self.choices[min(int(place), count - 1)]}"
+        if self.whole:
+            value = min(max(math.floor(value + 0.5), self.low + 0.5), self.high - 0.5)
         return f"{self.label} {self.with_unit(number(value))}"
 
     def with_unit(self, written: str) -> str:
@@ -96,6 +163,7 @@ class ParameterSpace:
         self.parameters = parameters
         self._low = np.array([p.low for p in parameters])
         self._high = np.array([p.high for p in parameters])
+        self._logs = [(i, p) for i, p in enumerate(parameters) if p.log]
 
     def __len__(self) -> int:
         """Return the dimension d."""
@@ -118,6 +186,8 @@ class ParameterSpace:
         """Map mu, (n, d) or (d,) in [-1, 1], to physical values of the same shape, float64."""
         share = (as_array(mu, "mu").astype(np.float32).astype(np.float64) + 1.0) / 2.0
         physical: Floats = self._low + share * (self._high - self._low)
+        for i, parameter in self._logs:
+            physical[..., i] = parameter.values(share[..., i])
         return physical
 
     def normalised(self, physical: npt.ArrayLike) -> Floats32:
@@ -125,9 +195,10 @@ class ParameterSpace:
 
         The result is rounded to float32; it is in [-1, 1] where the values lie in their range.
         """
-        share = (as_array(physical, "physical").astype(np.float64) - self._low) / (
-            self._high - self._low
-        )
+        values = as_array(physical, "physical").astype(np.float64)
+        share = (values - self._low) / (self._high - self._low)
+        for i, parameter in self._logs:
+            share[..., i] = parameter.shares(values[..., i])
         mu: Floats32 = (2.0 * share - 1.0).astype(np.float32)
         return mu
 

@@ -395,7 +395,7 @@ def map_samples(
                 f"{source}, {(old.unit, *old.choices)}, got {(new.unit, *new.choices)}. Choose "
                 "another track."
             )
-        if (old.low, old.high) == (new.low, new.high):
+        if (old.low, old.high, old.log) == (new.low, new.high, new.log):
             continue  # to the bit
         outside = int((np.abs(normalised[:, i]) > 1.0).sum())
         moved[:, i] = np.clip(normalised[:, i], -1.0, 1.0)

@@ -141,3 +141,44 @@ def test_doubled_names_are_refused() -> None:
 )
 def test_values_in_words(parameter: Parameter, value: float, text: str) -> None:
     assert parameter.text(value) == text
+
+
+@pytest.mark.parametrize(("low", "high"), [(1e-3, 1e3), (-10.0, -0.1), (1e-300, 1e300), (2, 3)])
+def test_a_logarithmic_parameter_is_even_in_its_logarithm(low, high):
+    space = ParameterSpace(Parameter("x", low, high, log=True), Parameter("y", 0.0, 1.0))
+    mu = np.random.default_rng(0).uniform(-1, 1, (100, 2)).astype(np.float32)
+    mu[:3, 0] = [-1, 0, 1]
+    values = space.physical(mu)
+    assert [*values[[0, 2], 0]] == [low, high]
+    assert_allclose(np.log(abs(values[1, 0])), np.log([abs(low), abs(high)]).mean(), atol=1e-9)
+    assert_array_equal(values[:, 1], ParameterSpace(space.parameters[1]).physical(mu[:, 1:])[:, 0])
+    assert_allclose(space.normalised(values), mu, atol=1e-6)
+
+
+def test_beyond_zero_a_logarithm_is_infinitely_far():
+    assert_array_equal(Parameter("x", 0.1, 1.0, log=True).shares([0.0, -5.0]), -np.inf)
+    assert_array_equal(Parameter("x", -1.0, -0.1, log=True).shares([0.0, 5.0]), np.inf)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-1.0, 1.0), (-1.0, 0.0)])
+def test_a_logarithm_needs_one_sign(low, high):
+    with pytest.raises(ValueError, match=r"low and high of one sign, and not 0, .* 'x'"):
+        Parameter("x", low, high, log=True)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "values"),
+    [
+        (Parameter("x", 1e-3, 1e3, log=True), [0.01, 0.1, 1, 10, 100]),
+        (Parameter("x", -10, -0.1, log=True), [-5, -2, -1, -0.5, -0.2]),
+        (Parameter("x", 1, 2, log=True), [1.2, 1.4, 1.6, 1.8]),
+        (Parameter("x", -1, 1), [-0.5, 0, 0.5]),
+    ],
+)
+def test_round_values_lie_inside(parameter, values):
+    assert_allclose(parameter.round_values(5), values, atol=1e-12)
+
+
+def test_whole_numbers_are_said_as_such():
+    cars = Parameter("cars", 4.5, 35.5, whole=True)
+    assert [cars.text(x) for x in (4.5, 20.4, 35.5)] == ["cars 5", "cars 20", "cars 35"]

@@ -50,11 +50,12 @@ def _show_environment(env_id: str, pairs: list[str] | None) -> None:
     application = make_application(env_id, **keywords)
     table = _table("parameter", "low", "high", "unit or choices")
     for parameter in application.parameters.parameters:
+        shape = ["(logarithmic)"] if parameter.log else []
         table.add_row(
             parameter.name,
             "-" if parameter.choices else f"{parameter.low:g}",
             "-" if parameter.choices else f"{parameter.high:g}",
-            Text(f"{', '.join(parameter.choices)} {parameter.unit}".strip() or "-"),
+            Text(" ".join([", ".join(parameter.choices), parameter.unit, *shape]).strip() or "-"),
         )
     out.print(table)
     threshold, samples = application.fooling_threshold, application.sample_size

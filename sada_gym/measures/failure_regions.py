@@ -10,7 +10,7 @@ import numpy as np
 
 from sada_gym.arrays import Bools, Floats
 from sada_gym.files import OneLine, Strict
-from sada_gym.parameters import Mu, Parameter, ParameterSpace
+from sada_gym.parameters import Mu, Parameter, ParameterSpace, number
 
 MIN_FAILURES = 10
 """The least number of different failures of which anything is said."""
@@ -120,11 +120,13 @@ class _Grid:
 
     edges: Floats  # (k + 1,) physical values; cell i lies between edges i and i + 1
     sets: Bools | None  # (m, k); None tries all sets, for choices
+    parameter: Parameter | None = None  # where it may be logarithmic
 
     @property
     def weights(self) -> Floats:
         """(k,) the shares of uniform worlds in the cells."""
-        widths: Floats = np.diff(self.edges) / (self.edges[-1] - self.edges[0])
+        edges = self.edges if self.parameter is None else self.parameter.shares(self.edges)
+        widths: Floats = np.diff(edges) / (edges[-1] - edges[0])
         return widths
 
     @property
@@ -192,6 +194,13 @@ def _grid(parameter: Parameter) -> _Grid:
         edges = edges[:: -(-len(choices) // _MAX_CELLS)]
         edges = np.append(edges[edges < high], high)
         return _Grid(edges, _ranges(len(edges) - 1))
+    if parameter.log or parameter.whole:
+        inside = parameter.round_values(2 * _MIN_CELLS)
+        if parameter.whole:  # between two whole numbers
+            inside = np.unique(np.ceil(inside)) - 0.5
+            inside = inside[(inside > low) & (inside < high - 1.0)]
+        edges = np.array([low, *inside, high])
+        return _Grid(edges, _ranges(len(edges) - 1), parameter)
     step = _round_step((high - low) / _MIN_CELLS)
     first, last = math.floor(low / step + 1e-9) + 1, math.ceil(high / step - 1e-9)
     edges = np.array([low, *(step * i for i in range(first, last)), high])
@@ -262,9 +271,13 @@ def _describe(parameter: Parameter, finding: _Finding) -> str:
         share = (finding.grid.edges - parameter.low) / (parameter.high - parameter.low)
         first = np.rint(share * len(names)).astype(int).tolist()  # each cell's first choice
         return _either([_choices(names, first[i], first[j]) for i, j in _runs(cells)])
+    if parameter.whole:
+        ends = [parameter.with_unit(number(math.ceil(edge))) for edge in finding.grid.edges]
+        lasts = [parameter.with_unit(number(math.floor(edge))) for edge in finding.grid.edges]
+        return _either([_whole(ends, lasts, i, j) for i, j in _runs(cells)])
     # edges are round numbers; those of a narrow range far from zero need many digits
-    numbers = (f"{edge:.12g}".replace("-", "\N{MINUS SIGN}") for edge in finding.grid.edges)
-    ends = [parameter.with_unit(number) for number in numbers]
+    rounded = (f"{edge:.12g}".replace("-", "\N{MINUS SIGN}") for edge in finding.grid.edges)
+    ends = [parameter.with_unit(text) for text in rounded]
     return _either([_interval(ends, i, j) for i, j in _runs(cells)])
 
 
@@ -276,6 +289,14 @@ def _choices(names: tuple[str, ...], first: int, stop: int) -> str:
     if stop == len(names):
         return f"at least {names[first]}"
     return f"{names[first]} to {names[stop - 1]}"
+
+
+def _whole(starts: list[str], stops: list[str], first: int, last: int) -> str:
+    if first == 0:
+        return f"at most {stops[last]}"
+    if last == len(stops) - 1:
+        return f"at least {starts[first]}"
+    return f"{starts[first]} to {stops[last]}"
 
 
 def _interval(ends: list[str], first: int, last: int) -> str:

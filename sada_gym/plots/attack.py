@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sada_gym.application import Application
 from sada_gym.evaluations import Evaluations
 from sada_gym.files import write_file
-from sada_gym.frames import BLUE, INK, MUTED, ORANGE, Frame
+from sada_gym.frames import BLUE, GRID, INK, MUTED, ORANGE, Frame
 from sada_gym.parameters import ParameterSpace
 from sada_gym.plots.failure_sheet import png_of
 from sada_gym.plots.failures import NotDrawnError, draw_failures
@@ -24,9 +24,11 @@ from sada_gym.plots.style import (
     OMEGA,
     UNHURT,
     axis_label,
-    name_choices,
+    bins_of,
     new_figure,
+    places,
     png,
+    span,
     tidy,
 )
 
@@ -38,6 +40,8 @@ MAX_PARAMETERS = 16
 
 _BINS = 20
 _COLUMNS = 6
+_BAR = 0.8
+"""The width of the bar of a choice or a whole number, as a share of its place."""
 
 
 def draw_attack(
@@ -94,24 +98,30 @@ def marginals(space: ParameterSpace, samples: Evaluations, threshold: float) -> 
             axes.set_visible(False)
             continue
         parameter = space.parameters[shown[i]]
-        bins = len(parameter.choices) or _BINS
-        edges = np.linspace(parameter.low, parameter.high, bins + 1)
+        edges = bins_of(parameter)
+        is_single = parameter.whole and np.ptp(edges) == len(edges) - 1
+        at = places(parameter, values[:, shown[i]])
         axes.hist(
-            [values[fooled, shown[i]], values[~fooled, shown[i]]],
-            bins=list(edges),
+            [at[fooled], at[~fooled]],
+            bins=list(places(parameter, edges)),
             weights=[_percent(fooled.sum(), len(samples)), _percent((~fooled).sum(), len(samples))],
             stacked=True,
             color=[FOOLED, UNHURT],
             hatch=[HATCH, ""],
             edgecolor="white",
             linewidth=0,
+            rwidth=_BAR if parameter.choices or is_single else None,
             label=["fool the agent", "do not fool it"],
         )
-        axes.axhline(100 / bins, color=ACCENT, linewidth=1, linestyle=(0, (4, 3)), label="uniform")
-        axes.set_xlim(parameter.low, parameter.high)
+        uniform = 100 * np.diff(parameter.shares(edges))
+        line = {"color": ACCENT, "linewidth": 1, "linestyle": (0, (4, 3)), "label": "uniform"}
+        if np.ptp(uniform) < 1e-9:
+            axes.axhline(100 / len(uniform), **line)
+        else:
+            axes.stairs(uniform, places(parameter, edges), baseline=None, **line)
         axes.set_xlabel(axis_label(parameter))
         tidy(axes, grid="y")
-        name_choices(axes, parameter)
+        span(axes, "x", parameter)
     for axes in grid[:, 0]:
         axes.set_ylabel("samples (%)")
         axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
@@ -186,17 +196,21 @@ def scatter(
         (samples.mu[~drawn], BLUE, "s", 12, "sample"),
         (samples.mu[drawn], ACCENT, "x", 18, "sample that fools"),
     ):
-        x, y = space.physical(mu).T
+        values = zip(space.parameters, space.physical(mu).T, strict=True)
+        x, y = (places(parameter, column) for parameter, column in values)
         axes.scatter(
             x, y, s=size, color=colour, marker=marker, linewidths=1, label=name, clip_on=False
         )
     across, up = space.parameters
-    axes.set_xlim(across.low, across.high)
-    axes.set_ylim(up.low, up.high)
     axes.set_xlabel(axis_label(across))
     axes.set_ylabel(axis_label(up))
     axes.set_box_aspect(1)
     tidy(axes)
+    span(axes, "x", across)
+    span(axes, "y", up)
+    for parameter, draw_line in ((across, axes.axvline), (up, axes.axhline)):
+        for edge in bins_of(parameter)[1:-1] if parameter.choices else ():
+            draw_line(edge, color=GRID, linewidth=0.8, zorder=0)
     figure.legend(loc="outside upper left", ncols=2, frameon=False, markerscale=1.5)
     return figure
 

@@ -7,14 +7,18 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sada_gym.arrays import Floats
 from sada_gym.frames import GRID, INK, MUTED, SKY, VERMILLION
-from sada_gym.parameters import Parameter
+from sada_gym.parameters import Parameter, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FOOLED, UNHURT, OMEGA, ACCENT = VERMILLION, SKY, "#a9b4c0", INK
+_BINS = 20
+_SHORT_NAMES = 16
+"""Letters of all names of choices that fit below an axis without being turned."""
 HATCH = "////"
 """What fooled is hatched as well, so that it stands out without colour."""
 
@@ -43,14 +47,40 @@ def _plain(text: str) -> str:
     return text.replace("$", r"\$")  # matplotlib takes dollars for formulae
 
 
-def name_choices(axes: Axes, parameter: Parameter) -> None:
-    """Write a parameter's choices below the axis along which it is drawn, if it has any."""
+def places(parameter: Parameter, values: Floats) -> Floats:
+    """Return where physical values of a parameter stand on an axis that `span` made."""
+    return parameter.shares(values) if parameter.log else values
+
+
+def span(axes: Axes, side: Literal["x", "y"], parameter: Parameter) -> None:
+    """Let an axis span a parameter's range as evenly as mu does, with names of choices."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis = axes.xaxis if side == "x" else axes.yaxis
+    low, high = places(parameter, np.array([parameter.low, parameter.high])).tolist()
+    axes.set(**{f"{side}lim": (low, high)})
     if parameter.choices:
-        edges = np.linspace(parameter.low, parameter.high, len(parameter.choices) + 1)
-        axes.set_xticks((edges[:-1] + edges[1:]) / 2, list(map(_plain, parameter.choices)))
-        axes.tick_params(axis="x", length=0, labelsize=7)
-        for label in axes.get_xticklabels():
+        edges = np.linspace(low, high, len(parameter.choices) + 1)
+        axis.set_ticks((edges[:-1] + edges[1:]) / 2, labels=list(map(_plain, parameter.choices)))
+        axes.tick_params(axis=side, length=0, labelsize=7)
+        crowded = sum(map(len, parameter.choices)) > _SHORT_NAMES
+        for label in axes.get_xticklabels() if side == "x" and crowded else ():
             label.set(rotation=35, ha="right", rotation_mode="anchor")
+    elif parameter.log:
+        ticks = parameter.round_values(5)
+        axis.set_ticks(parameter.shares(ticks), labels=list(map(number, ticks.tolist())))
+    elif parameter.whole:
+        axis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
+
+
+def bins_of(parameter: Parameter) -> Floats:
+    """Return the edges of a histogram, (k + 1,) physical values: a bar a choice or whole number."""
+    low, high = parameter.low, parameter.high
+    if parameter.choices:
+        return np.linspace(low, high, len(parameter.choices) + 1)
+    if parameter.whole and high - low <= 2 * _BINS:
+        return np.arange(low, high + 0.5, dtype=np.float64)
+    return parameter.values(np.linspace(0.0, 1.0, _BINS + 1))
 
 
 def tidy(axes: Axes, *, grid: Literal["y", "both"] | None = None) -> None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sada_gym.frames import INK, MUTED
 from sada_gym.parameters import Mu, ParameterSpace
-from sada_gym.plots.style import ACCENT, axis_label, name_choices, new_figure, tidy
+from sada_gym.plots.style import ACCENT, axis_label, new_figure, places, span, tidy
 from sada_gym.results.families import FAMILIES, family_of
 from sada_gym.results.labels import label_ends
 
@@ -123,6 +123,7 @@ def marginal_strips(
             axes.set_visible(False)
             continue
         parameter = space.parameters[i]
+        ends = np.array([parameter.low, parameter.high])
         bins = len(parameter.choices) or _BINS
         edges = np.linspace(-1.0, 1.0, bins + 1)
         counts = np.array([np.histogram(mu[:, i], edges)[0] / len(mu) for mu in strips.values()])
@@ -131,7 +132,7 @@ def marginal_strips(
             aspect="auto",
             cmap=colours,
             norm=TwoSlopeNorm(1.0, 0.0, _CEILING),
-            extent=(parameter.low, parameter.high, len(strips), 0),
+            extent=(*places(parameter, ends), len(strips), 0),
             interpolation="nearest",
         )
         for line in range(1, len(strips)):
@@ -140,7 +141,7 @@ def marginal_strips(
         axes.set_xlabel(axis_label(parameter))
         axes.set_yticks(np.arange(len(strips)) + 0.5, list(strips))
         tidy(axes)
-        name_choices(axes, parameter)
+        span(axes, "x", parameter)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
     bar = figure.colorbar(image, ax=grid, shrink=0.7, aspect=30, extend="max", pad=0.01)

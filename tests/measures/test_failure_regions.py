@@ -209,3 +209,29 @@ def test_detection_says_where_camera_and_light_are():
 def test_directions_are_of_a_whole_turn(low, high, directions):
     with pytest.raises(ValueError, match="Expected four directions of an angle over 360 degrees"):
         Parameter("azimuth_deg", low, high, "deg", directions=directions)
+
+
+LOG = ParameterSpace(
+    Parameter("damping", 1e-4, 1.0, log=True),
+    Parameter("gravity", -20.0, -2.0, "m/s2", log=True),
+    Parameter("cars", 4.5, 35.5, whole=True),
+    Parameter("batch", 0.5, 1000.5, log=True, whole=True),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "within", "text"),
+    [
+        ("damping", (-1.0, -0.5), "damping is below 0.001"),
+        ("gravity", (0.4, 1.0), "gravity is above \N{MINUS SIGN}4 m/s2"),
+        ("cars", (-1.0, -0.033), "cars is at most 19"),
+        ("cars", (0.5, 1.0), "cars is at least 28"),
+        ("batch", (0.4, 1.0), "batch is at least 100"),
+    ],
+)
+def test_logarithmic_and_whole_parameters_have_edges_of_their_own(name, within, text):
+    mu = np.random.default_rng(0).uniform(-1, 1, (400, len(LOG)))
+    mu[:, LOG.names.index(name)] = np.random.default_rng(1).uniform(*within, 400)
+    found = failure_regions(LOG, mu)
+    assert [condition.text for condition in found.conditions] == [text]
+    assert found.uniform == pytest.approx((within[1] - within[0]) / 2, abs=0.03)

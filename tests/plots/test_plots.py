@@ -14,6 +14,7 @@ from sada_gym.plots.attack import (
     contact_sheet,
     draw_attack,
     marginals,
+    scatter,
     score_histogram,
 )
 
@@ -199,3 +200,29 @@ def test_a_contact_sheet_of_one():
 )
 def test_labels(parameter, label):
     assert axis_label(parameter) == label
+
+
+def test_choices_and_whole_numbers_are_bars_and_logarithms_even():
+    space = ParameterSpace(
+        Parameter("weather", 0.0, 3.0, choices=("sun", "rain", "hail")),
+        Parameter("cars", 4.5, 24.5, whole=True),
+        Parameter("friction", 0.01, 10.0, log=True),
+    )
+    weather, cars, friction = marginals(space, drawn(400, 3), 0.3).axes[:3]
+    assert [tick.get_text() for tick in weather.get_xticklabels()] == ["sun", "rain", "hail"]
+    middles = {round(bar.get_x() + bar.get_width() / 2, 6) for bar in cars.patches}
+    assert middles == set(range(5, 25))
+    assert all(bar.get_width() < 1.0 for bar in cars.patches)
+    ticks = {tick.get_text(): tick.get_position()[0] for tick in friction.get_xticklabels()}
+    assert ticks["0.1"] == pytest.approx(1 / 3)
+    assert friction.get_xlim() == (0.0, 1.0)
+
+
+def test_both_axes_of_a_map_name_what_they_show():
+    space = ParameterSpace(
+        Parameter("gravity", -20.0, -2.0, log=True),
+        Parameter("weather", 0.0, 3.0, choices=("sun", "rain", "hail")),
+    )
+    axes = scatter(space, drawn(40, 2), drawn(40, 2), 0.3).axes[0]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["sun", "rain", "hail"]
+    assert "\N{MINUS SIGN}10" in [tick.get_text() for tick in axes.get_xticklabels()]

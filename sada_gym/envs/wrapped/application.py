@@ -25,6 +25,7 @@ from sada_gym.agents.identity import check_agent_id
 from sada_gym.agents.remote.client import RemoteAgent
 from sada_gym.agents.remote.places import Address, Program, place_of
 from sada_gym.application import INFEASIBLE, INVALID_SCORE, OnError, Scored, check_declared
+from sada_gym.arrays import Floats32
 from sada_gym.determinism import check_deterministic, same_answer, single_threaded
 from sada_gym.envs.checks import has_nan, is_number
 from sada_gym.envs.episodes.closed_loop import EpisodesApplication
@@ -127,6 +128,11 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
 
     episode_spec: EpisodeSpec
     packages: tuple[str, ...]
+    nominal: Floats32 | None
+    """The mu of ordinary use, (d,): of each binding its `nominal`, else what the environment has.
+
+    None where that is unknown, lies outside a range, or makes a world that is not feasible.
+    """
 
     def __init__(
         self,
@@ -203,6 +209,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         self._at_once = _MOST_AT_ONCE
         self._feasible = Feasible.of(feasible, self.parameters.names)
         self._check_region()
+        if self.nominal is not None and self._feasible.conditions:
+            (may_exist,) = self.permits(self.nominal[None])  # type: ignore[misc]
+            self.nominal = self.nominal if may_exist else None
         self._check_ranges()
 
     def _explore(
@@ -233,6 +242,9 @@ class GymnasiumApplication(EpisodesApplication[GymnasiumEpisodes]):
         for key, binding in bindings.items():
             binding.check(key, factory, env)
         check_distinct(bindings)
+        places = [binding.nominal_place(key, factory, env) for key, binding in bindings.items()]
+        known = [place for place in places if place is not None]
+        self.nominal = self.parameters.normalised(known) if len(known) == len(places) else None
         return EpisodeSpec(
             factory,
             bindings,

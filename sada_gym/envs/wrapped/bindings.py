@@ -33,6 +33,8 @@ class ParameterBinding(ABC):
         unit: The unit in tables and on axes.
         choices: Values to choose from, equal parts of [-1, 1], instead of `low` and `high`.
         integer: Whether the values are the whole numbers from `low` to `high`, equal parts each.
+        log: Whether mu is even in the logarithm of the values, which all have one sign.
+        nominal: The value in ordinary use; None takes the environment's own.
     """
 
     low: float | None = None
@@ -40,6 +42,8 @@ class ParameterBinding(ABC):
     unit: str = field(default="", kw_only=True)
     choices: tuple[Any, ...] = field(default=(), kw_only=True)
     integer: bool = field(default=False, kw_only=True)
+    log: bool = field(default=False, kw_only=True)
+    nominal: float | str | bool | None = field(default=None, kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of this name; raise `UserError` if its range is empty or missing."""
@@ -49,25 +53,28 @@ class ParameterBinding(ABC):
                     f"Expected at least two choices of {name!r}, got {self.choices!r}. Write "
                     "choices=('dry', 'wet')."
                 )
-            if self.low is not None or self.high is not None or self.integer:
+            if self.low is not None or self.high is not None or self.integer or self.log:
                 raise UserError(
                     f"Expected either choices or low and high for {name!r}, got both. Leave low, "
-                    "high and integer out."
+                    "high, integer and log out."
                 )
             names = tuple(map(str, self.choices))
             return Parameter(name, 0.0, float(len(names)), self.unit, choices=names)
         low, high = self._range(name)
         if not self.integer:
-            return Parameter(name, low, high, self.unit)
+            return Parameter(name, low, high, self.unit, log=self.log)
         if low != round(low) or high != round(high):
             raise UserError(
                 f"Expected whole numbers as low and high of {name!r}, which is an integer, got "
                 f"{self.low} and {self.high}."
             )
-        Parameter(name, low, high)  # raises for an empty range
+        Parameter(name, low, high, log=self.log)  # raises for an empty range
         count = int(high - low) + 1
-        names = tuple(str(int(low) + i) for i in range(count)) if count <= _NAMED_VALUES else ()
-        return Parameter(name, low - 0.5, high + 0.5, self.unit, choices=names)
+        named = count <= _NAMED_VALUES and not self.log  # parts with names are equal
+        names = tuple(str(int(low) + i) for i in range(count)) if named else ()
+        return Parameter(
+            name, low - 0.5, high + 0.5, self.unit, choices=names, log=self.log, whole=True
+        )
 
     def value(self, physical: float) -> Any:
         """Return what the environment gets for a physical value of the parameter."""
@@ -86,13 +93,47 @@ class ParameterBinding(ABC):
             )
         return float(self.low), float(self.high)  # type: ignore[arg-type]
 
+    def nominal_place(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> float | None:
+        """Return the physical value of the parameter in ordinary use.
+
+        None stands for an unknown value, or one of the environment's that lies outside the range.
+
+        Raises:
+            UserError: If the given `nominal` lies outside the range, or is none of the choices.
+        """
+        present = self.present(name, factory, env) if self.nominal is None else self.nominal
+        place = self._place(present)
+        if place is None and self.nominal is not None:
+            lies = f"one of {self.choices}" if self.choices else f"from {self.low} to {self.high}"
+            raise UserError(
+                f"Expected nominal of {name!r} to be {lies}, got {self.nominal!r}. Widen the "
+                "range, or leave nominal out."
+            )
+        return place
+
+    def _place(self, value: Any) -> float | None:
+        if self.choices:
+            for i, choice in enumerate(self.choices):  # among which True is no 1
+                same_kind = isinstance(value, bool) == isinstance(choice, bool)
+                if same_kind and as_json(value) == as_json(choice):
+                    return i + 0.5
+            return None
+        low, high = self._range("")
+        if not is_number(value) or isinstance(value, bool) or not low <= float(value) <= high:
+            return None
+        return float(value) if not self.integer or float(value).is_integer() else None
+
+    def present(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> Any:  # noqa: ARG002
+        """Return the value that `env`, made by `factory`, has; None where nobody knows it."""
+        return None
+
     @property
     def settings(self) -> dict[str, Any]:
         """The binding as data for JSON: its kind, and the fields that differ from their default."""
         settings: dict[str, Any] = {"kind": type(self).__name__}
         for spec in fields(self):
             value = getattr(self, spec.name)
-            if value != spec.default:
+            if value != spec.default and spec.name != "nominal":  # no score depends on it
                 settings[spec.name] = code_name(value) if callable(value) else as_json(value)
         return settings
 
@@ -140,6 +181,12 @@ class Keyword(_Named):
                 "both. Leave it out of env_kwargs."
             )
 
+    def present(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> Any:
+        """Return the keyword's default, or an attribute of its name where it has none."""
+        keyword = self.name or name
+        default = factory.defaults.get(keyword)
+        return _plain(getattr(env.unwrapped, keyword, None) if default is None else default)
+
 
 class ResetOption(_Named):
     """An entry of `reset(options={...})`.
@@ -170,6 +217,13 @@ class Config(_Named):
         for key in (self.name or name).split("."):
             check_known(f"entry of the configuration of {factory.name}", [key], [*config])
             config = config[key]
+
+    def present(self, name: str, factory: EnvFactory, env: Any) -> Any:  # noqa: ARG002
+        """Return the entry's value."""
+        config = env.unwrapped.config
+        for key in (self.name or name).split("."):
+            config = config[key]
+        return _plain(config)
 
     def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Write the value into a copy of the configuration before the reset."""
@@ -221,6 +275,11 @@ class Attribute(ParameterBinding):
                     f"{type(value).__name__} of length {len(value)}. Name one entry, such as "
                     f"'{path}[0]'."
                 )
+
+    def present(self, name: str, factory: EnvFactory, env: gym.Env[Any, Any]) -> Any:  # noqa: ARG002
+        """Return the attribute's value; None where several differ."""
+        values = [_plain(read(env.unwrapped, path)) for path in self.targets(name)]
+        return values[0] if all(value == values[0] for value in values) else None
 
     def apply(self, name: str, value: Any, env: Any, *, after_reset: bool) -> None:
         """Set the attributes that exist, and after the reset those that it made or changed."""
@@ -279,6 +338,11 @@ def as_binding(name: str, given: Any, factory: EnvFactory) -> ParameterBinding:
             f"{name!r}, got {given!r}."
         )
     return Keyword(*given) if name in factory.keywords else Attribute(*given)
+
+
+def _plain(value: Any) -> Any:
+    is_single = isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim)
+    return value.item() if is_single else value
 
 
 def check_distinct(bindings: Mapping[str, ParameterBinding]) -> None:

@@ -144,6 +144,8 @@ class Disturbance(ParameterBinding):
     """Where its wrapper stands among those of an episode, from the inside out."""
     minimum: ClassVar[float] = 0.0
     maximum: ClassVar[float] = np.inf
+    without: ClassVar[float] = 0.0
+    """The value that disturbs nothing."""
     whole: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -166,6 +168,10 @@ class Disturbance(ParameterBinding):
                 f"{values}. Mend its range."
             )
         return super().parameter(name)
+
+    def present(self, name: str, factory: EnvFactory, env: Env) -> Any:  # noqa: ARG002
+        """Return the value that disturbs nothing."""
+        return int(self.without) if self.whole else self.without
 
     def targets(self, name: str) -> tuple[Any, ...]:  # noqa: ARG002
         """Return one target for all: there is one disturbance of each kind."""
@@ -262,7 +268,7 @@ class ActionDelay(Disturbance):
 class ActionGain(Disturbance):
     """Box actions are multiplied by the value, and clipped to their space."""
 
-    wrapper, layer, minimum = _ScaledActions, 1, -np.inf
+    wrapper, layer, minimum, without = _ScaledActions, 1, -np.inf, 1.0
 
     def check(self, name: str, factory: EnvFactory, env: Env) -> None:
         """Check that actions are numbers."""
@@ -305,4 +311,4 @@ class ActionNoise(Disturbance):
 class RepeatedActions(Disturbance):
     """Each action of the agent acts for some steps, at least one, before it is asked again."""
 
-    wrapper, layer, minimum, whole = _RepeatedSteps, 6, 1.0, True
+    wrapper, layer, minimum, without, whole = _RepeatedSteps, 6, 1.0, 1.0, True

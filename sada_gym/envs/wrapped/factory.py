@@ -155,6 +155,17 @@ class EnvFactory:
         except ValueError:  # it is written in C
             return {}
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """The values of keywords that nobody gives: those of the id, and of the signature."""
+        own = {
+            name: parameter.default
+            for name, parameter in self.parameters.items()
+            if parameter.default is not parameter.empty
+        }
+        by_id = find_spec(self.environment).kwargs if isinstance(self.environment, str) else {}
+        return {**own, **by_id}
+
 
 def function_name(function: Any) -> str:
     """Return the name of a function, or that of an object's class."""

@@ -197,18 +197,18 @@ class _Trials:
 
 
 class _RandomActions:
-    """Draws every action from the action space."""
+    """Draws every action from the action space, by the seed of its episode."""
 
     fingerprint = None
 
     def start(self, count: int) -> None:
-        self._rng = [np.random.default_rng(i) for i in range(count)]
+        """Remember nothing."""
 
     def act(self, episodes: Any, which: Any) -> list[Any]:
         space = episodes.action_space
         actions = []
-        for i in which.tolist():
-            space.seed(int(self._rng[i].integers(2**31)))
+        for seed in episodes.agent_seeds(which).tolist():
+            space.seed(seed)
             actions.append(space.sample())
         return actions
 

@@ -9,7 +9,17 @@ import wrapped_toys as toys
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv
 from wrapped_toys import Reach, cart_pole, pendulum, reach
 
-from sada_gym.envs.wrapped import Attribute, Config, Function, Keyword, ResetOption
+from sada_gym.envs.wrapped import (
+    ActionDelay,
+    Attribute,
+    Config,
+    Function,
+    Keyword,
+    ObservationDelay,
+    ObservationDropout,
+    RepeatedActions,
+    ResetOption,
+)
 
 
 def env_at(application, mu, seed=0):
@@ -226,3 +236,93 @@ def test_settings_say_what_differs_from_the_default():
         "paths": ["a", "b"],
     }
     assert Function(0.5, 2.0, set=toys.upright).settings["set"] == "wrapped_toys:upright"
+
+
+def test_a_logarithmic_range_reaches_the_environment():
+    application = cart_pole(
+        parameters={
+            "gravity": Attribute(1.0, 100.0, log=True),
+            "steps": Function(1, 1000, set=set_steps, integer=True, log=True),
+        }
+    )
+    env = env_at(application, [0.0, 1.0])
+    assert env.gravity == pytest.approx(10.0)
+    assert env.steps == 1000
+    settings = application.settings["parameters"]
+    assert settings["gravity"] == {"kind": "Attribute", "low": 1.0, "high": 100.0, "log": True}
+    with pytest.raises(ValueError, match=r"one sign, and not 0, .* 'gravity'"):
+        cart_pole(parameters={"gravity": Attribute(0.0, 9.8, log=True)})
+    with pytest.raises(ValueError, match="either choices or low and high"):
+        cart_pole(parameters={"gravity": Attribute(choices=(1.0, 2.0), log=True)})
+
+
+def set_steps(env, value):
+    env.steps = value
+
+
+class Slippery(Reach):
+    """Its keywords have defaults, and it has a configuration."""
+
+    def __init__(self, speed=0.1, surface="dry", shaky=False, lanes=4):
+        super().__init__(speed)
+        self.surface, self.shaky, self.lanes = surface, shaky, lanes
+        self.config = {"goal": {"place": np.float64(1.0)}}
+        self.length, self.half_length = np.float32(0.5), 0.25
+
+
+@pytest.mark.parametrize(
+    ("binding", "value"),
+    [
+        (Keyword(0.05, 0.2, name="speed"), pytest.approx(0.1)),
+        (Keyword(choices=("wet", "dry"), name="surface"), "dry"),
+        (Keyword(choices=(1, True, False), name="shaky"), False),
+        (Keyword(2, 6, integer=True, name="lanes"), 4),
+        (Keyword(1, 60, integer=True, log=True, name="lanes"), 4),
+        (Attribute(0.1, 10.0, "length", log=True), pytest.approx(0.5)),
+        (Attribute(0.1, 10.0, ("length", "half_length")), None),
+        (Attribute(1.0, 2.0, "length"), None),
+        (Config(0.0, 2.0, name="goal.place"), 1.0),
+        (ResetOption(0.0, 2.0), None),
+        (ResetOption(0.0, 2.0, nominal=0.5), 0.5),
+        (Function(1.0, 2.0, set=set_steps), None),
+        (Attribute(0.0, 1.0, "length", nominal=0.75), 0.75),
+        (Keyword(choices=("wet", "dry"), name="surface", nominal="wet"), "wet"),
+        (ObservationDelay(0, 3), 0),
+        (ActionDelay(1, 3), None),
+        (RepeatedActions(1, 5), 1),
+        (ObservationDropout(0.0, 0.5), 0.0),
+    ],
+)
+def test_the_nominal_world_is_what_the_environment_has(binding, value):
+    application = reach(Slippery, parameters={"it": binding})
+    if value is None:
+        assert application.nominal is None
+    else:
+        assert application.nominal.shape == (1,)
+        (values,) = application._values(application.nominal[None])
+        assert values == {"it": value}
+        assert type(values["it"]) is type(value) or not isinstance(value, bool)
+
+
+def test_gravity_of_cart_pole_is_known_and_no_score_depends_on_what_is_nominal():
+    plain = cart_pole()
+    assert plain.parameters.physical(plain.nominal) == pytest.approx([9.8, 0.5])
+    other = cart_pole(
+        parameters={"gravity": (5.0, 20.0), "length": Attribute(0.2, 2.0, nominal=1.0)}
+    )
+    assert other.settings == plain.settings
+    assert cart_pole(feasible="length > 0.6").nominal is None
+
+
+@pytest.mark.parametrize(
+    "binding",
+    [
+        Attribute(1.0, 2.0, "length", nominal=3.0),
+        Attribute(1.0, 2.0, "length", nominal="1.5"),
+        Attribute(1, 3, "length", integer=True, nominal=1.5),
+        Attribute(choices=(1.0, 2.0), paths="length", nominal=3.0),
+    ],
+)
+def test_a_nominal_value_outside_the_range_gets_a_sentence(binding):
+    with pytest.raises(ValueError, match=r"nominal of 'it' to be (one of|from) .* got"):
+        cart_pole(parameters={"it": binding})
