@@ -298,4 +298,6 @@ def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> i
             f"Expected the detector's label of {object_class!r}, got labels for: {given}. "
             f"Pass labels={{{object_class!r}: number}} with the number that the model gives it."
         )
-    return int(known[object_class])
+    label = known[object_class]
+    check_integer(f"labels[{object_class!r}]", label, -(2**63), 2**63 - 1)
+    return int(label)

@@ -13,7 +13,8 @@ from sada_gym.agents.contract import Indices
 from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
 from sada_gym.envs.checks import check_evaluation_mode, check_tile
-from sada_gym.errors import UserError
+from sada_gym.envs.detection.answers import CONVENTION, KEYS, check_numbers, validate_answers
+from sada_gym.errors import explained
 from sada_gym.frames import Frame
 
 if TYPE_CHECKING:
@@ -31,12 +32,6 @@ DetectorLike = Callable[[list["Tensor"]], Sequence[Mapping[str, "Tensor"]]]
 
 Detections = dict[str, npt.NDArray[Any]]
 """One image's `boxes` (N, 4), `labels` (N,) and `scores` (N,), best first."""
-
-_KEYS = ("boxes", "labels", "scores")
-_CONVENTION = (
-    "The detector must return, as torchvision's do, one dictionary an image with boxes (N, 4), "
-    "labels (N,) and scores (N,) in [0, 1]."
-)
 
 
 class DetectorAgent:
@@ -97,7 +92,7 @@ class DetectorAgent:
             tiled(lambda tile: folded(tile["image"]), batch, self.tile, blank=True)
         )
         boxes, labels, scores = candidates[..., :4], candidates[..., 4], candidates[..., 5]
-        _check_numbers(boxes, scores)
+        check_numbers(boxes, scores)
         columns = {"boxes": boxes, "labels": labels.astype(np.int64), "scores": scores}
         best = [np.flatnonzero(kept)[:TOP_DETECTIONS] for kept in folded.kept(candidates)]
         return [
@@ -109,47 +104,23 @@ class DetectorAgent:
 
         pixels = torch.from_numpy(batch["image"]).permute(0, 3, 1, 2)
         images = list(pixels.float().div(255).contiguous())
-        with torch.inference_mode():
-            return _validate(self.network(images), len(images), self._kept_label)
+        expected = "Expected detections from the detector"
+        with torch.inference_mode(), explained(expected, CONVENTION):
+            answers = validate_answers(self.network(images), len(images))
+        return [_best(answer, self._kept_label) for answer in answers]
 
 
 def listed(detections: Detections) -> list[dict[str, Any]]:
     """Make one dictionary of each detection, best first: `box`, `label`, `score`."""
-    columns = (detections[key].tolist() for key in _KEYS)
+    columns = (detections[key].tolist() for key in KEYS)
     names = ("box", "label", "score")
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def _validate(detections: Any, count: int, kept_label: int | None = None) -> list[Detections]:
-    if not isinstance(detections, Sequence) or len(detections) != count:
-        what = f"{len(detections)} items" if hasattr(detections, "__len__") else type(detections)
-        raise UserError(
-            f"Expected {count} dictionaries from the detector, got {what}. {_CONVENTION}"
-        )
-    checked = []
-    for item in detections:
-        missing = sorted(set(_KEYS) - set(item))
-        if missing:
-            raise UserError(f"Expected {', '.join(missing)} from the detector. {_CONVENTION}")
-        boxes, labels, scores = (item[key].detach().cpu().numpy() for key in _KEYS)
-        if boxes.shape != (len(scores), 4) or labels.shape != scores.shape or scores.ndim != 1:
-            raise UserError(
-                f"Expected boxes (N, 4), labels (N,), scores (N,) from the detector, got "
-                f"{boxes.shape}, {labels.shape}, {scores.shape}. {_CONVENTION}"
-            )
-        _check_numbers(boxes, scores)
-        order = np.argsort(-scores, kind="stable")
-        best, own = order[:TOP_DETECTIONS], order[labels[order] == kept_label][:1]
-        if len(own) and own[0] not in best:
-            best = np.append(best[:-1], own)
-        checked.append(dict(zip(_KEYS, (boxes[best], labels[best], scores[best]), strict=True)))
-    return checked
-
-
-def _check_numbers(boxes: npt.NDArray[Any], scores: npt.NDArray[Any]) -> None:
-    if not ((scores >= 0) & (scores <= 1)).all():
-        raise UserError(f"Expected scores in [0, 1] from the detector, got {scores}. {_CONVENTION}")
-    if not np.isfinite(boxes).all():
-        raise UserError(
-            f"Expected boxes of finite numbers from the detector, got {boxes}. {_CONVENTION}"
-        )
+def _best(answer: Detections, kept_label: int | None) -> Detections:
+    labels, scores = answer["labels"], answer["scores"]
+    order = np.argsort(-scores, kind="stable")
+    best, own = order[:TOP_DETECTIONS], order[labels[order] == kept_label][:1]
+    if len(own) and own[0] not in best:
+        best = np.append(best[:-1], own)
+    return {key: column[best] for key, column in answer.items()}

@@ -108,6 +108,7 @@ class ClassifierApplication(Application):
             rows = rows[[self.image]]
         elif self.digit is not None:
             rows = rows[labels == self.digit]
+        self._classifier.check_logits(self.images.images[rows])
         answers = self._classifier.act(self.images.images[rows])
         if labels.max() >= answers.shape[1]:
             raise UserError(

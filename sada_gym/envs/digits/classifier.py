@@ -12,13 +12,16 @@ from sada_gym.agents.identity import fingerprint
 from sada_gym.agents.tile import Batch, tiled
 from sada_gym.arrays import Floats, Floats32
 from sada_gym.envs.checks import check_evaluation_mode, check_tile
-from sada_gym.errors import UserError, UserTypeError
+from sada_gym.errors import UserError, UserTypeError, explained
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 CLASSIFIER_TILE = 16
 """Images in one call of a classifier of the shipped architecture; a part of the scores."""
+
+_ENOUGH_IMAGES = 8
+_SUMS_TO_ONE = 1e-3
 
 ClassifierLike = Callable[["Tensor"], "Tensor"]
 """Takes (B, 1, height, width) float32 in [0, 1], gives (B, K) logits: a torch module, mostly."""
@@ -53,6 +56,7 @@ class ClassifierAgent:
         self.network = network
         default = CLASSIFIER_TILE if isinstance(network, DigitNetwork) else 1
         self.tile = default if tile is None else check_tile(tile, "classifier")
+        self._classes: int | None = None
 
     @property
     def fingerprint(self) -> str | None:
@@ -75,25 +79,43 @@ class ClassifierAgent:
         """
         chosen = np.asarray(episodes if which is None else episodes[which], np.float32)
         parts = tiled(self._probabilities, {"image": chosen[:, None]}, self.tile, blank=True)
-        if len({part.shape[1] for part in parts}) > 1:
+        classes = {part.shape[1] for part in parts} | ({self._classes} if self._classes else set())
+        if len(classes) > 1:
             raise UserError(f"Expected the same K for every batch, got others. {_CONVENTION}")
+        (self._classes,) = classes
         return np.concatenate(parts)
+
+    def check_logits(self, images: Floats32) -> None:
+        """Raise `UserError` if all the answers to several images, (n, height, width), sum to 1.
+
+        Such a classifier ends in a softmax; after another one its scores would be wrong.
+        """
+        if len(images) < _ENOUGH_IMAGES:
+            return
+        batch = {"image": images[:_ENOUGH_IMAGES, None]}
+        logits = np.concatenate(tiled(self._logits, batch, self.tile, blank=True))
+        if (logits >= 0).all() and np.abs(logits.sum(axis=1) - 1).max() < _SUMS_TO_ONE:
+            raise UserError(
+                "Expected logits from the classifier, got probabilities, which sum to 1. Pass the "
+                f"network without its softmax, or its logarithm. {_CONVENTION}"
+            )
 
     def _probabilities(self, batch: Batch) -> Floats:
         import torch
 
+        probabilities: Floats = torch.from_numpy(self._logits(batch)).softmax(dim=1).numpy()
+        return probabilities
+
+    def _logits(self, batch: Batch) -> Floats:
+        import torch
+
         with torch.inference_mode():
             images = torch.from_numpy(batch["image"])
-            try:
-                logits = self.network(images)
-            except (RuntimeError, TypeError, ValueError) as error:  # a shape or dtype is refused
-                raise UserError(
-                    f"Expected a classifier that takes {tuple(images.shape)} float32 on the CPU, "
-                    f"got {type(error).__name__}: {error}. {_CONVENTION}"
-                ) from error
-            logits = _validate_logits(logits, self.tile)
-            probabilities: Floats = logits.double().softmax(dim=1).cpu().numpy()
-        return probabilities
+            expected = f"Expected a classifier that takes {tuple(images.shape)} float32 on the CPU"
+            with explained(expected, _CONVENTION):
+                logits = _validate_logits(self.network(images), self.tile)
+                numbers: Floats = logits.double().cpu().numpy()
+        return numbers
 
 
 def _validate_logits(logits: Any, count: int) -> Tensor:

@@ -16,6 +16,7 @@ from sada_gym.envs.detection import DetectionApplication
 from sada_gym.envs.detection.agent.network import Detector
 from sada_gym.envs.detection.detector import DETECTOR_TILE
 from sada_gym.envs.detection.shapes import CLASSES
+from sada_gym.errors import UserError
 from sada_gym.oracle import Oracle
 
 CAR = DetectionApplication("car")
@@ -324,6 +325,97 @@ def test_a_detector_that_breaks_the_convention_is_named(answer, message):
     application = DetectionApplication("car", agent=answer, labels={"car": 1})
     with pytest.raises(ValueError, match=message):
         application.evaluate(MU[:1], SEEDS[:1])
+
+
+def one(boxes, labels, scores):
+    return [{"boxes": boxes, "labels": labels, "scores": scores}]
+
+
+BOX, LABEL, SCORE = torch.tensor([[1.0, 2, 3, 4]]), torch.tensor([1]), torch.tensor([0.5])
+NOTHING = torch.zeros(0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "a list from the detector, got NoneType"),
+        ("x", "a list from the detector, got str"),
+        (b"x", "a list from the detector, got bytes"),
+        (one(BOX, LABEL, SCORE)[0], "a list from the detector, got dict"),
+        ((step for step in range(1)), "a list from the detector, got generator"),
+        (BOX, "a list from the detector, got Tensor"),
+        (one(BOX, LABEL, SCORE) * 2, "Expected 1 dictionaries from the detector, got 2"),
+        ([None], "a dictionary from the detector, got NoneType"),
+        (["scores"], "a dictionary from the detector, got str"),
+        ([{}], "Expected boxes, labels, scores from the detector"),
+        (one(None, LABEL, SCORE), "boxes of real numbers .*, got NoneType"),
+        (one(BOX, None, SCORE), "labels of real numbers .*, got NoneType"),
+        (one(BOX, ["car"], SCORE), "labels of real numbers .*, got list of <U3"),
+        (one(BOX, LABEL, torch.tensor([True])), "scores of real numbers .*, got Tensor of bool"),
+        (one(BOX, LABEL, torch.tensor([0.5j])), "scores of real numbers .*, got Tensor of complex"),
+        (one(BOX, LABEL, torch.tensor(0.5)), r"boxes \(N, 4\).*got .*\(\)"),
+        (one(BOX, LABEL[None], SCORE[None]), r"\(1, 4\), \(1, 1\), \(1, 1\)"),
+        (one(BOX[0], LABEL, SCORE), r"\(4,\), \(1,\), \(1,\)"),
+        (one(BOX[:, :3], LABEL, SCORE), r"\(1, 3\), \(1,\), \(1,\)"),
+        (one(NOTHING, LABEL, SCORE), r"\(0,\), \(1,\), \(1,\)"),
+        (one([[1, 2], [3]], LABEL, SCORE), "Expected detections from the detector, got ValueError"),
+        (one(BOX * torch.nan, LABEL, SCORE), "boxes of finite numbers"),
+        (one(BOX, LABEL, SCORE - 1), r"scores in \[0, 1\] .*-0.5"),
+        (one(BOX, LABEL, SCORE + 1), r"scores in \[0, 1\] .*1.5"),
+        (one(BOX, LABEL, [100]), r"scores in \[0, 1\] .*100"),
+        (one(BOX, LABEL + 0.5, SCORE), r"whole labels .*1.5"),
+        (one(BOX, LABEL * torch.nan, SCORE), r"whole labels .*nan"),
+        (one(BOX, LABEL * torch.inf, SCORE), r"whole labels .*inf"),
+        (one(BOX, LABEL, SCORE.to_sparse()), "Expected detections from the detector, got TypeErr"),
+        (one(BOX.to("meta"), LABEL, SCORE), "Expected detections from the detector, got NotImpl"),
+    ],
+)
+def test_whatever_a_detector_answers_is_told_as_its_own(answer, message):
+    application = DetectionApplication("car", agent=lambda images: answer, labels={"car": 1})
+    with pytest.raises(UserError, match=message):
+        application.evaluate(MU[:1], SEEDS[:1])
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("a"), KeyError("b"), AssertionError(), MemoryError("c")]
+)
+def test_whatever_a_detector_raises_is_told_as_its_own(error):
+    def raises(images):
+        raise error
+
+    application = DetectionApplication("car", agent=raises, labels={"car": 1})
+    name = type(error).__name__
+    with pytest.raises(UserError, match=f"Expected detections from the detector, got {name}"):
+        application.evaluate(MU[:1], SEEDS[:1])
+
+
+@pytest.mark.parametrize(
+    ("answer", "score"),
+    [
+        (tuple(one(BOX, LABEL, SCORE)), 0.5),
+        (one(BOX, LABEL, SCORE.clone().requires_grad_()), 0.5),
+        (one(BOX.half(), LABEL.int(), SCORE.bfloat16()), 0.5),
+        (one(BOX.double(), LABEL.float(), SCORE.double()), 0.5),
+        (one(BOX.numpy(), LABEL.numpy(), SCORE.numpy()), 0.5),
+        (one([[1, 2, 3, 4]], [1], [0.5]), 0.5),
+        (one(torch.cat([BOX, BOX]), [2, 1], torch.tensor([0, 1], dtype=torch.uint8)), 1.0),
+        (one(torch.zeros(25, 4), [2] * 24 + [1], torch.arange(25).div(24).ge(1).byte()), 1.0),
+        (one(NOTHING, NOTHING, NOTHING), 0.0),
+        (one([], [], []), 0.0),
+        (one(torch.zeros(0, 4), NOTHING.long(), NOTHING), 0.0),
+        (one([[9, 9, -1e30, 3e38]], [1], [0.5]), 0.5),
+    ],
+)
+def test_the_format_of_a_detectors_numbers_does_not_matter(answer, score):
+    application = DetectionApplication("car", agent=lambda images: answer, labels={"car": 1})
+    assert application.evaluate(MU[:1], SEEDS[:1]).score[0] == score
+    assert application.render(MU[0], 0).dtype == np.uint8
+
+
+@pytest.mark.parametrize("label", [None, "three", 1.5, float("nan"), True, 2**64, [1]])
+def test_labels_that_are_no_whole_numbers_are_refused(label):
+    with pytest.raises(UserError, match=r"Expected labels\['car'\] "):
+        DetectionApplication("car", agent=lambda images: [], labels={"car": label})
 
 
 GOLDEN = {

@@ -16,6 +16,7 @@ from sada_gym.envs.digits.application import NAMES
 from sada_gym.envs.digits.classifier import CLASSIFIER_TILE, ClassifierAgent
 from sada_gym.envs.digits.images import test_images as shipped_images
 from sada_gym.envs.digits.warps import Strokes, Warps, warp
+from sada_gym.errors import UserError
 from sada_gym.evaluation.store import EvaluationStore
 from sada_gym.evaluations import evaluation_seeds
 from sada_gym.oracle import Oracle
@@ -267,6 +268,19 @@ class Gives(torch.nn.Module):
         (torch.full((1, 10), torch.nan), "finite numbers from the classifier, got NaN"),
         (torch.zeros(1, 10, dtype=torch.int64), "an output of floats .*, got torch.int64"),
         ([0.0] * 10, "Expected a tensor from the classifier, got list"),
+        (None, "Expected a tensor from the classifier, got NoneType"),
+        ("5", "Expected a tensor from the classifier, got str"),
+        ({"logits": torch.zeros(1, 10)}, "Expected a tensor from the classifier, got dict"),
+        ((step for step in range(3)), "Expected a tensor from the classifier, got generator"),
+        (np.zeros((1, 10), np.float32), "Expected a tensor from the classifier, got ndarray"),
+        (torch.zeros(0, 10), r"got \(0, 10\)"),
+        (torch.tensor(1.0), r"got \(\)"),
+        (torch.full((1, 10), torch.inf), "finite numbers from the classifier, got NaN"),
+        (torch.zeros(1, 10, dtype=torch.bool), "an output of floats .*, got torch.bool"),
+        (torch.zeros(1, 10, dtype=torch.complex64), "an output of floats .*, got torch.complex64"),
+        (torch.zeros(1, 10).to_sparse(), r"takes \(1, 1, 8, 8\) .*, got .*[sS]parse"),
+        (torch.zeros(1, 10, device="meta"), r"takes \(1, 1, 8, 8\) .*, got .*meta"),
+        (torch.full((1, 10), 0.1), "Expected logits .*, got probabilities, .* without its softmax"),
     ],
 )
 def test_a_bad_classifier_is_refused(output, message):
@@ -274,23 +288,56 @@ def test_a_bad_classifier_is_refused(output, message):
         DigitsApplication(3, agent=Gives(output))
 
 
-def test_a_classifier_that_cannot_be_attacked_is_refused():
-    with pytest.raises(ValueError, match=r"in evaluation mode, got Brightness.*model\.eval\(\)"):
-        DigitsApplication(agent=Brightness().train(), **OWN)
-    with pytest.raises(ValueError, match=r"Expected agent to be .* a torch module, got int"):
-        DigitsApplication(agent=3)
-    with pytest.raises(ValueError, match="gets none: there is nothing to attack"):
-        DigitsApplication(agent=Brightness(), images=grey(0.0, 1.0), labels=[2, 0])
-    with pytest.raises(ValueError, match=r"Expected labels below 3, .*, got 3"):
-        DigitsApplication(agent=Brightness(), images=grey(0.0, 1.0), labels=[0, 3])
+@pytest.mark.parametrize(
+    "error",
+    [RuntimeError("a"), KeyError("b"), ZeroDivisionError(), AssertionError(), OSError("no disk")],
+)
+def test_whatever_a_classifier_raises_is_told_as_its_own(error):
+    def raises(images):
+        raise error
+
+    with pytest.raises(UserError, match=rf"takes \(1, 1, 8, 8\).*got {type(error).__name__}"):
+        DigitsApplication(3, agent=raises)
 
 
-def test_a_classifier_with_a_part_in_training_mode_is_refused():
-    """Such as a head that replaced another after model.eval(): its dropout is at work."""
-    model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(20, 3)).eval()
-    model.append(torch.nn.Dropout())
-    with pytest.raises(ValueError, match=r"got Sequential with its part 2 \(Dropout\) in training"):
-        DigitsApplication(agent=model, **OWN)
+class Linear(torch.nn.Module):
+    """Logits of ten classes with the given format."""
+
+    def __init__(self, convert):
+        super().__init__()
+        torch.manual_seed(0)
+        self.layer, self.convert = torch.nn.Linear(64, 10), convert
+        self.eval()
+
+    def forward(self, images):
+        return self.convert(self.layer(images.flatten(1)))
+
+
+def test_the_format_of_logits_does_not_matter():
+    """Wider floats, a gradient, another layout and the softmax's logarithm give equal scores."""
+    mu, seeds = np.random.default_rng(0).uniform(-1, 1, (5, 6)), range(5)
+    layer = Linear(lambda logits: logits)
+    expected = DigitsApplication(image=3, agent=layer).evaluate(mu, seeds).score
+    formats = [
+        lambda logits: logits.double(),
+        lambda logits: logits.clone().requires_grad_(),
+        lambda logits: logits.t().contiguous().t(),
+        lambda logits: logits.log_softmax(dim=1),
+    ]
+    for convert in formats:
+        score = DigitsApplication(image=3, agent=Linear(convert)).evaluate(mu, seeds).score
+        np.testing.assert_allclose(score, expected, rtol=1e-6)
+    with pytest.raises(UserError, match="got probabilities"):
+        DigitsApplication(agent=Linear(lambda logits: logits.softmax(dim=1)))
+
+
+def test_a_classifier_that_loses_classes_later_is_refused():
+    classes = [10]
+    agent = Linear(lambda logits: logits[:, : classes[0]])
+    application = DigitsApplication(image=3, agent=agent)
+    classes[0] = 3
+    with pytest.raises(UserError, match="Expected the same K for every batch"):
+        application.evaluate(np.zeros((1, 6)), [0])
 
 
 @pytest.mark.parametrize(
