@@ -77,16 +77,16 @@ def _numbers(key: str, given: Any) -> npt.NDArray[Any]:
     """Return real numbers as an array; those of other formats than NumPy's as float32."""
     import torch
 
+    kind = type(given).__name__
     if isinstance(given, torch.Tensor):
         given = given.detach()
         if given.is_floating_point() and given.element_size() < 4:
             given = given.float()  # NumPy has no bfloat16
-        values = given.cpu().numpy()
-    else:
-        values = np.asarray(given)
+        given = given.cpu().numpy()
+    values: npt.NDArray[Any] = np.asarray(given)
     if values.dtype.kind not in "iuf":
         raise UserError(
-            f"Expected {key} of real numbers from the detector, got {type(given).__name__} of "
+            f"Expected {key} of real numbers from the detector, got {kind} of "
             f"{values.dtype}. {CONVENTION}"
         )
     return values
