@@ -19,7 +19,7 @@ from sada_gym.benchmark.report.tables import write_tables
 from sada_gym.benchmark.results import Results, results_of
 from sada_gym.benchmark.suite import ADVERSARIES, TABLES, find_suite
 from sada_gym.benchmark.suite import SUITES as ALL_SUITES
-from sada_gym.cards import cards
+from sada_gym.cards import ApplicationCard, SuiteCard, cards
 from sada_gym.results.columns import row_cells, row_columns
 from sada_gym.results.entry import Entry, read_entries
 from sada_gym.results.rows import Row
@@ -29,10 +29,19 @@ ROOT = Path(__file__).parents[1]
 ENTRIES = ROOT / "leaderboard" / "entries"
 DOCS = ROOT / "docs"
 
-MEASURED = tuple(suite.name for suite in ALL_SUITES if suite.name != "quick")
-"""The suites that `make results` measures."""
+_WITH_SUITE = tuple((card, card.suite) for card in cards() if card.suite is not None)
+_MISSING = {suite.name for card, suite in _WITH_SUITE if card.missing}
 
-SUITES = tuple(name for name in MEASURED if name != "table-1-columns")
+MEASURED = tuple(
+    suite.name for suite in ALL_SUITES if suite.name != "quick" and suite.name not in _MISSING
+)
+"""The suites that `make results` measures: not those whose parts are not installed."""
+
+SUITES = tuple(
+    suite.name
+    for suite in ALL_SUITES
+    if suite.name not in ("quick", "table-1-columns") and (DOCS / "results" / suite.name).is_dir()
+)
 """The suites that have a page `docs/results/SUITE/table.md`."""
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
@@ -69,16 +78,12 @@ def _verified(suite: str, table: str, entries: tuple[Entry, ...]) -> Results:
     return results_of(_on(find_suite(suite).tracks, entries), [TABLES[table]], tier="verified")
 
 
-HEADLINES = {
-    suite.name: Headline(
-        suite.name.capitalize(),
-        suite.name,
-        suite.tables[0],
-        next(iter(agents.names(card.name)), ""),
-    )
-    for card in cards()
-    if (suite := card.suite) is not None and suite.overview
-}
+def _headline(card: ApplicationCard, suite: SuiteCard) -> Headline:
+    agent = next(iter(agents.names(card.name)), "")
+    return Headline(suite.name.capitalize(), suite.name, suite.tables[0], agent)
+
+
+HEADLINES = {suite.name: _headline(card, suite) for card, suite in _WITH_SUITE if suite.overview}
 """The comparisons that pages show, by the names of their suites."""
 
 
@@ -160,6 +165,11 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Sequence[Entry]], Iterator[str]]]] = {
     **{
         name: ("results/adversaries.md", partial(compared, headline))
         for name, headline in HEADLINES.items()
+    },
+    **{  # on the environment's own page
+        suite.name: (f"environments/{suite.name}.md", partial(compared, _headline(card, suite)))
+        for card, suite in _WITH_SUITE
+        if not suite.overview
     },
     "rl": ("results/rl.md", partial(side_by_side, _BESIDE_RL)),
     "rl-rare": (

@@ -13,7 +13,10 @@ from typing import Any
 
 from sada_gym.lazy import load
 
-APPLICATIONS = ("analytic", "detection", "driving", "uav", "robot", "digits", "pixel")
+APPLICATIONS = (
+    *("analytic", "detection", "driving", "uav", "robot", "digits", "pixel"),
+    "detection_coco",
+)
 """The folders of the applications, in the order of all listings."""
 
 

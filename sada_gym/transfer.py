@@ -34,7 +34,6 @@ STORE_FILE = "elsewhere.sqlite"
 
 CONFIRMED_FILE = "confirmed.json"
 _FEWEST_RANKS = 3
-_CHUNK = 8  # a slow world takes seconds, and a kill costs a whole chunk
 
 OnScores = Callable[[int, int, int], object]
 """Gets the number of scores so far, of all that are asked for, and of those from the store."""
@@ -230,7 +229,7 @@ def confirm(
     _check_agent(agent, {}, ())
     opened_run = _Run.read(folder, samples, None, None, "sada_gym.transfer.transfer(RUN, YOURS)")
     own = agent or opened_run.target.agent
-    with _open(opened_run, None, keywords, own, workers, executor, _CHUNK) as there:
+    with _open(opened_run, None, keywords, own, workers, executor) as there:
         if there.target.application == opened_run.target.application:
             raise UserError(
                 f"Expected keywords that change the world, got {given}, with which it is the one "
@@ -438,14 +437,8 @@ def _open(
     agent: str | None,
     workers: int,
     executor: Executor | None,
-    chunk_size: int | None = None,
 ) -> OpenTarget:
-    options: dict[str, Any] = {
-        "agent": agent,
-        "workers": workers,
-        "executor": executor,
-        "chunk_size": chunk_size,
-    }
+    options: dict[str, Any] = {"agent": agent, "workers": workers, "executor": executor}
     if target is not None:
         return OpenTarget.of(target, keywords, **options)
     if {"environment", "order"} <= set(run.target.application.settings):

@@ -51,7 +51,17 @@ def tag(picture: Image.Image, text: str, colour: tuple[int, int, int]) -> None:
 
 def detection() -> Image.Image:
     """A car that the detector takes for something else, in its box."""
-    application = DetectionApplication("car")
+    return mistaken(DetectionApplication("car"))
+
+
+def detection_coco() -> Image.Image:
+    """A textured car that a detector of photographs takes for something else."""
+    return mistaken(make_application("SADA-DetectionCoco-Car-v0"))
+
+
+def mistaken(application: Application) -> Image.Image:
+    """The world in which a detector is most sure of another class."""
+    assert isinstance(application, DetectionApplication)
     mu, seeds = uniform(application)
     infos = application.evaluate(mu, seeds).infos
     best = [max(info["detections"], key=lambda one: one["score"], default=None) for info in infos]
@@ -67,8 +77,7 @@ def detection() -> Image.Image:
     ImageDraw.Draw(picture).rectangle((left, top, right, bottom), outline=WRONG, width=4)
     above = round(min(max((top + bottom - HEIGHT) / 2, 0), WIDTH - HEIGHT))
     picture = picture.crop((0, above, WIDTH, above + HEIGHT))
-    names = {label: name for name, label in application.agent.labels.items()}
-    tag(picture, f"seen as a {names[best[worst]['label']]}", WRONG)
+    tag(picture, f"seen as a {application.class_names[best[worst]['label']]}", WRONG)
     return picture
 
 
@@ -138,10 +147,11 @@ def uav() -> Image.Image:
 
 def main() -> None:
     """Draw those that are named, or all."""
-    drawings = (detection, driving, uav, robot, digits, pixel, analytic)
+    drawings = (detection, detection_coco, driving, uav, robot, digits, pixel, analytic)
     for draw in drawings:
         if draw.__name__ in (sys.argv[1:] or [one.__name__ for one in drawings]):
-            draw().save(IMAGES / f"gallery-{draw.__name__}.png", optimize=True)
+            name = draw.__name__.replace("_", "-")
+            draw().save(IMAGES / f"gallery-{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -85,6 +85,7 @@ _CASES = {
         # tiles of 4 images: 6 worlds are a full tile and a padded one, 3 to 5 are at its border
         purity=PurityCase(6, (2, 3, 4, 5)),
     ),
+    "SADA-DetectionCoco": RegistryCase(shipped_on="Car"),
     "SADA-Digits": RegistryCase(purity=_TILES_OF_16),
     "SADA-Driving": RegistryCase(
         slow=True,

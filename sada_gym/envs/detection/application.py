@@ -37,6 +37,7 @@ from sada_gym.envs.detection.renderers.registry import (
 )
 from sada_gym.envs.detection.scene import PLACEMENT, Scene
 from sada_gym.envs.detection.shapes import fingerprint
+from sada_gym.envs.detection.shapes.model import Shape
 from sada_gym.envs.detection.shapes.registry import DEFAULT_SHAPES, find_shapes, is_named
 from sada_gym.errors import UserError, check_integer, check_known
 from sada_gym.frames import Frame, LegendEntry
@@ -111,7 +112,7 @@ class DetectionApplication(Application):
       45. `unpainted` has the five without paint, which is grey (0.5, 0.5, 0.5) where a shape takes
       any.
     - `camera_pitch_deg=None`: another range of the camera's pitch than 0 to 51.6, such as (5, 30).
-    - `shape=None`: the name of the only shape to show, such as `car/saloon-0`.
+    - `only=None`: the name of the only shape to show, such as `car/saloon-0`, or a list of names.
     - `horizon=1`, `render_mode=None`: see `AdversaryEnv`.
 
     ## Version History
@@ -141,7 +142,7 @@ class DetectionApplication(Application):
         tile: int | None = None,
         parameters: str = DEFAULT_PARAMETERS,
         camera_pitch_deg: Sequence[float] | None = None,
-        shape: str | None = None,
+        only: str | Sequence[str] | None = None,
     ) -> None:
         image_size = self.default_image_size if image_size is None else image_size
         check_integer("image_size", image_size, 32, MAX_IMAGE_SIZE)
@@ -153,10 +154,9 @@ class DetectionApplication(Application):
         self.shapes = find_shapes(
             self._shapes_source, object_class, skip_unreadable=skip_unreadable
         )
-        self._shape_name = shape
-        if shape is not None:
-            check_known("shape", [shape], [known.name for known in self.shapes])
-            self.shapes = tuple(known for known in self.shapes if known.name == shape)
+        self._only = None if only is None else [only] if isinstance(only, str) else list(only)
+        if self._only is not None:
+            self.shapes = _chosen(self.shapes, self._only)
         self.agent_name, self.agent = agents.resolve(
             self.default_agent if agent is None else agent, self.name, agent_id
         )
@@ -208,8 +208,8 @@ class DetectionApplication(Application):
             settings["parameters"] = self._parameters_name
         if (pitch := self._parameter_set.pitch_range) != DEFAULT_PITCH_DEG:
             settings["camera_pitch_deg"] = list(pitch)
-        if self._shape_name is not None:
-            settings["shape"] = self._shape_name
+        if self._only is not None:
+            settings["only"] = self._only
         return settings
 
     @property
@@ -288,6 +288,14 @@ class DetectionApplication(Application):
         """Close the renderer, unless it was handed in or is the one that the process shares."""
         if self._renderer is not None and self._renderer_name is not None:
             self._renderer.close()
+
+
+def _chosen(shapes: Sequence[Shape], only: Sequence[str]) -> tuple[Shape, ...]:
+    """Return the shapes of some names, at least one, in the set's order."""
+    check_known("shape", only, [shape.name for shape in shapes])
+    if not only:
+        raise UserError("Expected only to name at least one shape, got none. Leave it out.")
+    return tuple(shape for shape in shapes if shape.name in only)
 
 
 def _label(object_class: str, agent: Any, labels: Mapping[str, int] | None) -> int:

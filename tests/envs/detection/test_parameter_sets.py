@@ -89,15 +89,20 @@ def test_the_camera_keeps_to_its_range():
     assert ends.tolist() == [5.0, 30.0]
 
 
-def test_one_shape_can_be_chosen():
-    name = CAR.shapes[3].name
-    application = DetectionApplication("car", shape=name)
+def test_shapes_can_be_chosen():
+    name, other = CAR.shapes[3].name, CAR.shapes[1].name
+    application = DetectionApplication("car", only=name)
     assert {application.scene(np.zeros(8, np.float32), seed).shape.name for seed in range(9)} == {
         name
     }
-    assert application.settings == {**CAR.settings, "shape": name}
+    assert application.settings == {**CAR.settings, "only": [name]}
+    two = DetectionApplication("car", only=(name, other))
+    assert [shape.name for shape in two.shapes] == [other, name]
+    assert two.settings["only"] == [name, other]
     with pytest.raises(UserError, match="Expected the shape to be one of car/"):
-        DetectionApplication("car", shape="bus/city-0")
+        DetectionApplication("car", only="bus/city-0")
+    with pytest.raises(UserError, match="Expected only to name at least one shape"):
+        DetectionApplication("car", only=[])
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,12 @@ def _shape(model: _Model, folder: str | None) -> Shape:
         raise FileError(f"Expected a ZIP in {path}, got {error}. {_mending(model)}") from error
 
 
+def check_installed() -> None:
+    """Raise a FileError that says what to install if a file of any set is missing."""
+    for model in listed_models():
+        _find(model, model.archive or model.member, os.environ.get(FOLDER_VARIABLE))
+
+
 def _find(model: _Model, file: str, folder: str | None) -> Path:
     """Find a file of a model; raise `FileError` with the line that installs it."""
     # a folder that is given may hold the files of one set, or a folder for each
